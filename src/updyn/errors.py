@@ -6,21 +6,22 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     ├── InputError            what was supplied cannot be used
     │   ├── DofError          a degree of freedom: unreadable, unknown, or named twice
     │   ├── ModelError        a matrix, a group or a model
-    │   │   └── ToleranceError  no plant of it holds the tolerance
+    │   │   └── ToleranceError  no plant of a model holds the tolerance
     │   ├── DataError         a frequency response function or its selection
     │   ├── FormatError       a file: says path, and line or record where there is one
     │   ├── ParameterError    an unknown, its bounds or its group
     │   ├── OptionError       an option, a method or a keyword
     │   └── JobError          the job file: says file and line
-    ├── SolverError           a line that could not be solved (a resonance without damping, a singular model)
-    └── EngineError           the processes or the cluster that were to do the work are lost
+    ├── SolverError           a line that cannot be solved: an undamped resonance, a singular model
+    └── EngineError           the processes or the cluster that do the work are lost
 
 `UpdynWarning` marks what a user should know and may accept.
 
-An `InputError` has a key path, ``error.key``: names of arguments or keys, and positions in arrays, of
-what it is about. The code that raises it states the path from what it was given, such as
-``key=("noise", "floor")``; a caller that took its input from something larger puts the place of that
-in front, by `key_path`. The job adds its file and the line of the key, once (`updyn.job.Job.located`).
+An `InputError` has a key path, ``error.key``: the names of arguments or keys, and positions in
+arrays, of what it is about. The code that raises it states the path from its own arguments, such as
+``key=("noise", "floor")``. A caller that took these from something larger puts their place there in
+front, by `key_path`. The job adds its file and the line of the key once, by
+`updyn.job.Job.located`.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ class ModelError(InputError):
 
 
 class ToleranceError(ModelError):
-    """A model cannot be turned into what was asked for within the tolerance; the message says what was reached."""
+    """A model cannot be converted within the tolerance; the message says what was reached."""
 
 
 class DataError(InputError):
@@ -123,11 +124,11 @@ class JobError(_FileError):
 
 
 class SolverError(UpdynError):
-    """A line could not be solved."""
+    """A line cannot be solved."""
 
 
 class EngineError(UpdynError):
-    """The processes or the cluster that were to do the work are lost."""
+    """The processes or the cluster that do the work are lost."""
 
 
 class UpdynWarning(UserWarning):
@@ -179,7 +180,7 @@ def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:
-    """Return the end of an error message: the nearest valid choices, or all of them where none is near.
+    """Return the end of an error message: the nearest valid choices, or all where none is near.
 
     Parameters
     ----------
@@ -195,8 +196,10 @@ def suggest(word: str, choices: Iterable[str]) -> str:
     options = list(dict.fromkeys(choices))
     close = nearest(word, options)
     if close:
-        return f"did you mean {' or '.join(repr(c) for c in close)}?"
+        return f"did you mean {' or '.join(map(repr, close))}?"
     if not options:
         return "there is none to choose from"
-    shown = ", ".join(repr(c) for c in options[:12])
-    return f"valid: {shown}" + (f", ... ({len(options)} in all)" if len(options) > 12 else "")
+    text = f"valid: {', '.join(map(repr, options[:12]))}"
+    if len(options) > 12:
+        text += f", ... ({len(options)} in all)"
+    return text

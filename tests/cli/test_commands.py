@@ -444,5 +444,5 @@ def test_a_reader_that_goes_away_is_no_error(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr("sys.stdout.write", broken)
     monkeypatch.setattr("os.dup2", lambda *a: calls.append(a))
-    cli.terminal.say("text")
+    cli.terminal.print_text("text")
     assert len(calls) == 1

@@ -15,7 +15,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.terminal import Watch
+from updyn.cli.terminal import ProgressDisplay
 from updyn.demos import gear_train
 from updyn.demos.gear_train import true_model
 from updyn.updating.fit.methods import METHODS
@@ -36,7 +36,7 @@ def ran(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, i
     folder = tmp_path_factory.mktemp("out") / "deep" / "compared"
     said: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("updyn.cli.commands.say", said.append)
+        patch.setattr("updyn.cli.commands.print_text", said.append)
         job, truth = inputs / "compare_stiffness.toml", inputs / "compare_stiffness_truth.toml"
         words = ["compare", str(job), "--truth", str(truth), "--fewest", "--out", str(folder)]
         code = main([*words, "--methods", METHODS_HERE])
@@ -239,10 +239,12 @@ def test_stopped_by_the_user_says_130_and_keeps_the_rows_so_far(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def stop_in_the_second(self: Watch, progress: updyn.updating.fit.monitor.Progress) -> bool:
+    def stop_in_the_second(
+        self: ProgressDisplay, progress: updyn.updating.fit.monitor.Progress
+    ) -> bool:
         return progress.stage.startswith("output-error")
 
-    monkeypatch.setattr(Watch, "__call__", stop_in_the_second)
+    monkeypatch.setattr(ProgressDisplay, "__call__", stop_in_the_second)
     words = [
         "compare",
         str(inputs / "compare.toml"),

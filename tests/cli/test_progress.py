@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from updyn.cli import terminal as module
-from updyn.cli.terminal import Watch
+from updyn.cli.terminal import ProgressDisplay
 from updyn.updating.fit.monitor import Progress
 
 
@@ -21,7 +21,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
     out = io.StringIO()
-    watch = Watch(Console(file=out, width=200))
+    show_progress = ProgressDisplay(Console(file=out, width=200))
     for t, stage, step, cost, lines in (
         (0.0, "start", 0, float("nan"), 10),
         (1.5, "start", 0, float("nan"), 20),  # within a step: not after 1.5 s
@@ -32,7 +32,7 @@ def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
         (13.2, "log", 2, 3.0, 70),
     ):
         clock[0] = 100.0 + t
-        assert watch(Progress(stage, step, cost, lines, 100)) is False
+        assert show_progress(Progress(stage, step, cost, lines, 100)) is False
     assert out.getvalue().splitlines() == [
         "start  10 lines solved (100 a step)",
         "log  iteration 0  cost 5  30 lines solved (100 a step)",
@@ -42,10 +42,10 @@ def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
 
 
 def test_it_says_whether_to_stop(clock: list[float]) -> None:
-    watch = Watch(Console(file=io.StringIO()))
+    show_progress = ProgressDisplay(Console(file=io.StringIO()))
     step = Progress("log", 0, 1.0, 1, 1)
-    assert watch(step) is False
-    watch.interrupt(2, None)
-    assert watch(step) is True
+    assert show_progress(step) is False
+    show_progress.interrupt(2, None)
+    assert show_progress(step) is True
     with pytest.raises(KeyboardInterrupt):
-        watch.interrupt(2, None)
+        show_progress.interrupt(2, None)

@@ -20,7 +20,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, str]:
     folder = tmp_path_factory.mktemp("demo") / "beam"
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
-        patch.setattr("updyn.cli.commands.say", said.append)
+        patch.setattr("updyn.cli.commands.print_text", said.append)
         code = main(["demo", "--out", str(folder)])
     return folder, code, "\n".join(said)
 

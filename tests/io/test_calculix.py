@@ -439,7 +439,7 @@ def stand_in(folder, script):
         ),
         (
             "echo 7.4 > job.dof; touch job.sti job.mas",
-            r"ccx writes degrees of freedom of direction \['4'\]",
+            r"ccx writes the degree of freedom '7.4'",
         ),
         ("touch job.dof job.sti job.mas", r"no degree of freedom is free"),
     ],

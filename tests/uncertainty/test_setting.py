@@ -73,7 +73,7 @@ def test_every_kind_of_noise(case) -> None:
     C = np.linalg.solve(top.local.R.T @ top.local.R, np.eye(4)) * slope * slope[:, None]
     np.testing.assert_allclose(np.sqrt(np.diag(C)), std, rtol=0.03)
     # A bootstrap begins with the same kind of noise, estimated again where it was.
-    (begun,) = setting.begun()
+    (begun,) = setting.initial_noises()
     assert begun.kind == result.noise["kind"]
     draws = updyn.bootstrap(result, 3)
     assert (np.abs(draws.values - values) < 5 * std).all()

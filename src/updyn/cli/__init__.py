@@ -1,4 +1,4 @@
-"""The command line. Thin: it reads words, calls the library and prints; what takes time to load is loaded when used.
+"""The command line: reads options, calls the library and prints.
 
 Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message
 on stderr and nothing written over; 3 the run ended without that, with its results written; 130
@@ -19,8 +19,8 @@ from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
     STOPPED,
-    complain,
-    note,
+    print_error,
+    print_note,
     warnings_as_notes,
 )
 from updyn.errors import UpdynError
@@ -31,7 +31,7 @@ __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
 #: help. A room or another package adds one by a line here, a call of `COMMANDS.register`, or an
 #: entry point of the group ``updyn.commands``; its module is imported when the command or the list
-#: of all commands is asked for. A command returns its exit code, and prints by `updyn.cli.terminal`.
+#: of all commands is asked for. It returns its exit code, and prints by `updyn.cli.terminal`.
 COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",
@@ -87,11 +87,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = command(*bound.args, **bound.kwargs)
             return code if isinstance(code, int) else DONE
         except CycloptsError as error:
-            return complain(f"{error}\nTry: updyn --help")
+            return print_error(f"{error}\nTry: updyn --help")
         except UpdynError as error:
-            return complain(str(error))
+            return print_error(str(error))
         except OSError as error:
-            return complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+            return print_error(
+                f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            )
         except KeyboardInterrupt:
-            note("stopped; no results were written", "yellow")
+            print_note("stopped; no results were written", "yellow")
             return STOPPED

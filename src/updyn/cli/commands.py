@@ -1,15 +1,23 @@
-"""The commands of the command line; what takes time to load is loaded when it is used."""
+"""The commands of the command line; what takes time to load is imported in their bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from updyn.cli.terminal import DONE, NOT_DETERMINED, STOPPED, note, say, stderr, watch
+from updyn.cli.terminal import (
+    DONE,
+    NOT_DETERMINED,
+    STOPPED,
+    print_note,
+    print_text,
+    show_progress,
+    stderr,
+)
 from updyn.errors import InputError, OptionError
 
 if TYPE_CHECKING:
@@ -50,8 +58,8 @@ def run(
     engine
         Engine of another package, by the text that it is registered for.
     resume
-        Go on with the run in that folder that was stopped or interrupted, with the same result as
-        if it had not been.
+        Continue the run in that folder that was stopped or interrupted; the result is the same as
+        that of an uninterrupted run.
     """
     from updyn.job import load_job
 
@@ -61,7 +69,7 @@ def run(
 
 
 def check(job: Path, /) -> int:
-    """Say all that can be known about a job without running it, identifiability at the start included.
+    """Check a job without running it, and print the identifiability of its unknowns at their start.
 
     Exit code 3 if the data cannot determine all unknowns.
 
@@ -71,34 +79,30 @@ def check(job: Path, /) -> int:
         The job file (TOML).
     """
     from updyn.cli.describe import describe_identifiability, describe_parameters
-    from updyn.job import (
-        check_out,
-        default_out,
-        job_identifiability,
-        job_selection,
-        load_job,
-        prepare,
-    )
+    from updyn.job import check_out, job_identifiability, job_selection, load_job, prepare
     from updyn.job.job_table import JOB_TABLES
 
-    ready = prepare(loaded := load_job(job))
-    out = check_out(loaded, default_out(loaded))
-    chosen = job_selection(ready)
-    found = job_identifiability(ready, chosen)
-    say(_overview(ready))
+    loaded = load_job(job)
+    ready = prepare(loaded)
+    folder = check_out(loaded)
+    selection = job_selection(ready)
+    found = job_identifiability(ready, selection)
+    print_text(_overview(ready))
     for test in ready.tests:
-        say(f"\n{test.name}\n{test.matching}" if test.name else f"\n{test.matching}")
-    say("")
-    say(describe_parameters(ready.parameters))
+        print_text("")
+        if test.name:
+            print_text(test.name)
+        print_text(str(test.matching))
+    print_text("\n" + describe_parameters(ready.parameters))
     for name in loaded.tables:
         announced = JOB_TABLES[name].announce(ready)
         if announced:
-            say(f"\n{announced}")
-    if chosen is not None:
-        say(f"\nSelected before the fit:\n{chosen.summary()}")
-    say("\nAt the start of the unknowns:")
-    say(describe_identifiability(found))
-    say(f"\nThe job can be run; results would go to {out}.")
+            print_text(f"\n{announced}")
+    if selection is not None:
+        print_text(f"\nSelected before the fit:\n{selection.summary()}")
+    print_text("\nAt the start of the unknowns:")
+    print_text(describe_identifiability(found))
+    print_text(f"\nThe job can be run; results would go to {folder}.")
     return DONE if found.complete else NOT_DETERMINED
 
 
@@ -109,10 +113,10 @@ def demo(
     out: Path | None = None,
     list_: Annotated[bool, Parameter("--list")] = False,
 ) -> int:
-    """Run a shipped example: write its inputs to DIR/inputs, run the job there, put the results in DIR.
+    """Run a shipped example: write its inputs to DIR/inputs, run the job, write the results to DIR.
 
-    Where an example has further jobs, their results go to folders in DIR, and the last one says the
-    exit code.
+    Where an example has further jobs, their results go to folders in DIR, and the exit code is that
+    of the last one.
 
     Parameters
     ----------
@@ -127,8 +131,9 @@ def demo(
     from updyn.job import load_job
 
     if list_:
-        width = max(len(n) for n in DEMOS)
-        say("\n".join(f"{d.name:<{width}}  {d.description}" for d in DEMOS.values()))
+        width = max(len(each) for each in DEMOS)
+        for each in DEMOS.values():
+            print_text(f"{each.name:<{width}}  {each.description}")
         return DONE
     chosen = find_demo(name)
     folder = Path("demo", chosen.name) if out is None else out
@@ -136,7 +141,7 @@ def demo(
         raise InputError(f"the output folder {str(folder)!r} is a file; choose another with --out")
     inputs = folder / "inputs"
     inputs.mkdir(parents=True, exist_ok=True)
-    note(f"demo {chosen.name}: inputs in {inputs}")
+    print_note(f"demo {chosen.name}: inputs in {inputs}")
     job: Path | None = chosen.write_inputs(inputs)
     out, results = folder, []
     while job is not None:
@@ -146,9 +151,10 @@ def demo(
         job = chosen.next_job(results, inputs)
         if job is not None:
             out = folder / job.stem
-            say("")
-    if text := chosen.epilogue(results, inputs):
-        say("\n" + text)
+            print_text("")
+    text = chosen.epilogue(results, inputs)
+    if text:
+        print_text("\n" + text)
     return _exit_code(results[-1])
 
 
@@ -166,85 +172,73 @@ def convert(
     unit: str | None = None,
     force: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
-    """Convert a measurement or a model to another format. What IN is, is told by its content.
+    """Convert a measurement or a model to another format.
 
     Parameters
     ----------
     source
-        File to read.
+        File to read; its content decides whether it is a measurement or a model.
     target
-        File to write; its suffix says the format.
+        File to write; its suffix decides the format.
     from_, to
-        Format names, where content or suffix do not tell.
+        Names of the formats, where content or suffix do not decide them.
     quantity
-        What was measured, where the file does not say: receptance, mobility or accelerance.
+        What was measured, where the file does not print_text: receptance, mobility or accelerance.
     duplicates
-        What to do with functions that stand twice; the reader's default is to refuse them.
+        What to do with functions that occur twice; the reader's default is to refuse them.
     scalar_direction
         Direction of functions whose file names none.
     scale
         Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
     unit
-        Unit of length of a model's deck, which does not say it: m, mm or in.
+        Unit of length of a model's deck, which does not print_text it: m, mm or in.
     force
         Write over OUT where it exists.
     """
     from updyn.cli.reading import read_anything
     from updyn.io import write_frf, write_model
 
-    if target.exists() and (not force or target.resolve() == source.resolve()):
-        same = target.resolve() == source.resolve()
-        raise InputError(
-            f"{target}:"
-            f" {'is the file to read' if same else 'exists already; --force writes over it'}"
-        )
-    reading = {
+    if target.exists():
+        if target.resolve() == source.resolve():
+            raise InputError(f"{target}: is the file to read")
+        if not force:
+            raise InputError(f"{target}: exists already; --force writes over it")
+    of_frf = {
         "quantity": quantity,
         "duplicates": duplicates,
         "scalar_direction": scalar_direction,
         "scale": scale,
     }
-    reading = {k: v for k, v in reading.items() if v is not None}
-    modelled = {} if unit is None else {"unit": unit}
-    kinds = ("model",) if modelled else ("frf",) if reading else ("frf", "model")
-    if reading and modelled:
-        raise InputError(
-            f"--unit is about a model, --{next(iter(reading)).replace('_', '-')} about a"
-            " measurement"
-        )
-    options: dict[str, dict[str, Any]] = {
-        "frf": {"format": from_, **reading},
-        "model": {"format": from_, **modelled},
-    }
+    kinds, options = _kinds(("frf", "model"), {"frf": of_frf, "model": {"unit": unit}})
+    if from_ is not None:
+        options = {kind: {"format": from_, **stated} for kind, stated in options.items()}
     kind, content = read_anything(source, kinds, options)
-    (write_frf if kind == "frf" else write_model)(content, target, format=to)
-    say(f"{target}: {content!r}")
+    if kind == "frf":
+        write_frf(content, target, format=to)
+    else:
+        write_model(content, target, format=to)
+    print_text(f"{target}: {content!r}")
     return DONE
 
 
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
-    """Say what is in a file: a measurement, a model, the record of a run, modes, a geometry or a plant.
+    """Print what a file holds: a measurement, a model, a run, modes, a geometry or a plant.
 
     Parameters
     ----------
     file
         The file.
     quantity
-        What was measured, where the file does not say.
+        What was measured, where the file does not print_text.
     unit
-        Unit of length of a model's deck, which does not say it: m, mm or in.
+        Unit of length of a model's deck, which does not print_text it: m, mm or in.
     """
     from updyn.cli.reading import FILE_KINDS, read_anything
 
-    if quantity is not None and unit is not None:
-        raise InputError("--unit is about a model, --quantity about a measurement")
-    kinds = ("frf",) if quantity is not None else ("model",) if unit is not None else None
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
-    options = {
-        kind: {k: v for k, v in given.items() if v is not None} for kind, given in stated.items()
-    }
+    kinds, options = _kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)
-    say(FILE_KINDS[kind].describe(content))
+    print_text(FILE_KINDS[kind].describe(content))
     return DONE
 
 
@@ -256,20 +250,25 @@ def correlate(job: Path, /) -> int:
     job
         The job file (TOML).
     """
-    from updyn.correlation import correlate as compare
+    from updyn.correlation import correlate as correlation_of
     from updyn.job import load_job, prepare
     from updyn.text_table import text_table
 
     ready = prepare(load_job(job))
-    say(_overview(ready))
+    print_text(_overview(ready))
     for test in ready.tests:
-        found = compare(test.model, test.frf)
-        say(f"\n{test.name}" if test.name else "")
-        say(text_table(("figure", "value"), [[k, f"{v:.4g}"] for k, v in found.figures().items()]))
-        rows = found.by_response()
-        names = list(next(iter(rows.values())))
-        said = [[label, *(f"{v:.4g}" for v in r.values())] for label, r in rows.items()]
-        say("\n" + text_table(("response", *names), said))
+        found = correlation_of(test.model, test.frf)
+        print_text("")
+        if test.name:
+            print_text(test.name)
+        figures = [(name, f"{value:.4g}") for name, value in found.figures().items()]
+        print_text(text_table(("figure", "value"), figures))
+        by_response = found.by_response()
+        header = ["response", *next(iter(by_response.values()))]
+        rows = []
+        for label, values in by_response.items():
+            rows.append([label, *(f"{value:.4g}" for value in values.values())])
+        print_text("\n" + text_table(header, rows))
     return DONE
 
 
@@ -288,9 +287,10 @@ def compare(
     engine: str | None = None,
     list_: Annotated[bool, Parameter("--list", negative=())] = False,
 ) -> int:
-    """Run every method on the inputs of a job: one table here, compare.html and compare.json in DIR.
+    """Run every method on the inputs of a job; write compare.html and compare.json to DIR.
 
-    A method that does not apply has a row that says why. Ctrl-C ends it with the rows so far.
+    The row of a method that does not apply says why. Ctrl-C ends the comparison with the rows so
+    far.
 
     Parameters
     ----------
@@ -299,14 +299,14 @@ def compare(
     methods
         Names with commas between them; by default every method.
     truth
-        TOML or JSON file with true values of unknowns, where they are known: the errors are shown,
-        too.
+        TOML or JSON file with true values of unknowns, where they are known, to show the errors.
     fewest
-        Seek the fewest lines with which each method still recovers; takes several fits a method.
+        Find the smallest number of lines with which each method still recovers the true values;
+        takes several fits a method.
     tolerance
-        How close counts as recovered, as a share (of a loss factor: as it is).
+        Largest error of a recovered value, relative; of a loss factor absolute.
     chosen
-        How the fewest lines are chosen: d-optimal or even.
+        How these lines are chosen: d-optimal or even.
     out
         Folder DIR; by default the job's name with -compare, beside it.
     workers
@@ -319,90 +319,119 @@ def compare(
         List the methods, what they cannot update and where they come from, and do nothing.
     """
     from updyn.comparison.table import listing
-    from updyn.job import load_job, prepare
-    from updyn.job.comparison import check_comparison_out, compare_job, default_comparison_out
+    from updyn.job import check_out, load_job, prepare
+    from updyn.job.comparison import COMPARED, compare_job, default_comparison_out
 
     if list_:
-        say(listing())
+        print_text(listing())
         return DONE
     if job is None:
         raise InputError(
             "which job? updyn compare JOB.toml, or updyn compare --list for the methods"
         )
     loaded = load_job(job)
-    names = (
-        None if methods is None else [name.strip() for name in methods.split(",") if name.strip()]
-    )
-    folder = check_comparison_out(loaded, default_comparison_out(loaded) if out is None else out)
+    names = None
+    if methods is not None:
+        names = [name.strip() for name in methods.split(",") if name.strip()]
+    folder = check_out(loaded, out or default_comparison_out(loaded), COMPARED)
     ready = prepare(loaded)
-    with open_engine(workers, cluster, engine) as where, watch(stderr()) as watching:
+    with open_engine(workers, cluster, engine) as opened, show_progress(stderr()) as display:
         found = compare_job(
             loaded,
             folder,
-            watching,
+            display,
             methods=names,
             truth=truth,
             prepared=ready,
-            engine=where,
+            engine=opened,
             fewest=fewest,
             tolerance=tolerance,
             chosen=chosen,
         )
-    say(found.summary())
-    say(f"\nComparison in {folder}: {folder / 'compare.html'}")
+    print_text(found.summary())
+    print_text(f"\nComparison in {folder}: {folder / 'compare.html'}")
     if found.stopped:
         return STOPPED
-    return (
-        DONE
-        if any(row.status in ("converged", "not-identifiable") for row in found)
-        else NOT_DETERMINED
-    )
+    if any(row.status in ("converged", "not-identifiable") for row in found):
+        return DONE
+    return NOT_DETERMINED
 
 
-# -- what they share ---------------------------------------------------------------------------------------
+# -- parts that several commands use ---------------------------------------------------------------
 def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
 ) -> UpdateResult | JointResult:
-    from updyn.job import check_out, default_out, prepare, run_job
+    """Run a job, print its summary and where its results are, and return the update."""
+    from updyn.job import check_out, prepare, run_job
 
-    folder = check_out(job, default_out(job) if out is None else out)
+    folder = check_out(job, out)
     ready = prepare(job)
-    with watch(stderr()) as watching:
-        done = run_job(job, folder, watching, prepared=ready, engine=engine, resume=resume)
-    result = done.result
-    say(done.summary())
+    with show_progress(stderr()) as display:
+        done = run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
+    print_text(done.summary())
     first = "report.html" if job.output.report else "result.json"
-    say(f"\nResults in {folder}: {folder / first}")
-    if result.status in ("stopped", "max-iterations"):
-        more = "" if result.status == "stopped" else ", with more max_iterations"
-        say(f"To go on from here{more}: updyn run JOB.toml --resume (with the same --out)")
-    return result
+    print_text(f"\nResults in {folder}: {folder / first}")
+    again = "updyn run JOB.toml --resume (with the same --out)"
+    if done.result.status == "stopped":
+        print_text(f"To go on from here: {again}")
+    elif done.result.status == "max-iterations":
+        print_text(f"To go on from here, with more max_iterations: {again}")
+    return done.result
 
 
 def _exit_code(result: UpdateResult | JointResult) -> int:
+    """Return the exit code of a run."""
     return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
 
 
 def _overview(ready: Prepared) -> str:
+    """Return model, test and fitted data of a job as text."""
     job = ready.job
-    lines = [f"{job.title or job.path.stem}: {job.method.name}"]
+    texts = [f"{job.title or job.path.stem}: {job.method.name}"]
     for test in ready.tests:
-        held, fitted = test.job.validation, test.fitted
-        lines += [
-            *([f"{test.name}:"] if test.name else []),
-            f"model: {test.model!r}",
-            f"test: {test.frf!r}, all matched to DOFs of the model",
-            f"fit: {len(fitted.freq)} lines, {len(fitted.responses)} responses, lines to use: "
-            + (
-                job.method.lines
-                if isinstance(job.method.lines, str)
-                else str(len(job.method.lines or fitted.freq))
-            )
-            + ("" if held is None else f"; held out: {', '.join(str(h) for h in held)}"),
-        ]
-    return "\n".join(lines)
+        if test.name:
+            texts.append(f"{test.name}:")
+        texts.append(f"model: {test.model!r}")
+        texts.append(f"test: {test.frf!r}, all matched to DOFs of the model")
+        lines = job.method.lines
+        if not isinstance(lines, str):
+            lines = str(len(lines or test.fitted.freq))
+        fitted = f"{len(test.fitted.freq)} lines, {len(test.fitted.responses)} responses"
+        text = f"fit: {fitted}, lines to use: {lines}"
+        if test.job.validation is not None:
+            text += f"; held out: {', '.join(map(str, test.job.validation))}"
+        texts.append(text)
+    return "\n".join(texts)
 
 
+def _kinds(
+    kinds: tuple[str, ...], options: Mapping[str, Mapping[str, Any]]
+) -> tuple[tuple[str, ...], dict[str, dict[str, Any]]]:
+    """Return which kinds a file may be of, given options for one of them, and the options stated.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Names of `updyn.cli.reading.FILE_KINDS`.
+    options : mapping of str to mapping
+        By kind, the values of its options; None where one is not stated.
+
+    Raises
+    ------
+    InputError
+        If options of both a measurement and a model are stated.
+    """
+    stated: dict[str, dict[str, Any]] = {}
+    for kind, values in options.items():
+        stated[kind] = {name: value for name, value in values.items() if value is not None}
+    if stated["frf"] and stated["model"]:
+        name = next(iter(stated["frf"])).replace("_", "-")
+        raise InputError(f"--unit is about a model, --{name} about a measurement")
+    chosen = tuple(kind for kind in stated if stated[kind])
+    return chosen or kinds, stated
+
+
+#: Longest wait for the answer of a Dask scheduler, in s.
 _PATIENCE_S = 10
 
 
@@ -449,6 +478,7 @@ def open_engine(
 
 
 def _client(address: str) -> Client:
+    """Return a client of a Dask scheduler."""
     try:
         from distributed import Client
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""What models, measurements and results hold, as plain text. Reads numbers out; computes no more than a sum."""
+"""Models, measurements and results as plain text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from updyn.dofs import DofSet
+from updyn.dofs import DIRECTIONS, DofSet
+from updyn.dynamics.modes import modes
 from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
@@ -25,114 +26,120 @@ __all__ = [
     "describe_parameters",
 ]
 
-_MODES_UP_TO = 20_000  # DOFs: natural frequencies of larger models are not asked for in passing
+#: Size in DOFs up to which natural frequencies are computed.
+_MODES_UP_TO = 20_000
+#: Number of natural frequencies.
 _MODES = 8
+#: Number of DOFs that are named.
 _LABELS = 12
 
 
 def describe_model(model: Model) -> str:
     """Return DOFs, groups and the first natural frequencies of a model, as text."""
-    directions = [
-        d
-        for d in ("X", "Y", "Z", "RX", "RY", "RZ")
-        if d in {x.direction for x in _sample(model.dofs)}
+    axes = np.unique(model.dofs.axes)
+    directions = " ".join(DIRECTIONS[axis] for axis in axes)
+    name = f"Model {model.title!r}" if model.title else "Model"
+    texts = [
+        f"{name}: {model.n_dofs} DOFs, {len(model.groups)} groups, directions {directions}",
+        f"DOFs: {_labels(model.dofs)}",
     ]
-    rows = [
-        [
-            name,
-            str(_used(group)),
-            _rigid_mass(group.mass, model.dofs),
-            _largest(group.stiffness),
-            f"{group.loss_factor:g}" if group.stiffness is not None else "-",
-            _largest(group.viscous),
-        ]
-        for name, group in model.groups.items()
+    if model.geometry is None:
+        texts.append("No geometry.")
+    else:
+        texts.append(describe_geometry(model.geometry))
+    texts += ["", _group_table(model)]
+    for name, group in model.groups.items():
+        if len(group.damping) > 1:
+            texts.append(f"{name}: {group.damping_words}")
+    texts += [
+        "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
+        " largest diagonal entry",
+        "",
+        _natural_frequencies(model),
     ]
+    return "\n".join(texts)
+
+
+def _group_table(model: Model) -> str:
+    """Return a table with a row for each group of a model."""
+    rows = []
+    for name, group in model.groups.items():
+        loss_factor = "-"
+        if group.stiffness is not None:
+            loss_factor = f"{group.loss_factor:g}"
+        rows.append(
+            [
+                name,
+                str(_n_dofs(group)),
+                _rigid_mass(group.mass, model.dofs),
+                _largest(group.stiffness),
+                loss_factor,
+                _largest(group.viscous),
+            ]
+        )
     header = ("group", "DOFs", "mass", "max stiffness", "loss factor", "max viscous")
-    return "\n".join(
-        [
-            (
-                f"Model{f' {model.title!r}' if model.title else ''}: {model.n_dofs} DOFs,"
-                f" {len(model.groups)} groups, directions {' '.join(directions)}"
-            ),
-            f"DOFs: {_labels(model.dofs)}",
-            describe_geometry(model.geometry) if model.geometry is not None else "No geometry.",
-            "",
-            text_table(header, rows),
-            *(
-                f"{name}: {group.damping_words}"
-                for name, group in model.groups.items()
-                if len(group.damping) > 1
-            ),
-            (
-                "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
-                " largest diagonal entry"
-            ),
-            "",
-            _natural_frequencies(model),
-        ]
-    )
+    return text_table(header, rows)
 
 
 def describe_frf(frf: FRF) -> str:
     """Return lines, DOFs, quantity and confidence of a measurement, as text."""
-    steps = np.diff(frf.freq)
-    even = len(steps) > 0 and np.allclose(steps, steps[0], rtol=1e-6, atol=0)
-    spacing = (
-        f", every {steps[0]:g} Hz"
-        if even
-        else f", {steps.min():g} to {steps.max():g} Hz apart"
-        if len(steps)
-        else ""
-    )
     size = np.abs(frf.values)
-    lines = [
-        (
-            f"FRF: {frf.quantity}, {len(frf.freq)} lines from {frf.freq[0]:g} to {frf.freq[-1]:g}"
-            f" Hz{spacing}"
-        ),
+    first, last = frf.freq[0], frf.freq[-1]
+    texts = [
+        f"FRF: {frf.quantity}, {len(frf.freq)} lines from {first:g} to {last:g} Hz{_spacing(frf)}",
         f"{len(frf.responses)} responses: {_labels(frf.responses)}",
         f"{len(frf.references)} references: {_labels(frf.references)}",
         f"|H| from {size.min():.3g} to {size.max():.3g}",
     ]
-    if frf.coherence is not None:
-        lines.append(
-            f"coherence: median {np.median(frf.coherence):.3f}, lowest {frf.coherence.min():.3f}"
-        )
+    if frf.coherence is None:
+        texts.append("no coherence")
     else:
-        lines.append("no coherence")
+        median, lowest = np.median(frf.coherence), frf.coherence.min()
+        texts.append(f"coherence: median {median:.3f}, lowest {lowest:.3f}")
     if frf.variance is not None:
-        lines.append("with the variance of each value")
+        texts.append("with the variance of each value")
     if frf.averages is not None:
-        lines.append(f"{frf.averages} averages")
+        texts.append(f"{frf.averages} averages")
     if frf.geometry is not None:
-        lines.append(describe_geometry(frf.geometry))
-    return "\n".join(lines)
+        texts.append(describe_geometry(frf.geometry))
+    return "\n".join(texts)
 
 
-def describe_modes(modes: ModeSet) -> str:
+def _spacing(frf: FRF) -> str:
+    """Return the distance of the lines as text; empty for a single one."""
+    steps = np.diff(frf.freq)
+    if not len(steps):
+        return ""
+    if np.allclose(steps, steps[0], rtol=1e-6, atol=0):
+        return f", every {steps[0]:g} Hz"
+    return f", {steps.min():g} to {steps.max():g} Hz apart"
+
+
+def describe_modes(found: ModeSet) -> str:
     """Return frequencies, damping and quality of measured modes, as text."""
-    rows = [
-        [
-            str(number),
-            f"{modes.frequency[k]:.6g}",
-            "-" if np.isnan(modes.loss_factor[k]) else f"{modes.loss_factor[k]:.4g}",
-            "unit mass" if modes.scaled[k] else "any",
-            f"{modes.phase_collinearity[k]:.3f}",
-            "-" if np.isnan(modes.quality[k]) else f"{modes.quality[k]:.4f}",
+    rows = []
+    for k in range(len(found)):
+        row = [
+            str(k + 1),
+            f"{found.frequency[k]:.6g}",
+            _known(found.loss_factor[k], ".4g"),
+            "unit mass" if found.scaled[k] else "any",
+            f"{found.phase_collinearity[k]:.3f}",
+            _known(found.quality[k], ".4f"),
         ]
-        for number, k in enumerate(range(len(modes)), 1)
+        rows.append(row)
+    header = ("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality")
+    texts = [
+        f"Modes: {len(found)} from {found.frequency[0]:g} to {found.frequency[-1]:g} Hz",
+        f"{len(found.dofs)} DOFs: {_labels(found.dofs)}",
+        text_table(header, rows),
     ]
-    return "\n".join(
-        [
-            f"Modes: {len(modes)} from {modes.frequency[0]:g} to {modes.frequency[-1]:g} Hz",
-            f"{len(modes.dofs)} DOFs: {_labels(modes.dofs)}",
-            text_table(
-                ("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality"),
-                rows,
-            ),
-        ]
-    )
+    return "\n".join(texts)
+
+
+def _known(value: float, form: str) -> str:
+    """Return a number as text; ``-`` for nan."""
+    return "-" if np.isnan(value) else format(value, form)
 
 
 def describe_geometry(geometry: Geometry) -> str:
@@ -146,80 +153,76 @@ def describe_geometry(geometry: Geometry) -> str:
 
 def describe_parameters(parameters: ParameterSet) -> str:
     """Return the unknowns with start, bounds and prior, as text."""
-    rows = [
-        [
-            p.name,
-            f"{p.start:g}",
-            f"{p.lower:g}",
-            f"{p.upper:g}",
-            "-" if p.prior_std is None else f"{p.prior_std:g}",
-        ]
-        for p in parameters
-    ]
+    rows = []
+    for p in parameters:
+        prior = "-" if p.prior_std is None else f"{p.prior_std:g}"
+        rows.append([p.name, f"{p.start:g}", f"{p.lower:g}", f"{p.upper:g}", prior])
     return text_table(("unknown", "start", "lower", "upper", "prior std"), rows)
 
 
 def describe_identifiability(found: Identifiability) -> str:
-    """Return rank, condition, the combinations that stay open and the advice, as text."""
-    lines = [
+    """Return rank, condition, undetermined combinations and advice, as text."""
+    texts = [
         f"The data determine {found.rank} of {found.n_parameters} unknowns (condition"
         f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
-    for what, directions in (
-        ("open combination", found.null_directions),
-        ("of these, determined", found.determined_directions),
-    ):
-        lines += [f"  {what} {number}: {_weights(d)}" for number, d in enumerate(directions, 1)]
-    return "\n".join([*lines, found.advice] if found.advice else lines)
+    for number, direction in enumerate(found.null_directions, 1):
+        texts.append(f"  open combination {number}: {_combination(direction)}")
+    for number, direction in enumerate(found.determined_directions, 1):
+        texts.append(f"  of these, determined {number}: {_combination(direction)}")
+    if found.advice:
+        texts.append(found.advice)
+    return "\n".join(texts)
 
 
-def _weights(direction: Mapping[str, float]) -> str:
-    return ", ".join(
-        f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1]))
-    )
+def _combination(direction: Mapping[str, float]) -> str:
+    """Return weights of unknowns as text, the largest first."""
+    ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{weight:+.3g} {name}" for name, weight in ordered)
 
 
 def _labels(dofs: DofSet) -> str:
-    return ", ".join(dofs[:_LABELS].labels) + (f", ... {dofs[-1]}" if len(dofs) > _LABELS else "")
+    """Return the first DOFs, and the last of more, as text."""
+    text = ", ".join(dofs[:_LABELS].labels)
+    if len(dofs) > _LABELS:
+        text += f", ... {dofs[-1]}"
+    return text
 
 
-def _sample(dofs: DofSet) -> DofSet:
-    """Return one DOF of each direction."""
-    return dofs[np.unique(dofs.axes, return_index=True)[1]]
-
-
-def _used(group: Group) -> int:
+def _n_dofs(group: Group) -> int:
     """Return on how many DOFs a group acts."""
-    used = [
-        m.indices[m.data != 0.0]
-        for m in (group.stiffness, group.mass, group.viscous)
-        if m is not None
-    ]
+    used = []
+    for matrix in (group.stiffness, group.mass, group.viscous):
+        if matrix is not None:
+            used.append(matrix.indices[matrix.data != 0.0])
     return len(np.unique(np.concatenate(used)))
 
 
 def _rigid_mass(mass: Matrix | None, dofs: DofSet) -> str:
+    """Return the largest mass in rigid translation, or inertia about an axis, as text."""
     if mass is None:
         return "-"
-    energies = []
+    inertias = []
     for axis in range(6):
         rigid = (dofs.axes == axis).astype(np.float64)
-        energies.append(float(rigid @ (mass @ rigid)))
-    along, about = max(energies[:3]), max(energies[3:])
-    return f"{along:.4g} kg" if along > 0 else f"{about:.4g} kg m2"
+        inertias.append(float(rigid @ (mass @ rigid)))
+    translation, rotation = max(inertias[:3]), max(inertias[3:])
+    if translation > 0:
+        return f"{translation:.4g} kg"
+    return f"{rotation:.4g} kg m2"
 
 
 def _largest(matrix: Matrix | None) -> str:
+    """Return the largest diagonal entry as text."""
     return "-" if matrix is None else f"{matrix.diagonal().max():.4g}"
 
 
 def _natural_frequencies(model: Model) -> str:
+    """Return the first natural frequencies as text, or why there are none."""
     if model.n_dofs > _MODES_UP_TO:
         return (
             f"Natural frequencies: not computed for more than {_MODES_UP_TO} DOFs; see updyn.modes"
         )
-    from updyn.dynamics.modes import modes
-
     try:
         found = modes(model, min(_MODES, model.n_dofs))
     except (ModelError, SolverError) as error:

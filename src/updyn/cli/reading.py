@@ -1,4 +1,4 @@
-"""Read a file of unknown content: a measurement, a model, the record of a run, modes, a plant ..."""
+"""`read_anything`: a file of unknown content, such as a measurement, a model or modes."""
 
 from __future__ import annotations
 
@@ -103,10 +103,14 @@ def read_anything(
     path = Path(path)
     if not path.is_file() or path.stat().st_size == 0:
         find_format(path, "read_frf")  # says so; of a file that is not there it names the nearest
+    if kinds is None:
+        kinds = tuple(FILE_KINDS)
+    if options is None:
+        options = {}
     reasons: dict[str, InputError] = {}
-    for kind in FILE_KINDS if kinds is None else kinds:
+    for kind in kinds:
         try:
-            return kind, FILE_KINDS[kind].read(path, **(options or {}).get(kind, {}))
+            return kind, FILE_KINDS[kind].read(path, **options.get(kind, {}))
         except InputError as error:
             reasons[kind] = error
     shown = _likely(path, reasons) or list(reasons)
@@ -130,5 +134,6 @@ def _likely(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
 
 
 def _without_path(error: InputError) -> str:
-    text, place = str(error), getattr(error, "path", None)
-    return text.removeprefix(f"{place}:").strip() if place else text
+    """Return the message of an error without the path in front."""
+    path = getattr(error, "path", None)
+    return str(error).removeprefix(f"{path}:").strip()

@@ -1,7 +1,8 @@
-"""What commands print: text, notes, errors and the progress of a run, which Ctrl-C stops in order; exit codes."""
+"""Exit codes, and output of the commands: text, notes, errors and the progress of a run."""
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -25,25 +26,28 @@ __all__ = [
     "DONE",
     "NOT_DETERMINED",
     "STOPPED",
-    "Watch",
-    "complain",
-    "note",
-    "say",
+    "ProgressDisplay",
+    "print_error",
+    "print_note",
+    "print_text",
+    "show_progress",
     "stderr",
     "warnings_as_notes",
-    "watch",
 ]
 
-DONE, BAD_INPUT, NOT_DETERMINED, STOPPED = 0, 2, 3, 130
+#: Exit codes.
+DONE = 0
+BAD_INPUT = 2
+NOT_DETERMINED = 3
+STOPPED = 130
 
 _STOPPING = (
     "\nStopping after these lines; the results so far will be written. Ctrl-C again to leave at"
     " once.\n"
 )
-_EVERY_S, _WITHIN_S = (
-    1.0,
-    10.0,
-)  # plain lines of one stage, not closer than this: between steps, and within one
+#: Shortest time between plain lines of a stage, in s: between steps, and within one.
+_BETWEEN_STEPS = 1.0
+_WITHIN_STEP = 10.0
 
 
 def stderr() -> Console:
@@ -53,18 +57,18 @@ def stderr() -> Console:
     return Console(stderr=True)
 
 
-def note(text: str, style: str | None = None) -> None:
+def print_note(text: str, style: str | None = None) -> None:
     """Print a note to stderr."""
     stderr().print(text, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
-def complain(message: str) -> int:
+def print_error(message: str) -> int:
     """Print an error to stderr and return the exit code of bad input."""
-    note(f"error: {message}", "red")
+    print_note(f"error: {message}", "red")
     return BAD_INPUT
 
 
-def say(text: str) -> None:
+def print_text(text: str) -> None:
     """Print to stdout; a reader that has gone away (``updyn info FILE | head``) is not an error."""
     try:
         sys.stdout.write(text + "\n")
@@ -86,15 +90,15 @@ def warnings_as_notes() -> Iterator[None]:
                 others(message, category, *where, **more)
             elif str(message) not in seen:
                 seen.add(str(message))
-                note(f"note: {message}", "yellow")
+                print_note(f"note: {message}", "yellow")
 
         warnings.showwarning = show
         yield
 
 
-# -- progress -----
-class Watch:
-    """Shows each step and answers whether the user wants to stop.
+# -- progress --------------------------------------------------------------------------------------
+class ProgressDisplay:
+    """Shows the progress of a run: a live line on a terminal, plain lines elsewhere.
 
     Parameters
     ----------
@@ -105,51 +109,48 @@ class Watch:
     def __init__(self, console: Console) -> None:
         self.console = console
         self.stopping = False
-        self._shown = "", -1, 0.0  # stage, step and time of the last plain line
+        # Stage, step and time of the last plain line.
+        self._shown = "", -1, 0.0
         self._live: Any = None
         self._task: Any = None
 
     def __call__(self, progress: Progress) -> bool:
-        """Show a step, or how far the next one is; return whether to stop."""
-        step = progress.iteration if progress.cost == progress.cost else -1  # nan: none so far
-        text = (
-            f"{progress.stage}  iteration {step}  cost {progress.cost:.6g}"
-            if step >= 0
-            else progress.stage
-        )
-        solved = (
-            f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
-            if progress.n_lines
-            else ""
-        )
+        """Show a step, or the lines solved for the next one; return whether to stop."""
+        step = -1 if math.isnan(progress.cost) else progress.iteration
+        text = progress.stage
+        if step >= 0:
+            text += f"  iteration {step}  cost {progress.cost:.6g}"
+        solved = ""
+        if progress.n_lines:
+            solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)"
         if self._live is not None:
             self._live.update(self._task, description=text, solved=solved)
-            return self.stopping
-        stage, shown, when = self._shown
-        pause = time.monotonic() - when
-        first = progress.stage != stage or shown < 0 <= step
-        if first or pause >= (_EVERY_S if step != shown else _WITHIN_S):
+        elif self._is_due(progress.stage, step):
             self._shown = progress.stage, step, time.monotonic()
-            self.console.print(
-                f"{text}  {solved}".rstrip(),
-                markup=False,
-                emoji=False,
-                highlight=False,
-                soft_wrap=True,
-            )
+            line = f"{text}  {solved}".rstrip()
+            self.console.print(line, markup=False, emoji=False, highlight=False, soft_wrap=True)
         return self.stopping
+
+    def _is_due(self, stage: str, step: int) -> bool:
+        """Return whether a plain line is printed: the first of a stage, or after a pause."""
+        shown_stage, shown_step, shown_at = self._shown
+        if stage != shown_stage or shown_step < 0 <= step:
+            return True
+        pause = _WITHIN_STEP if step == shown_step else _BETWEEN_STEPS
+        return time.monotonic() - shown_at >= pause
 
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:
         """Ask the run to end after the lines under way; a second time, end at once."""
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = True
-        # Past the console: the signal may come while it writes, and it is not to be entered twice.
-        with suppress(OSError, ValueError):  # a console that is no file has no one at Ctrl-C
+        # Written past the console, which the signal may have interrupted while it wrote. A console
+        # that is no file is not used interactively.
+        with suppress(OSError, ValueError):
             os.write(self.console.file.fileno(), _STOPPING.encode())
 
     @contextmanager
-    def shown(self) -> Iterator[Watch]:
+    def shown(self) -> Iterator[ProgressDisplay]:
         """Draw a live line where the console is a terminal."""
         if not self.console.is_terminal:
             yield self
@@ -169,18 +170,17 @@ class Watch:
 
 
 @contextmanager
-def watch(console: Console) -> Iterator[Watch]:
-    """Give a `Watch` that Ctrl-C reaches: the first asks the run to end in order, the second ends it."""
-    watching = Watch(console)
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # only the main thread is told of Ctrl-C
-        with watching.shown():
-            yield watching
+def show_progress(console: Console) -> Iterator[ProgressDisplay]:
+    """Return a display as a context: Ctrl-C asks the run to stop, a second one ends it."""
+    display = ProgressDisplay(console)
+    if threading.current_thread() is not threading.main_thread():
+        # Only the main thread may handle signals.
+        with display.shown():
+            yield display
         return
-    before = signal.signal(signal.SIGINT, watching.interrupt)
+    before = signal.signal(signal.SIGINT, display.interrupt)
     try:
-        with watching.shown():
-            yield watching
+        with display.shown():
+            yield display
     finally:
         signal.signal(signal.SIGINT, before)

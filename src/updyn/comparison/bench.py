@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -14,7 +13,7 @@ from updyn.comparison.fewest import Fewest, counts, errors_against, fewest_lines
 from updyn.comparison.table import NOT_APPLICABLE, Comparison, Row, figures_of, method_facts
 from updyn.dofs import Dof
 from updyn.dynamics.fields import ACCURACY
-from updyn.engines import Engine, choose_engine
+from updyn.engines import Engine, opened_engine
 from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
@@ -576,10 +575,7 @@ def _compare(
     rows: list[Row] = []
     refusals: list[InputError] = []
     counter = StepCounter(callback)
-    with ExitStack() as ending:
-        opened = choose_engine(engine)
-        if opened is not engine:
-            ending.callback(opened.close)
+    with opened_engine(engine) as opened:
         running = {**running, "engine": opened, "title": options.title}
         bench = Bench.build(tests, parameters, options, running)
         for number, name in enumerate(options.methods, 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from updyn.cli.commands import open_engine
-from updyn.cli.terminal import DONE, NOT_DETERMINED, note, say
+from updyn.cli.terminal import DONE, NOT_DETERMINED, print_note, print_text
 from updyn.control.job.job_tables import CONTROL, PLANT_PAGE
 from updyn.control.job.messages import describe_plant_result
 from updyn.control.job.plant_job import check_plant_out, default_plant_out, plant_job
@@ -28,7 +28,7 @@ def plant(
 
     It is that of the updated model where the job has been run, and else of the model as it stands,
     which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
-    page say what was reached.
+    page print_text what was reached.
 
     Parameters
     ----------
@@ -54,13 +54,13 @@ def plant(
             run=run,
             prepared=ready,
             engine=where,
-            say=lambda text: note(text, "dim"),
+            say=lambda text: print_note(text, "dim"),
         )
-    say(describe_plant_result(made))
+    print_text(describe_plant_result(made))
     table = loaded.table(PlantTable)
     assert table is not None
     if not made.met:
-        say(
+        print_text(
             f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
         )
         return NOT_DETERMINED
@@ -69,5 +69,5 @@ def plant(
         *(table.sampled_files if made.sampled is not None else ()),
         CONTROL,
     ]
-    say(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")
+    print_text(f"\nPlant in {folder}: {', '.join(files)}; page: {folder / PLANT_PAGE}")
     return DONE

@@ -71,9 +71,8 @@ class Port:
         object.__setattr__(
             self, "weights", MappingProxyType({k: float(w) for k, w in self.weights.items()})
         )
-        object.__setattr__(
-            self, "rotation", kinds.pop() if self.rotation is None else bool(self.rotation)
-        )
+        rotation = kinds.pop() if self.rotation is None else self.rotation
+        object.__setattr__(self, "rotation", bool(rotation))
 
     def __reduce__(self) -> tuple[object, ...]:
         return Port, (self.name, dict(self.weights), self.rotation)
@@ -146,11 +145,8 @@ class Port:
         -------
         str
         """
-        return ("rad" if self.rotation else "m") + {
-            "receptance": "",
-            "mobility": "/s",
-            "accelerance": "/s2",
-        }[quantity]
+        rate = {"receptance": "", "mobility": "/s", "accelerance": "/s2"}[quantity]
+        return ("rad" if self.rotation else "m") + rate
 
 
 def as_ports(given: Iterable[str | Dof | Port] | str | Dof | Port, what: str) -> tuple[Port, ...]:

@@ -80,7 +80,9 @@ class SecondOrder:
         size = rates(self.powers, s)[:, :, 0]
         out = np.empty((len(space), len(space.outputs), len(space.inputs)))
         for i, power in enumerate(self.powers):
-            left = own - 1.0 / square if power == 0 else own
+            left = own
+            if power == 0:
+                left = own - 1.0 / square
             largest = np.abs(left * size[:, [i]]).max(axis=0)
             out[:, i] = largest[:, None] * np.abs(space.outputs[i][:, None] * space.inputs.T)
         return out
@@ -236,11 +238,10 @@ def relaxation(part: Lossy, band: tuple[float, float], n: int) -> Relaxation:
     wanted = part.relative(freq)
     best, least = None, np.inf
     for beyond in (1.0, 1.5, 2.0, 3.0, 5.0):
-        b = (
-            np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
-            if n > 1
-            else np.sqrt(omega[[0]] * omega[[-1]])
-        )
+        if n > 1:
+            b = np.geomspace(omega[0] / beyond, omega[-1] * beyond, n)
+        else:
+            b = np.sqrt(omega[[0]] * omega[[-1]])
         shares = b * omega[:, None] / (omega[:, None] ** 2 + b**2)
         a, left = nnls(shares, wanted)
         if left < least:

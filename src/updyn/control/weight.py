@@ -148,10 +148,13 @@ def refuse_unbounded(family: PlantFamily, lines: _Real, radius: _Real, kind: str
 def floors_of(family: PlantFamily, radius: _Real, kind: str, floor: float | None) -> _Real:
     """Return the floor of each channel; 0 where the members are the nominal plant."""
     peak = radius.max(axis=0)
-    plain = (
-        np.full(peak.shape, family.nominal.tolerance) if kind == "multiplicative" else 1e-3 * peak
-    )
-    return np.where(peak > 0.0, plain if floor is None else floor, 0.0)
+    if floor is not None:
+        lowest = np.full(peak.shape, floor)
+    elif kind == "multiplicative":
+        lowest = np.full(peak.shape, family.nominal.tolerance)
+    else:
+        lowest = 1e-3 * peak
+    return np.where(peak > 0.0, lowest, 0.0)
 
 
 def closest(
@@ -347,7 +350,9 @@ def uncertainty_weight(
     _check(family, order, kind, tolerance, largest_order, floor)
     roots = [p.poles for p in (family.nominal, *family.members)]
     refuse_undamped(roots)
-    given = None if freq is None else _given(freq)
+    given = None
+    if freq is not None:
+        given = _given(freq)
     lines = family_lines(family, roots) if given is None else given
     channels = channels_of(family)
     radius = radius_of(family, lines, kind)

@@ -248,8 +248,10 @@ def fit_above(
         if order is None and best.mean <= 1.0 + tolerance:
             break
         whole, few = _polished(_grown(even, tried, *few), few, omega, y, weight)
-        even = whole if tried % 2 == 0 else even
-        best = whole if order is not None or whole.mean < best.mean else best
+        if tried % 2 == 0:
+            even = whole
+        if order is not None or whole.mean < best.mean:
+            best = whole
     return best
 
 
@@ -350,7 +352,8 @@ def _polished(
         few = every, above, np.concatenate([share, np.zeros(len(lowest))])[first]
         p, _ = _descend(p, bound.order, *few, _STEPS)
         now = _raised(Bound(bound.order, p, 0.0, 0.0), omega, y, weight)
-        best = now if now.mean < best.mean else best
+        if now.mean < best.mean:
+            best = now
     return best, few
 
 
@@ -378,7 +381,8 @@ def _descend(
         if now < cost:
             gained = cost - now
             p, f, J, cost = q, g, K, now
-            box = min(2.0 * box, 3.0) if gained > 0.5 * promised else box
+            if gained > 0.5 * promised:
+                box = min(2.0 * box, 3.0)
             if gained < 1e-4 * max(cost, 1e-3):
                 break
         else:
@@ -436,7 +440,7 @@ def _model(p: _Real, order: int, omega: _Real) -> tuple[_Real, _Real]:
             slopes.append(-sign * x / (1.0 + x))
             at += 1
     for w, z in p[at:].reshape(-1, 2):
-        sign = 1.0 if len(slopes) % 4 == (3 if order % 2 else 1) else -1.0
+        sign = 1.0 if len(slopes) % 4 == 1 + 2 * (order % 2) else -1.0
         x, zz = (omega / np.exp(w)) ** 2, np.exp(2.0 * z)
         q = (1.0 - x) ** 2 + 4.0 * zz * x
         f = f + sign * 0.5 * np.log(q)

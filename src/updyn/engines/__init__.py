@@ -6,6 +6,8 @@ An engine knows no physics. Another package adds one by registering a class in `
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from updyn.engines.engine import Engine, EngineKind, Serial
@@ -15,7 +17,7 @@ from updyn.registry import Registry
 if TYPE_CHECKING:
     import distributed
 
-__all__ = ["KINDS", "Engine", "EngineKind", "Serial", "choose_engine"]
+__all__ = ["KINDS", "Engine", "EngineKind", "Serial", "choose_engine", "opened_engine"]
 
 #: Kinds of engines by name, in the order in which they are asked.
 KINDS: Registry[EngineKind] = Registry(
@@ -61,3 +63,29 @@ def choose_engine(engine: int | str | distributed.Client | Engine | None) -> Eng
     raise OptionError(
         f"engine is {engine!r} ({type(engine).__name__}); expected {expected} or an engine"
     )
+
+
+@contextmanager
+def opened_engine(engine: int | str | distributed.Client | Engine | None) -> Iterator[Engine]:
+    """Give the engine for an option ``engine=``, and close it afterwards if it was made here.
+
+    Parameters
+    ----------
+    engine : None, int, str, dask.distributed Client or Engine
+        As for `choose_engine`.
+
+    Yields
+    ------
+    Engine
+
+    Raises
+    ------
+    OptionError
+        If no kind of engine is made from it.
+    """
+    chosen = choose_engine(engine)
+    try:
+        yield chosen
+    finally:
+        if chosen is not engine:
+            chosen.close()

@@ -1,4 +1,4 @@
-"""The job file, and the whole way from it to a result: what the command line calls, and what any other front may."""
+"""The job file: its schema, and the steps from it to a finished folder of results."""
 
 from updyn.job.folder import check_out, default_out
 from updyn.job.load import load_job

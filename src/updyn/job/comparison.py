@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import FormatError, suggest
-from updyn.job.folder import check_folder, check_no_folder
+from updyn.job.folder import check_out
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.run import as_tests, job_selection, update_keys
 from updyn.job.schema import Job
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "COMPARED",
-    "check_comparison_out",
     "compare_job",
     "default_comparison_out",
     "read_truth",
@@ -49,31 +48,6 @@ def default_comparison_out(job: Job) -> Path:
         The job's stem with ``-compare``, beside it.
     """
     return job.path.with_name(f"{job.path.stem}-compare")
-
-
-def check_comparison_out(job: Job, out: str | Path) -> Path:
-    """Check that a comparison may write to a folder.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : path
-        The folder; it need not exist.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    JobError
-        If it is a file, or lies in no folder that can be written.
-    """
-    out = check_folder(job, out)
-    check_no_folder(job, out, COMPARED)
-    return out
 
 
 def compare_job(
@@ -129,7 +103,7 @@ def compare_job(
     from updyn.report import write_comparison
     from updyn.store.comparison import write_comparison_json
 
-    out = check_comparison_out(job, default_comparison_out(job) if out is None else out)
+    out = check_out(job, out or default_comparison_out(job), COMPARED)
     ready = prepare(job) if prepared is None else prepared
     known = None if truth is None else read_truth(truth, ready.parameters)
     methods = None if methods is None else list(methods)

@@ -1,4 +1,4 @@
-"""The model of a job as it stands in its tests: its damping to begin with, what was added to it, what is held."""
+"""The model of a job in the configuration of its tests: damping, added masses, held DOFs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of a run: its name, its files, the job file and the journal in it, and checks before it is written."""
+"""The folder of a run: its files, checks before it is written, journal and ``job.toml``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,30 +18,34 @@ from updyn import __version__
 from updyn.errors import InputError, JobError
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
+from updyn.updating.fit.methods import options_of
 
 __all__ = [
+    "HEADER",
     "JOURNAL",
-    "MARK",
-    "check_folder",
-    "check_inputs",
-    "check_no_folder",
     "check_out",
+    "create_folder",
     "default_out",
-    "journal_of",
-    "made_folder",
+    "is_of_a_run",
+    "move_outputs",
     "outputs",
-    "put_in_place",
     "resolved_job",
+    "run_journal",
     "stale_outputs",
-    "unfinished",
+    "temporary_folder",
 ]
 
-#: Of what a run writes, what each of several tests has in a folder of its own.
-OF_A_TEST = ("model.h5", "run.nc", "report.html")
+#: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.journal`.
+JOURNAL = "run.journal"
+#: Start of the comment in the first line of a job file that a run wrote.
+HEADER = "Written by updyn"
+#: Files of which each of several tests has its own, in a folder of its name.
+_OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
 
+# -- files of a run --------------------------------------------------------------------------------
 def outputs(job: Job) -> tuple[str, ...]:
-    """Return what a run of a job writes, relative to its folder.
+    """Return what a run of a job may write, relative to its folder.
 
     Parameters
     ----------
@@ -51,17 +55,19 @@ def outputs(job: Job) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Paths, those in folders of tests included.
+        Paths, those in folders of tests included, in the order in which they appear.
     """
-    own = () if job.output.properties is None else (job.output.properties,)
-    further = [
-        file for name, table in job.tables.items() for file in JOB_TABLES[name].outputs(table)
-    ]
+    names: list[str] = []
+    if job.output.properties is not None:
+        names.append(job.output.properties)
+    for name, table in job.tables.items():
+        names += JOB_TABLES[name].outputs(table)
     if len(job.parts) == 1:
-        return (*own, *further, *OUTPUTS)
-    tests = [f"{part.test.name}/{name}" for part in job.parts for name in OF_A_TEST]
-    common = [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
-    return (*own, *further, *tests, *common)
+        return (*names, *OUTPUTS)
+    for part in job.parts:
+        names += [f"{part.test.name}/{name}" for name in _OF_A_TEST]
+    names += [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
+    return tuple(names)
 
 
 def stale_outputs(job: Job, out: Path) -> list[str]:
@@ -73,6 +79,11 @@ def stale_outputs(job: Job, out: Path) -> list[str]:
         The job.
     out : Path
         The folder.
+
+    Returns
+    -------
+    list of str
+        Names of files; they need not exist.
     """
     earlier = out / "job.toml"
     if not earlier.is_file():
@@ -86,7 +97,7 @@ def stale_outputs(job: Job, out: Path) -> list[str]:
         if name in Job.model_fields or name in job.tables or name not in JOB_TABLES:
             continue
         table = JOB_TABLES[name]
-        with suppress(ValidationError):  # by another version: what it wrote is not known
+        with suppress(ValidationError):  # of another version, whose files are not known
             found += table.outputs(table.schema.model_validate(document[name]))
     return [name for name in found if name not in outputs(job)]
 
@@ -107,49 +118,17 @@ def default_out(job: Job) -> Path:
     return job.path.with_suffix("")
 
 
-def check_folder(job: Job, out: str | Path) -> Path:
-    """Check that a folder may be written to.
-
-    Parameters
-    ----------
-    job : Job
-        The job, for the message.
-    out : path
-        The folder; it need not exist.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    JobError
-        If it is a file, or lies in no folder that can be written.
-    """
-    out = Path(out)
-    if out.exists() and not out.is_dir():
-        raise JobError(
-            f"the output folder {str(out)!r} is a file; choose another with --out", job.path
-        )
-    parent = next(p for p in (out, *out.absolute().parents) if p.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise JobError(
-            f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}",
-            job.path,
-        )
-    return out
-
-
-def check_out(job: Job, out: str | Path) -> Path:
-    """Check that a run may write to a folder.
+def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | None = None) -> Path:
+    """Check that files may be written to a folder.
 
     Parameters
     ----------
     job : Job
         The job.
-    out : path
-        The folder; it need not exist.
+    out : path, optional
+        The folder; it need not exist. By default that of the job's run.
+    names : iterable of str, optional
+        Files to be written; by default those of a run.
 
     Returns
     -------
@@ -159,102 +138,87 @@ def check_out(job: Job, out: str | Path) -> Path:
     Raises
     ------
     JobError
-        If it is a file, lies in no folder that can be written, or a result would replace an input
-        of the job.
+        If the folder is a file or cannot be written, a file is there as a folder, or a file would
+        replace an input of the job, or a job file that no run wrote.
     """
-    out = check_folder(job, out)
-    check_inputs(job, out, outputs(job))
-    there = out / "job.toml"
-    if there.is_file() and not there.read_bytes().startswith(f"# {MARK}".encode()):
+    out = default_out(job) if out is None else Path(out)
+    names = outputs(job) if names is None else tuple(names)
+    if out.exists() and not out.is_dir():
+        text = f"the output folder {str(out)!r} is a file; choose another with --out"
+        raise JobError(text, job.path)
+    parent = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        text = f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}"
+        raise JobError(text, job.path)
+    targets = [out / name for name in names]
+    for target in targets:
+        if target.is_dir():
+            raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
+    written = {target.resolve() for target in targets}
+    for path, what in _inputs(job).items():
+        if path.resolve() in written:
+            text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
+            raise JobError(text, job.path)
+    job_file = out / "job.toml"
+    if "job.toml" in names and job_file.is_file() and not is_of_a_run(job_file):
         text = (
-            f"the run would write over {str(there)!r}, a job that updyn did not write; choose"
+            f"the run would write over {str(job_file)!r}, a job that updyn did not write; choose"
             " another --out"
         )
         raise JobError(text, job.path)
     return out
 
 
-def check_no_folder(job: Job, out: Path, names: Iterable[str]) -> None:
-    """Check that no file to be written to a folder is a folder itself.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : Path
-        Where they would go.
-    names : iterable of str
-        Of the files.
-
-    Raises
-    ------
-    JobError
-        If one is.
-    """
-    for name in names:
-        if (out / name).is_dir():
-            raise JobError(f"{str(out / name)!r} is a folder; choose another --out", job.path)
+def is_of_a_run(path: Path) -> bool:
+    """Return whether a run wrote a job file."""
+    return path.read_bytes().startswith(f"# {HEADER}".encode())
 
 
-def check_inputs(job: Job, out: Path, names: Iterable[str]) -> None:
-    """Check that no file of a folder is one that the job reads.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : Path
-        The folder.
-    names : iterable of str
-        What is to be written into it.
-
-    Raises
-    ------
-    JobError
-        If one is.
-    """
-    names = list(names)
-    files = [file for part in job.parts for file in (part.test.file, *(part.test.repeats or ()))]
-    files += [part.test.modes for part in job.parts if part.test.modes is not None]
-    inputs = [("job file", job.path), *(("measurement", job.beside(file)) for file in files)]
+def _inputs(job: Job) -> dict[Path, str]:
+    """Return what a job reads, and the word for it."""
+    found = {job.path: "job file"}
+    for part in job.parts:
+        files = [part.test.file, *(part.test.repeats or ())]
+        if part.test.modes is not None:
+            files.append(part.test.modes)
+        for file in files:
+            found[job.beside(file)] = "measurement"
     if job.model.file is not None:
-        inputs.append(("model", job.beside(job.model.file)))
-    for what, path in inputs:
-        for name in names:
-            if path.resolve() == (out / name).resolve():
-                raise JobError(
-                    f"the run would write over its own {what} {str(path)!r}; choose another --out",
-                    job.path,
-                )
+        found[job.beside(job.model.file)] = "model"
+    return found
 
 
+# -- writing ---------------------------------------------------------------------------------------
 @contextmanager
-def made_folder(out: Path) -> Iterator[None]:
-    """Make a folder; take what was made for it away again when the block raises and has left nothing in it."""
-    made = [p for p in (out, *out.absolute().parents) if not p.exists()]
+def create_folder(out: Path) -> Iterator[None]:
+    """Create a folder and its parents; remove those again that are empty when the block raises."""
+    created = [path for path in (out, *out.absolute().parents) if not path.exists()]
     out.mkdir(parents=True, exist_ok=True)
-    finished = False
-    try:
+    with ExitStack() as undo:
+        undo.callback(_remove_empty, created)
         yield
-        finished = True
-    finally:
-        with suppress(OSError):  # not empty: the journal of a run that broke down
-            for folder in [] if finished else made:
-                folder.rmdir()
+        undo.pop_all()
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders, innermost first, up to the first that is not empty."""
+    with suppress(OSError):  # not empty: it holds the journal of a run that was interrupted
+        for folder in folders:
+            folder.rmdir()
 
 
 @contextmanager
-def unfinished(out: Path) -> Iterator[Path]:
-    """Make a temporary folder in `out`, gone at the end."""
-    temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=out))
+def temporary_folder(out: Path) -> Iterator[Path]:
+    """Create a temporary folder in another, and remove it at the end."""
+    temporary = Path(tempfile.mkdtemp(prefix=".temporary_folder-", dir=out))
     try:
         yield temporary
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def put_in_place(names: Iterable[str], temporary: Path, out: Path) -> None:
-    """Move what was written into a folder; what was not, but is there, is of an earlier run and would pass for it.
+def move_outputs(names: Iterable[str], temporary: Path, out: Path) -> None:
+    """Move files into a folder; remove those of an earlier run there that were not written again.
 
     Parameters
     ----------
@@ -271,13 +235,10 @@ def put_in_place(names: Iterable[str], temporary: Path, out: Path) -> None:
             (out / name).unlink(missing_ok=True)
 
 
-#: Holds every evaluation of a run that has not finished; see `updyn.updating.fit.journal`.
-JOURNAL = "run.journal"
-
-
+# -- the journal -----------------------------------------------------------------------------------
 @contextmanager
-def journal_of(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
-    """Give the journal of a run; a run that is refused leaves none, one that breaks down does.
+def run_journal(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
+    """Return the journal of a run as a context, which removes it where the input is refused.
 
     Parameters
     ----------
@@ -286,31 +247,32 @@ def journal_of(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
     out : Path
         Folder of the run.
     resume : bool
-        Whether there has to be one to go on with.
+        Whether the journal of an earlier run has to be there.
 
     Yields
     ------
     Path
-        The file; it need not exist otherwise.
+        The file.
 
     Raises
     ------
     JobError
-        If there is nothing to go on with.
+        If there is nothing to resume.
     """
     journal = out / JOURNAL
-    there = journal.is_file()
-    if resume and not there:
-        raise JobError(_nothing(out), job.path)
+    existed = journal.is_file()
+    if resume and not existed:
+        raise JobError(_nothing_to_resume(out), job.path)
     try:
         yield journal
     except InputError:
-        if not there:
+        if not existed:
             journal.unlink(missing_ok=True)
         raise
 
 
-def _nothing(out: Path) -> str:
+def _nothing_to_resume(out: Path) -> str:
+    """Return why a run cannot be resumed: it has ended, or there is none."""
     try:
         status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -321,12 +283,9 @@ def _nothing(out: Path) -> str:
     )
 
 
-#: How the comment in the first line begins, by which a folder knows its own.
-MARK = "Written by updyn"
-
-
+# -- job.toml --------------------------------------------------------------------------------------
 def resolved_job(job: Job, out: Path) -> str:
-    """Return the text of a job file that repeats `job` from the folder `out`.
+    """Return the text of a job file that repeats a job from another folder.
 
     Parameters
     ----------
@@ -342,64 +301,64 @@ def resolved_job(job: Job, out: Path) -> str:
     """
     import tomlkit
 
-    from updyn.updating.fit.methods import options_of
-
     content = job.model_dump(exclude_none=True, mode="python")
+    content["title"] = job.title or job.path.stem
     output = content.pop("output")
     for name, table in job.tables.items():
         content[name] = table.model_dump(exclude_none=True, mode="python")
     content["output"] = output
-    content["title"] = job.title or job.path.stem
     tests = [part.test.model_dump(exclude_none=True, mode="python") for part in job.parts]
-    for table, key in (
-        (content["model"], "file"),
-        (content["match"], "geometry"),
-        *((t, "file") for t in tests),
-    ):
-        if key in table:
-            table[key] = _from(out, job.beside(table[key]))
-    for test in tests:
-        if "modes" in test:
-            test["modes"] = _from(out, job.beside(test["modes"]))
-        if "repeats" in test:
-            test["repeats"] = [_from(out, job.beside(file)) for file in test["repeats"]]
     content["test"] = tests if len(tests) > 1 else tests[0]
-    defaults = {
-        k: v
-        for k, v in options_of(job.method.name).items()
-        if isinstance(v, bool | int | float | str)
-    }
-    content["method"] |= {k: v for k, v in defaults.items() if k not in content["method"]}
+    _rename_files(content["model"], "file", job, out)
+    _rename_files(content["match"], "geometry", job, out)
+    for test in tests:
+        for key in ("file", "repeats", "modes"):
+            _rename_files(test, key, job, out)
+    for key, value in options_of(job.method.name).items():
+        if isinstance(value, bool | int | float | str):
+            content["method"].setdefault(key, value)
     document = tomlkit.document()
-    document.add(tomlkit.comment(f"{MARK} {__version__} from {_from(out, job.path)}"))
+    document.add(tomlkit.comment(f"{HEADER} {__version__} from {_relative(job.path, out)}"))
     for key, value in content.items():
         if value not in ({}, (), {"table": {}}):
-            document.add(key, _item(value))
+            document.add(key, _toml_item(value))
     return tomlkit.dumps(document).rstrip("\n") + "\n"
 
 
-def _from(folder: Path, path: Path) -> str:
+def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
+    """Name the file, or files, of a key as seen from a folder."""
+    if key not in table:
+        return
+    named = table[key]
+    if isinstance(named, str):
+        table[key] = _relative(job.beside(named), out)
+    else:
+        table[key] = [_relative(job.beside(file), out) for file in named]
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Return a path as seen from a folder."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # another drive: there is no relative path
+    except ValueError:  # on another drive, to which there is no relative path
         return path.resolve().as_posix()
 
 
-def _item(value: Any) -> Any:
-    """Return a value as tomlkit writes it: tables as tables, lists of tables as arrays of tables."""
+def _toml_item(value: Any) -> Any:
+    """Return a value as tomlkit writes it; mappings become tables."""
     import tomlkit
 
     if isinstance(value, Mapping):
         table = tomlkit.table()
         for key, item in value.items():
             if item != {}:
-                table.add(key, _item(item))
+                table.add(key, _toml_item(item))
         return table
-    if isinstance(value, list | tuple):
-        if value and all(isinstance(x, Mapping) for x in value):
-            tables = tomlkit.aot()
-            for x in value:
-                tables.append(_item(x))
-            return tables
-        return [_item(x) for x in value]
-    return value
+    if not isinstance(value, list | tuple):
+        return value
+    if value and all(isinstance(item, Mapping) for item in value):
+        tables = tomlkit.aot()
+        for item in value:
+            tables.append(_toml_item(item))
+        return tables
+    return [_toml_item(item) for item in value]

@@ -1,10 +1,10 @@
-"""`JobTable`: a table of the job file that asks for work after the update, and `JOB_TABLES`, those that there are.
+"""`JobTable`: a table of the job file that asks for work after the update, and their registry.
 
-``[uncertainty]``, ``[plant]`` and ``[servo]`` are such tables. A room or another package adds one by
-an object of a class derived from `JobTable`, in a module of its own, and one line in `JOB_TABLES`, a
-call of `JOB_TABLES.register`, or an entry point of the group ``updyn.job_tables``. Only the name of
-a table is known until a job has it; then the module is imported and the object is asked, in this
-order:
+``[uncertainty]``, ``[plant]`` and ``[servo]`` are such tables. A room or another package adds one
+by an object of a class derived from `JobTable`, in a module of its own, and one line in
+`JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the group
+``updyn.job_tables``. Only the name of a table is known until a job has it; then the module is
+imported and the object is used in this order:
 
 ``schema``
     by `load_job`: the pydantic class, derived from `updyn.job.schema.Table`, that the table is

@@ -156,7 +156,7 @@ def _each_test(
         yield document | {"test": test}, own
 
 
-# -- checks beyond those of a single value -----------------------------------------------------------------
+# -- checks beyond those of a single value ---------------------------------------------------------
 def _check_test_names(job: Job) -> None:
     """Check that several tests have names of their own that can be names of folders."""
     if len(job.parts) == 1:
@@ -217,7 +217,7 @@ def _check_method(table: MethodTable) -> None:
                 raise JobError(str(error), key=(key,)) from error
 
 
-# -- errors of pydantic ------------------------------------------------------------------------------------
+# -- errors of pydantic ----------------------------------------------------------------------------
 class _Complaint(NamedTuple):
     """Something wrong with the text of a job file; sorts unknown keys first, then by line."""
 

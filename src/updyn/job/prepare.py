@@ -160,7 +160,7 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
 
 
-# -- model and measurement ---------------------------------------------------------------------------------
+# -- model and measurement -------------------------------------------------------------------------
 def _model(job: Job) -> Model:
     table = job.model
     if table.kind is not None:
@@ -253,7 +253,7 @@ def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
     raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))
 
 
-# -- what is fitted ----------------------------------------------------------------------------------------
+# -- what is fitted --------------------------------------------------------------------------------
 def _fitted(job: Job, frf: FRF) -> FRF:
     held = job.validation
     if held is None:

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Any
 from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.job.folder import (
     check_out,
-    default_out,
-    journal_of,
-    made_folder,
+    create_folder,
+    move_outputs,
     outputs,
-    put_in_place,
     resolved_job,
+    run_journal,
     stale_outputs,
-    unfinished,
+    temporary_folder,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
@@ -123,18 +122,18 @@ def run_job(
     UpdynWarning
         If the job asks for an uncertainty or a plant that cannot be had.
     """
-    out = check_out(job, default_out(job) if out is None else out)
+    out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    with made_folder(out), journal_of(job, out, resume=resume) as journal:
+    with create_folder(out), run_journal(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
         further = _further(ready, result, callback, engine)
-        with unfinished(out) as temporary:
+        with temporary_folder(out) as temporary:
             _write(result, job, out, temporary)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, temporary)
             if job.output.report:
                 _write_reports(result, temporary, further)
-            put_in_place([*stale_outputs(job, out), *outputs(job)], temporary, out)
+            move_outputs([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
     return JobRun(result, further, out)

@@ -16,33 +16,33 @@ from updyn import __version__
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits
 from updyn.frf import FRF
-from updyn.report import formats as w
-from updyn.report import markup as m
 from updyn.report.data import EVALUATION_BUDGET, computed, keep_lines
-from updyn.report.formats import number, unit
+from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import Figure, existing, label, labels, log_step, numbers, rows_height
 from updyn.report.section import Content, Section
-from updyn.report.templates import write_page
+from updyn.report.templates import render_template, write_page
 from updyn.updating.problem.data import Test
 from updyn.updating.result import UpdateResult
 
-__all__ = [
-    "PAIR",
-    "Curves",
-    "bar_figures",
-    "frf_figures",
-    "gather_curves",
-    "is_geometric",
-    "panel_name",
-    "write_comparison",
-]
+__all__ = ["Curves", "gather_curves", "is_geometric", "write_comparison"]
 
-_WORDS = frozenset(("method", "status"))
+#: The paper's method and the one that it compares with; shown together where both gave an answer.
+PAIR = ("equation-error", "reduced-frf")
+#: Points of a curve where the model is small enough for them, and the fewest of any curve.
+_POINTS = 600
+_FEWEST_POINTS = 100
+#: Measured lines up to this number are drawn as points: what lies between them was not measured.
+_FEW = 150
+#: Bars of what is exactly 0 end here.
+_FLOOR = 1e-16
+#: Height of the FRFs of the pair, and of one method.
+_PAIR_HEIGHT = 440
+_PANEL_HEIGHT = 290
 
 
 def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
-    """Write a comparison of methods as one HTML page that needs nothing else: no network, no other file.
+    """Write a comparison of methods as one HTML page that needs no network and no other file.
 
     The page shows the table of the methods, the FRF of the channel in which the start is furthest
     off, measured, before, and after by each method, bars of error, misfit, time and work, why
@@ -87,6 +87,96 @@ class Compared:
     curves: Curves | None
 
 
+# -- head ----------------------------------------------------------------------------------------
+def _head(comparison: Comparison) -> str:
+    run = [row for row in comparison if row.applies]
+    about = (
+        f"{counted(len(comparison), 'method')}, {counted(len(comparison.parameters), 'unknown')}"
+    )
+    if len(comparison.tests) > 1:
+        about += f", {len(comparison.tests)} tests"
+    else:
+        about += f"; {extent(comparison.tests[0].frf)}"
+    stopped = ""
+    if comparison.stopped:
+        stopped = "The user stopped the comparison; it holds what had been run."
+        if comparison.not_run:
+            stopped += f" Not run: {', '.join(comparison.not_run)}."
+    return render_template(
+        "updyn.report/comparison_head.html",
+        title=comparison.title or "Comparison of methods",
+        about=about,
+        verdict=_verdict(comparison, run),
+        stopped=stopped,
+        key_figures=_key_figures(comparison, run),
+    )
+
+
+def _verdict(comparison: Comparison, run: Sequence[Row]) -> str:
+    """Say how many methods apply, and which recover the unknowns or converged."""
+    start = f"{len(run)} of {counted(len(comparison), 'method')} can be used on these data."
+    if comparison.truth:
+        within = f"{100 * comparison.tolerance:g} %"
+        near = [row.method for row in run if row.error_max <= comparison.tolerance]
+        if near:
+            return (
+                f"{start} Every unknown comes out within {within} of the truth by {_listed(near)}."
+            )
+        return f"{start} None finds every unknown within {within} of the truth."
+    settled = [row.method for row in run if row.status == "converged"]
+    if settled:
+        return f"{start} {_listed(settled)} converged with all unknowns determined."
+    return f"{start} None converged with all unknowns determined."
+
+
+def _key_figures(comparison: Comparison, run: Sequence[Row]) -> list[tuple[str, str, str]]:
+    """Return name, value and hint of each key figure."""
+    before = comparison.before.get("db_error_median", math.nan)
+    misfits, errors, lines = {}, {}, {}
+    for row in run:
+        if row.status != "failed":
+            misfits[row.method] = _misfit(row)
+            errors[row.method] = row.error_max
+        if row.fewest is not None and row.fewest.count:
+            lines[row.method] = float(row.fewest.count)
+    out = [("Misfit before", _decibels(before), "median level difference of the start")]
+    out += _best("Least misfit after", misfits, _decibels)
+    if comparison.truth:
+        out += _best("Least error", errors, lambda v: number(v, 2))
+    out += _best("Fewest lines", lines, lambda v: f"{v:.0f}")
+    return out
+
+
+def _misfit(row: Row) -> float:
+    """Return the median level difference after the update, in dB; NaN where it is not known."""
+    return float((row.fitted.get("after") or {}).get("db_error_median", math.nan))
+
+
+def _best(
+    name: str, values: Mapping[str, float], say: Callable[[float], str]
+) -> list[tuple[str, str, str]]:
+    """Return a key figure with the methods that have the least value."""
+    known = {method: v for method, v in values.items() if math.isfinite(v)}
+    if not known:
+        return []
+    least = min(known.values())
+    limit = max(least * (1.0 + 1e-9), 1e-9)  # beyond rounding there is no better or worse
+    best = [method for method, v in known.items() if v <= limit]
+    return [(name, say(least), _listed(best))]
+
+
+def _decibels(value: float) -> str:
+    """Return a level difference as text; rounding is 0."""
+    return "0 dB" if value < 1e-9 else decibels(value)
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+# -- sections ------------------------------------------------------------------------------------
 class ComparisonSection(Section):
     """A section of the page of a comparison."""
 
@@ -102,29 +192,66 @@ class Methods(ComparisonSection):
     name = "Methods"
     heading = "Methods"
     place = 100
+    template = "updyn.report/comparison_methods.html"
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words and table."""
-        return _methods(content.further["comparison"].comparison)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the table."""
+        comparison: Comparison = content.further["comparison"].comparison
+        shown = [column for column in columns(comparison) if column[0] != "limits"]
+        kinds = ["text" if key in ("method", "status") else "" for key, _, _ in shown]
+        rows = [
+            {"cells": cells(row, shown), "converged": row.status == "converged"}
+            for row in comparison
+        ]
+        return {
+            "truth": bool(comparison.truth),
+            "head": [heading for _, heading, _ in shown],
+            "kinds": kinds,
+            "methods": rows,
+        }
 
 
-class Curve(ComparisonSection):
+class Frfs(ComparisonSection):
     """FRFs of one channel, measured, before, and after by each method."""
 
     anchor = "frfs"
     name = "FRFs"
     heading = "FRFs before and after"
     place = 200
+    template = "updyn.report/comparison_frfs.html"
+
+    def applies(self, content: Content) -> bool:
+        """Whether a model could be computed."""
+        return content.update is None and content.further["comparison"].curves is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the FRFs by method."""
-        curves = content.further["comparison"].curves
-        return {} if curves is None else frf_figures(curves)
+        return frf_figures(content.further["comparison"].curves)
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words and places of figures; empty where no model could be computed."""
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the channel, the methods that are drawn and those that gave no answer."""
         shown: Compared = content.further["comparison"]
-        return _frfs(shown.comparison, shown.curves, figures)
+        comparison, curves = shown.comparison, shown.curves
+        assert curves is not None
+        silent = [row for row in comparison if row.method not in curves.after]
+        panels = []
+        for k, name in enumerate(curves.after):
+            row = comparison[name]
+            panels.append(
+                {
+                    "method": name,
+                    "figure": panel_name(k),
+                    "status": row.status,
+                    "misfit": _decibels(_misfit(row)),
+                }
+            )
+        return {
+            "curves": curves,
+            "misfit": _decibels(curves.misfit),
+            "missing": [(row.method, row.message) for row in silent if row.method in PAIR],
+            "panels": panels,
+            "silent": [(row.method, row.message) for row in silent if row.applies],
+        }
 
 
 class Bars(ComparisonSection):
@@ -134,14 +261,26 @@ class Bars(ComparisonSection):
     name = "Error, time and work"
     heading = "Error, time and work"
     place = 300
+    template = "updyn.report/comparison_bars.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the bars."""
         return bar_figures(content.further["comparison"].comparison)
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return places of figures; empty where there is none."""
-        return _bars(content.further["comparison"].comparison, figures)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return name, heading and caption of the figures."""
+        comparison: Comparison = content.further["comparison"].comparison
+        error = "Largest error of an unknown"
+        if comparison.truth:
+            error += f"; dashed: {comparison.tolerance:g}"
+        return {
+            "bars": [
+                ("error", "Error", f"{error}."),
+                ("misfit", "Misfit", "Median level difference after the update."),
+                ("seconds", "Time", "From start to judgement, on one machine at one time."),
+                ("work", "Work", "Lines at which the model was solved."),
+            ]
+        }
 
 
 class FewestLines(ComparisonSection):
@@ -151,10 +290,41 @@ class FewestLines(ComparisonSection):
     name = "Fewest lines"
     heading = "Fewest lines"
     place = 400
+    template = "updyn.report/comparison_lines.html"
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return rule and table; empty where the fewest lines were not sought."""
-        return _lines(content.further["comparison"].comparison)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the rule and the table, without rows where the fewest lines were not sought."""
+        comparison: Comparison = content.further["comparison"].comparison
+        counts = sorted({n for row in comparison if row.fewest for n, _ in row.fewest.tried})
+        rows, notes = [], []
+        for row in comparison:
+            if row.fewest is None:
+                continue
+            tried = dict(row.fewest.tried)
+            found = "none" if row.fewest.count is None else str(row.fewest.count)
+            errors = [
+                number(comparison.tolerance * tried[n], 2) if n in tried else "" for n in counts
+            ]
+            entries = [row.method, str(len(row.updated)), found, *errors]
+            rows.append({"cells": entries, "found": bool(row.fewest.count)})
+            if row.fewest.note:
+                notes.append(f"{row.method}: {row.fewest.note}")
+        caption = (
+            "How far the fit was from the method's own answer, in units in which the tolerance"
+            " stands for recovered."
+        )
+        if comparison.truth:
+            caption = (
+                "How far the fit was off with so many lines, in units in which the tolerance stands"
+                " for recovered; ∞: no answer."
+            )
+        return {
+            "rule": comparison.rule,
+            "head": ["method", "unknowns", "fewest", *map(str, counts)],
+            "caption": caption,
+            "rows": rows,
+            "notes": notes,
+        }
 
 
 class Limits(ComparisonSection):
@@ -164,258 +334,29 @@ class Limits(ComparisonSection):
     name = "Limits and sources"
     heading = "Limits and sources"
     place = 500
+    template = "updyn.report/comparison_limits.html"
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return the table."""
-        return _limits(content.further["comparison"].comparison)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the rows of the table."""
+        rows = []
+        for row in content.further["comparison"].comparison:
+            here = ""
+            if not row.applies:
+                here = row.message
+            elif row.left:
+                here = f"left at their start: {', '.join(row.left)}"
+            rows.append([row.method, limits(row), row.reference, here])
+        return {"rows": rows}
 
 
 METHODS = Methods()
-FRFS = Curve()
+FRFS = Frfs()
 BARS = Bars()
 FEWEST_LINES = FewestLines()
 LIMITS = Limits()
 
 
-# -- head --------------------------------------------------------------------------------------------------
-def _head(comparison: Comparison) -> str:
-    first = comparison.tests[0].frf
-    tests = (
-        f", {len(comparison.tests)} tests" if len(comparison.tests) > 1 else f"; {w.extent(first)}"
-    )
-    about = (
-        f"{w.counted(len(comparison), 'method')},"
-        f" {w.counted(len(comparison.parameters), 'unknown')}{tests}"
-    )
-    run = [row for row in comparison if row.applies]
-    stopped = ""
-    if comparison.stopped:
-        rest = f" Not run: {', '.join(comparison.not_run)}." if comparison.not_run else ""
-        stopped = f"The user stopped the comparison; it holds what had been run.{rest}"
-    return (
-        f"<header><h1>{m.esc(comparison.title or 'Comparison of methods')}</h1>{m.paragraph(about, 'byline')}"
-        f'<section aria-label="Verdict">{m.paragraph(_verdict(comparison, run), "lead")}'
-        f"{m.note(stopped)}{_tiles(comparison, run)}</section></header>"
-    )
-
-
-def _verdict(comparison: Comparison, run: Sequence[Row]) -> str:
-    said = f"{len(run)} of {w.counted(len(comparison), 'method')} can be used on these data."
-    if comparison.truth:
-        near = [row.method for row in run if row.error_max <= comparison.tolerance]
-        within = f"{100 * comparison.tolerance:g} %"
-        said += (
-            f" Every unknown comes out within {within} of the truth by {_listed(near)}."
-            if near
-            else f" None finds every unknown within {within} of the truth."
-        )
-    else:
-        settled = [row.method for row in run if row.status == "converged"]
-        said += (
-            f" {_listed(settled)} converged with all unknowns determined."
-            if settled
-            else " None converged with all unknowns determined."
-        )
-    return said
-
-
-def _tiles(comparison: Comparison, run: Sequence[Row]) -> str:
-    answered = [row for row in run if row.status != "failed"]
-    tiles: list[tuple[str, str, str]] = []
-    start = comparison.before.get("db_error_median", math.nan)
-    tiles.append(("Misfit before", _decibels(start), "median level difference of the start"))
-    misfits = {
-        row.method: (row.fitted.get("after") or {}).get("db_error_median", math.nan)
-        for row in answered
-    }
-    tiles += _best("Least misfit after", misfits, _decibels)
-    if comparison.truth:
-        tiles += _best(
-            "Least error", {row.method: row.error_max for row in answered}, lambda v: w.number(v, 2)
-        )
-    enough = {
-        row.method: float(row.fewest.count)
-        for row in run
-        if row.fewest is not None and row.fewest.count
-    }
-    tiles += _best("Fewest lines", enough, lambda v: f"{v:.0f}")
-    found = "".join(
-        f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
-        for name, value, hint in tiles
-    )
-    return f'<dl class="tiles">{found}</dl>'
-
-
-def _best(name: str, values: Mapping[str, float], say: object) -> list[tuple[str, str, str]]:
-    known = {method: v for method, v in values.items() if math.isfinite(v)}
-    if not known:
-        return []
-    assert callable(say)
-    least = min(known.values())
-    # Beyond rounding there is no better or worse.
-    alike = [method for method, v in known.items() if v <= max(least * (1.0 + 1e-9), 1e-9)]
-    return [(name, say(least), _listed(alike))]
-
-
-def _decibels(value: float) -> str:
-    """Return a level difference; what is rounding is 0."""
-    return "0 dB" if value < 1e-9 else w.decibels(value)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + f" and {names[-1]}" if len(names) > 1 else "".join(names)
-
-
-# -- sections ------------------------------------------------------------------------------------------------
-def _methods(comparison: Comparison) -> str:
-    shown = [column for column in columns(comparison) if column[0] != "limits"]
-    kinds = ["text" if key in _WORDS else "" for key, _, _ in shown]
-    rows = [
-        m.row(cells(row, shown), kinds, "" if row.status == "converged" else "open")
-        for row in comparison
-    ]
-    how = (
-        "All methods were given the same model, data, lines and unknowns. Misfit: median level"
-        " difference between model and data of the fit; FRAC: median over channels, 1 is the same"
-        " shape. Rank: combinations of its unknowns that a method finds the data to determine."
-        " Steps, and lines solved, count the work of the fit, its search for a start included."
-    )
-    truth = (
-        "Error: estimate / truth − 1, for loss factors estimate − truth; unknowns left at their"
-        " start count with it."
-        if comparison.truth
-        else ""
-    )
-    head = [heading for _, heading, _ in shown]
-    return (
-        m.paragraph(how) + (m.paragraph(truth) if truth else "") + m.table(head, rows, kinds=kinds)
-    )
-
-
-def _frfs(comparison: Comparison, curves: Curves | None, figures: Mapping[str, Figure]) -> str:
-    if curves is None:
-        return ""
-    channel = f"Response at {curves.response}, force at {curves.reference}"
-    channel += f", {curves.test}" if curves.test else ""
-    why = (
-        f"{channel}: the channel in which the start is furthest off, {_decibels(curves.misfit)} in"
-        " the median."
-    )
-    parts = [
-        m.paragraph(why),
-        m.note(*curves.notes),
-    ]
-    if "pair" in figures:
-        missing = [
-            row.method
-            for row in comparison
-            if row.method in PAIR and row.method not in curves.after
-        ]
-        caption = (
-            "The condensed equation error of Bao, Wang & Cheng (equation-error) and the method with"
-            " independently reduced matrices that they compare it with (reduced-frf)."
-        )
-        caption += "".join(
-            f" {name} gave no answer: {comparison[name].message}" for name in missing
-        )
-        place = m.figure(
-            "pair", "FRF measured, before and after by two methods", caption, height=440
-        )
-        parts.append(f"<h3>The paper's comparison</h3>{place}")
-    places = []
-    for k, name in enumerate(curves.after):
-        misfit = (comparison[name].fitted.get("after") or {}).get("db_error_median", math.nan)
-        caption = f"{comparison[name].status}; misfit over all channels {_decibels(misfit)}"
-        place = m.figure(
-            panel_name(k), f"FRF measured, before and after by {name}", caption, height=290
-        )
-        places.append(f"<div><h3>{m.esc(name)}</h3>{place}</div>")
-    if places:
-        parts.append(f'<h3>Method by method</h3><div class="pair wide">{"".join(places)}</div>')
-    silent = [row for row in comparison if row.applies and row.method not in curves.after]
-    parts += [m.paragraph(f"{row.method} gave no answer: {row.message}", "muted") for row in silent]
-    return "".join(parts)
-
-
-def _bars(comparison: Comparison, figures: Mapping[str, Figure]) -> str:
-    mark = f"; dashed: {comparison.tolerance:g}" if comparison.truth else ""
-    about = (
-        ("error", "Error", f"Largest error of an unknown{mark}."),
-        ("misfit", "Misfit", "Median level difference after the update."),
-        ("seconds", "Time", "From start to judgement, on one machine at one time."),
-        ("work", "Work", "Lines at which the model was solved."),
-    )
-    places = [
-        f"<div><h3>{heading}</h3>{m.figure(name, f'{heading} by method', said, height=figures[name]['height'])}</div>"
-        for name, heading, said in about
-        if name in figures
-    ]
-    if not places:
-        return ""
-    return f'<div class="pair wide">{"".join(places)}</div>'
-
-
-def _lines(comparison: Comparison) -> str:
-    sought = [row for row in comparison if row.fewest is not None]
-    if not sought:
-        return ""
-    numbers = sorted({count for row in sought if row.fewest for count, _ in row.fewest.tried})
-    rows = []
-    for row in sought:
-        assert row.fewest is not None
-        tried = dict(row.fewest.tried)
-        said = [w.number(comparison.tolerance * tried[n], 2) if n in tried else "" for n in numbers]
-        found = "none" if row.fewest.count is None else str(row.fewest.count)
-        rows.append(
-            m.row(
-                [row.method, str(len(row.updated)), found, *said],
-                kind="" if row.fewest.count else "open",
-            )
-        )
-    notes = [
-        f"{row.method}: {row.fewest.note}"
-        for row in sought
-        if row.fewest is not None and row.fewest.note
-    ]
-    caption = (
-        "How far the fit was off with so many lines, as what counts as recovered is; ∞: no answer."
-        if comparison.truth
-        else (
-            "How far the fit was from the method's own answer, in units in which the tolerance"
-            " stands for recovered."
-        )
-    )
-    return (
-        m.paragraph(comparison.rule)
-        + m.table(
-            ["method", "unknowns", "fewest", *(f"{n}" for n in numbers)], rows, caption=caption
-        )
-        + "".join(m.paragraph(text, "muted") for text in notes)
-    )
-
-
-def _limits(comparison: Comparison) -> str:
-    rows = []
-    for row in comparison:
-        said = (
-            row.message
-            if not row.applies
-            else f"left at their start: {', '.join(row.left)}"
-            if row.left
-            else ""
-        )
-        rows.append(
-            m.row([row.method, limits(row), row.reference, said], ("", "text", "text", "note-cell"))
-        )
-    head = ["method", "cannot update", "reference", "here"]
-    return m.table(head, rows, kinds=("", "text", "text", "note-cell"))
-
-
-#: Points of a curve where the model is small enough for them.
-_POINTS = 600
-_FEWEST_POINTS = 100
-
-
+# -- data ----------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class Curves:
     """One channel.
@@ -457,29 +398,31 @@ class Curves:
 
 
 def gather_curves(comparison: Comparison) -> Curves | None:
-    """Compute the channel in which the start is furthest off; None where no model could be computed."""
+    """Compute the FRFs of the channel in which the start is furthest off.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+
+    Returns
+    -------
+    Curves or None
+        None where no model could be computed.
+    """
     notes: list[str] = []
-    worst: tuple[float, Test, int, int] | None = None
-    for test in comparison.tests:
-        seen = _thinned(test)
-        answer = computed(test.model, seen, seen.freq, "start model", notes, _how(comparison, test))
-        if answer is None:
-            continue
-        with np.errstate(divide="ignore", invalid="ignore"):
-            level = np.abs(20.0 * np.log10(np.abs(answer) / np.abs(seen.values)))
-        off = np.median(np.where(np.isfinite(level), level, 0.0), axis=0)
-        i, j = (int(k) for k in np.unravel_index(int(np.argmax(off)), off.shape))
-        if worst is None or off[i, j] > worst[0]:
-            worst = float(off[i, j]), test, i, j
+    worst = _worst_channel(comparison, notes)
     if worst is None:
         return None
     misfit, test, i, j = worst
+    options = _options(comparison, test)
     channel = test.frf.select(
-        responses=test.frf.responses[np.array([i])], references=test.frf.references[np.array([j])]
+        responses=test.frf.responses[np.array([i])],
+        references=test.frf.references[np.array([j])],
+        lines=test.frf.freq[test.frf.freq > 0],
     )
-    channel = channel.select(lines=channel.freq[channel.freq > 0])
     freq = _grid(channel.freq, test.model.n_dofs)
-    before = computed(test.model, channel, freq, "start model", notes, _how(comparison, test))
+    before = computed(test.model, channel, freq, "start model", notes, options)
     if before is None:
         return None
     after = {}
@@ -487,17 +430,14 @@ def gather_curves(comparison: Comparison) -> Curves | None:
         result = _of_test(row, test)
         if result is None or row.status == "failed":
             continue
-        values = computed(
-            result.model, channel, freq, f"model of {row.method}", notes, result.options
-        )
+        what = f"model of {row.method}"
+        values = computed(result.model, channel, freq, what, notes, result.options)
         if values is not None:
             after[row.method] = values[:, 0, 0]
     first = _first(comparison, test)
-    used = (
-        np.ones(len(channel.freq), dtype=np.bool_)
-        if first is None
-        else np.isin(channel.freq, first.lines)
-    )
+    fitted = np.ones(len(channel.freq), dtype=np.bool_)
+    if first is not None:
+        fitted = np.isin(channel.freq, first.lines)
     return Curves(
         test.name,
         channel.responses.labels[0],
@@ -505,13 +445,31 @@ def gather_curves(comparison: Comparison) -> Curves | None:
         channel.quantity,
         channel.freq,
         channel.values[:, 0, 0],
-        used,
+        fitted,
         freq,
         before[:, 0, 0],
         after,
         misfit,
         tuple(dict.fromkeys(notes)),
     )
+
+
+def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Test, int, int] | None:
+    """Return the largest median level difference of the start, in dB, with test and channel."""
+    worst: tuple[float, Test, int, int] | None = None
+    for test in comparison.tests:
+        frf = _thinned(test)
+        options = _options(comparison, test)
+        start = computed(test.model, frf, frf.freq, "start model", notes, options)
+        if start is None:
+            continue
+        with np.errstate(divide="ignore", invalid="ignore"):
+            level = np.abs(20.0 * np.log10(np.abs(start) / np.abs(frf.values)))
+        off = np.median(np.where(np.isfinite(level), level, 0.0), axis=0)
+        i, j = (int(k) for k in np.unravel_index(int(np.argmax(off)), off.shape))
+        if worst is None or off[i, j] > worst[0]:
+            worst = float(off[i, j]), test, i, j
+    return worst
 
 
 def _thinned(test: Test) -> FRF:
@@ -523,35 +481,46 @@ def _thinned(test: Test) -> FRF:
 
 
 def _grid(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
-    """Return where curves are computed: between the lines, too, where these are few and the model is small."""
+    """Return the frequencies of the curves: of a small model between the lines, too."""
     limit = int(np.clip(EVALUATION_BUDGET // n_dofs, _FEWEST_POINTS, 2 * _POINTS))
     if len(lines) > limit:
         at = np.linspace(0, len(lines) - 1, limit).round().astype(np.intp)
         return lines[np.unique(at)]
     if len(lines) < 2 or len(lines) + _POINTS > limit:
         return lines
-    between = (np.geomspace if is_geometric(lines) else np.linspace)(lines[0], lines[-1], _POINTS)
+    space = np.geomspace if is_geometric(lines) else np.linspace
+    between = space(lines[0], lines[-1], _POINTS)
     return np.union1d(lines, np.clip(between, lines[0], lines[-1]))
 
 
 def is_geometric(lines: NDArray[np.float64]) -> bool:
-    """Whether lines are spaced more evenly in the logarithm of frequency, over more than a decade."""
+    """Whether lines are spaced more evenly in the logarithm of frequency, over a decade or more."""
     if len(lines) < 3 or lines[-1] < 10.0 * lines[0]:
         return False
-    spread = [
-        float(np.std(step) / np.mean(step)) for step in (np.diff(lines), np.diff(np.log(lines)))
-    ]
-    return spread[1] < spread[0]
+    return _unevenness(np.log(lines)) < _unevenness(lines)
+
+
+def _unevenness(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation of the steps over their mean."""
+    steps = np.diff(values)
+    return float(np.std(steps) / np.mean(steps))
 
 
 def _first(comparison: Comparison, test: Test) -> UpdateResult | None:
-    return next((r for row in comparison if (r := _of_test(row, test)) is not None), None)
+    """Return the first result of a test."""
+    for row in comparison:
+        result = _of_test(row, test)
+        if result is not None:
+            return result
+    return None
 
 
-def _how(comparison: Comparison, test: Test) -> Mapping[str, Any]:
-    """Return how the model was solved in the fits."""
+def _options(comparison: Comparison, test: Test) -> Mapping[str, Any]:
+    """Return the options with which the model was solved in the fits."""
     first = _first(comparison, test)
-    return {} if first is None else first.options
+    if first is None:
+        return {}
+    return first.options
 
 
 def _of_test(row: Row, test: Test) -> UpdateResult | None:
@@ -560,14 +529,7 @@ def _of_test(row: Row, test: Test) -> UpdateResult | None:
     return row.result.results.get(test.name)
 
 
-#: The paper's method and the one that it compares with; shown together where both gave an answer.
-PAIR = ("equation-error", "reduced-frf")
-#: Measured lines up to this number are drawn as points: what lies between them was not measured.
-_FEW = 150
-#: Bars of what is exactly 0 end here.
-_FLOOR = 1e-16
-
-
+# -- figures -------------------------------------------------------------------------------------
 def frf_figures(curves: Curves) -> dict[str, Figure]:
     """Return the FRFs by method, by the name of their place in the page."""
     out: dict[str, Figure] = {}
@@ -583,18 +545,15 @@ def bar_figures(comparison: Comparison) -> dict[str, Figure]:
     """Return bars of error, misfit, time and work, by the name of their place in the page."""
     run = [row for row in comparison if row.applies]
     answered = [row for row in run if row.status != "failed"]
-    made: dict[str, Figure | None] = {}
+    made = {}
     if comparison.truth:
-        made["error"] = _bar_chart(
-            answered, lambda r: r.error_max, "largest error of an unknown", comparison.tolerance
-        )
-    made["misfit"] = _bar_chart(
-        answered,
-        lambda r: (r.fitted.get("after") or {}).get("db_error_median", math.nan),
-        "median misfit (dB)",
-    )
-    made["seconds"] = _bar_chart(run, lambda r: r.seconds, "seconds")
-    made["work"] = _bar_chart(run, lambda r: float(r.lines_solved), "lines solved")
+        errors = {row.method: row.error_max for row in answered}
+        made["error"] = _bar_chart(errors, "largest error of an unknown", comparison.tolerance)
+    misfits = {row.method: _misfit(row) for row in answered}
+    made["misfit"] = _bar_chart(misfits, "median misfit (dB)")
+    made["seconds"] = _bar_chart({row.method: row.seconds for row in run}, "seconds")
+    work = {row.method: float(row.lines_solved) for row in run}
+    made["work"] = _bar_chart(work, "lines solved")
     return existing(made)
 
 
@@ -603,14 +562,13 @@ def panel_name(number: int) -> str:
     return f"panel-{number}"
 
 
-# -- FRFs --------------------------------------------------------------------------------------------------
 def _overlay(curves: Curves, names: Sequence[str]) -> Figure:
     """Measured, before, and after by some methods, in one figure."""
     colours = ("@after", "@third", "@fourth")
     traces = [_curve(curves, curves.before, "before", "@before", "dot")]
     for name, colour, dash in zip(names, colours, ("solid", "dash", "dashdot"), strict=False):
         traces.append(_curve(curves, curves.after[name], f"after, {name}", colour, dash))
-    return _frame(curves, [*_measured(curves), *traces], 440)
+    return _frame(curves, [_measured(curves), *traces], _PAIR_HEIGHT)
 
 
 def _panel(curves: Curves, name: str) -> Figure:
@@ -618,26 +576,25 @@ def _panel(curves: Curves, name: str) -> Figure:
         _curve(curves, curves.before, "before", "@before", "dot"),
         _curve(curves, curves.after[name], "after", "@after", "solid"),
     ]
-    return _frame(curves, [*_measured(curves), *traces], 290)
+    return _frame(curves, [_measured(curves), *traces], _PANEL_HEIGHT)
 
 
-def _measured(curves: Curves) -> list[dict[str, Any]]:
-    few = len(curves.lines) <= _FEW
-    style: dict[str, Any] = (
-        {"mode": "markers", "marker": {"color": "@measured", "size": 7, "symbol": "circle-open"}}
-        if few
-        else {"mode": "lines", "line": {"color": "@measured", "width": 3}}
-    )
-    return [
-        {
-            "type": "scatter",
-            "name": "measured",
-            "x": numbers(curves.lines),
-            "y": numbers(_size(curves.measured)),
-            "hovertemplate": "%{x:.5g} Hz: measured %{y:.4g}<extra></extra>",
-            **style,
-        }
-    ]
+def _measured(curves: Curves) -> dict[str, Any]:
+    """Return the measured FRF, as points where the lines are few."""
+    trace: dict[str, Any] = {
+        "type": "scatter",
+        "name": "measured",
+        "x": numbers(curves.lines),
+        "y": numbers(_size(curves.measured)),
+        "hovertemplate": "%{x:.5g} Hz: measured %{y:.4g}<extra></extra>",
+        "mode": "lines",
+        "line": {"color": "@measured", "width": 3},
+    }
+    if len(curves.lines) <= _FEW:
+        del trace["line"]
+        trace["mode"] = "markers"
+        trace["marker"] = {"color": "@measured", "size": 7, "symbol": "circle-open"}
+    return trace
 
 
 def _curve(
@@ -685,45 +642,45 @@ def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
 
 
 def _step(step: int | str, height: int) -> int | str:
-    return 2 * step if isinstance(step, int) and height < 300 else step
+    """Return the step of the marks, twice as large on a low figure."""
+    if isinstance(step, int) and height < 300:
+        return 2 * step
+    return step
 
 
 def _range(values: NDArray[np.float64]) -> list[float]:
     """Return a common range of all FRFs, in decades."""
     seen = np.log10(values[np.isfinite(values)])
-    low, high = (float(v) for v in (seen.min(), seen.max())) if seen.size else (-1.0, 1.0)
+    if not seen.size:
+        return [-1.08, 1.08]
+    low, high = float(seen.min()), float(seen.max())
     pad = max(0.04 * (high - low), 0.05)
     return [low - pad, high + pad]
 
 
-# -- bars ----------------------------------------------------------------------------------------------------
-def _bar_chart(
-    rows: Sequence[Row], value: Callable[[Row], float], title: str, mark: float | None = None
-) -> Figure | None:
-    """One bar a method on a log axis; a line at `mark`."""
-    known = [(row.method, value(row)) for row in rows]
-    known = [(name, v) for name, v in known if math.isfinite(v)]
+def _bar_chart(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
+    """Return one bar a method on a logarithmic axis, with a line at `mark`."""
+    known = {method: v for method, v in values.items() if math.isfinite(v)}
     if not known:
         return None
-    sizes = np.maximum([v for _, v in known], _FLOOR)
-    whole = all(float(v).is_integer() for _, v in known)
-    texts = [f"{v:.0f}" if whole else number(v, 2) for _, v in known]
-    low, high = float(np.log10(sizes.min())), float(np.log10(sizes.max()))
-    if mark is not None:
-        low, high = min(low, math.log10(mark)), max(high, math.log10(mark))
+    sizes = np.maximum(list(known.values()), _FLOOR)
+    ends = sizes if mark is None else np.append(sizes, mark)
+    low, high = float(np.log10(ends.min())), float(np.log10(ends.max()))
     span = max(high - low, 1.0)
-    view = [low - 0.12 * span, high + 0.22 * span]
-    at = list(range(len(known)))
+    step: int | str = "D2"
+    if span > 1.5:
+        step = max(1, math.ceil(span / 6.0))
+    rows = list(range(len(known)))
     trace = {
         "type": "bar",
         "orientation": "h",
         "x": sizes.tolist(),
-        "y": at,
-        "text": texts,
+        "y": rows,
+        "text": _bar_texts(list(known.values())),
         "textposition": "outside",
         "cliponaxis": False,
         "marker": {"color": "@after"},
-        "hovertext": [f"{label(name)}: {v:.4g}" for name, v in known],
+        "hovertext": [f"{label(method)}: {v:.4g}" for method, v in known.items()],
         "hoverinfo": "text",
     }
     layout: dict[str, Any] = {
@@ -731,13 +688,13 @@ def _bar_chart(
             "title": {"text": title},
             "tickangle": 0,
             "type": "log",
-            "range": view,
-            "dtick": max(1, math.ceil(span / 6.0)) if span > 1.5 else "D2",
+            "range": [low - 0.12 * span, high + 0.22 * span],
+            "dtick": step,
             "exponentformat": "power",
         },
         "yaxis": {
-            "tickvals": at,
-            "ticktext": labels(name for name, _ in known),
+            "tickvals": rows,
+            "ticktext": labels(known),
             "range": [len(known) - 0.4, -0.6],
             "zeroline": False,
             "showgrid": False,
@@ -748,6 +705,13 @@ def _bar_chart(
     if mark is not None:
         layout["shapes"] = [_line(mark)]
     return {"data": [trace], "height": rows_height(len(known), extra=95), "layout": layout}
+
+
+def _bar_texts(values: Sequence[float]) -> list[str]:
+    """Return the values as texts, without decimals where all are whole."""
+    if all(float(v).is_integer() for v in values):
+        return [f"{v:.0f}" for v in values]
+    return [number(v, 2) for v in values]
 
 
 def _line(at: float) -> Mapping[str, Any]:

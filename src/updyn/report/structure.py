@@ -1,27 +1,28 @@
-"""The structure as a picture: its geometry coloured by what changed, with sensors and forces. Static SVG."""
+"""The section with a picture of the structure, coloured by the changes of its parts. Static SVG."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
+from updyn.group import Group
 from updyn.model import Model
-from updyn.report import formats as w
-from updyn.report import markup as m
+from updyn.report.formats import quantity_words
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
+from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
 
 __all__ = [
     "STEPS",
     "STRUCTURE",
     "Callout",
-    "callouts",
     "group_changes",
     "groups_of_lines",
     "nodes_of_groups",
@@ -31,13 +32,31 @@ __all__ = [
 
 #: Steps of the colour scale to each side of no change.
 STEPS = 4
-_WIDTH, _HEIGHT, _MARGIN, _SIDE = 1130.0, 660.0, 14.0, 150.0
-_MOST_LINES, _DENSE = 8_000, 3_000
-_LUMPED = 4  # nodes that a group without lines may have to be marked
-_LEAST = 0.02  # the colour scale reaches at least this far
-_SAME = 0.005  # a change up to this is none
-_ARROW = 0.055  # of the height
+#: The colour scale reaches at least this far, in the logarithm of the factor.
+_LEAST = 0.02
+#: A change up to this counts as none.
+_SAME = 0.005
+#: Width and height of the picture, its margin above and below, and the columns of labels beside it.
+_WIDTH = 1130
+_HEIGHT = 660
+_MARGIN = 14.0
+_SIDE = 150.0
+#: Lines that are drawn at most, and beyond which they are drawn thin.
+_MOST_LINES = 8_000
+_DENSE = 3_000
+#: Nodes that a group without lines may have to be marked.
+_LUMPED = 4
+#: Length of an arrow, in pixels; one that looks shorter than `_FLAT` of it is drawn as a dot.
+_ARROW = 0.055 * _HEIGHT
+_FLAT = 0.15
+#: Distance of the heads of a double arrow, length of a head, and distance between labels.
+_HEAD_GAP = 7.0
+_HEAD = 9.0
+_LABEL_GAP = 16.0
+#: Azimuth and elevation of the eye, in degrees.
 _VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
+
+_Real = NDArray[np.float64]
 
 
 class Structure(Section):
@@ -61,7 +80,7 @@ STRUCTURE = Structure()
 
 
 def structure_of(results: Sequence[UpdateResult]) -> str:
-    """Return the body of the section for tests of one structure, the sensors and forces of all of them drawn.
+    """Return picture and legend for the tests of one structure, with the sensors of all of them.
 
     Parameters
     ----------
@@ -78,44 +97,40 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
         return ""
     result = max(drawn, key=lambda r: r.start.n_dofs)
     scene = _scene(result)
-    responses = list(dict.fromkeys(label for r in results for label in r.frf.responses.labels))
-    references = list(dict.fromkeys(label for r in results for label in r.frf.references.labels))
-    marked = _marked(result.start, responses, references)
-    if not len(scene.lines) and not marked.callouts:
+    responses: dict[str, None] = {}
+    references: dict[str, None] = {}
+    for one in results:
+        responses |= dict.fromkeys(one.frf.responses.labels)
+        references |= dict.fromkeys(one.frf.references.labels)
+    callouts, missing = _callouts(result.start, list(responses), list(references))
+    if not len(scene.lines) and not callouts:
         return ""
-    caption = (
-        "Arrows: sensors; arrows with a full head: forces; a double head is a rotation or a torque"
-        " about the arrow. Squares: parts without lines, such as lumped masses."
+    notes = list(scene.notes)
+    if missing:
+        names = ", ".join(missing)
+        notes.append(f"Without a position in the geometry, and not drawn: {names}.")
+    front, back = _VIEWS
+    return render_template(
+        "updyn.report/structure.html",
+        width=_WIDTH,
+        height=_HEIGHT,
+        dense=len(scene.lines) > _DENSE,
+        views=[
+            _view(scene, callouts, front, labelled=True),
+            _view(scene, callouts, back, labelled=False),
+        ],
+        scale=_scale(scene),
+        legend=_legend(scene),
+        notes=notes,
     )
-    parts = [
-        m.paragraph(
-            "Where the sensors and forces are, and how much each part changed: its stiffness, or"
-            " where that is no unknown its mass, then its viscous damping."
-        ),
-        _scale(scene),
-    ]
-    for number, (view, angles) in enumerate(_VIEWS.items()):
-        alternative = (
-            f"The structure seen from the {view}, coloured by the change of its parts, with sensors"
-            " and forces"
-        )
-        picture = _svg(scene, marked, angles, alternative, labelled=number == 0)
-        if number == 0:
-            parts.append(
-                "<figure"
-                f' class="structure">{picture}<figcaption>{m.esc(caption)}</figcaption></figure>'
-            )
-        else:
-            parts.append(m.details("From behind", f'<figure class="structure">{picture}</figure>'))
-    parts.append(_legend(scene))
-    notes = [*scene.notes, *marked.notes]
-    return "".join(parts) + "".join(m.paragraph(note, "muted") for note in notes)
 
 
-# -- what is drawn -----------------------------------------------------------------------------------------
+# -- scene ---------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
-    xyz: NDArray[np.float64]  # (n, 3)
+    """The lines of a geometry with their groups, and how much each group changed."""
+
+    xyz: _Real  # (n, 3)
     lines: NDArray[np.intp]  # (m, 2), positions among the nodes
     group: NDArray[np.intp]  # (m,), -1: not known
     lumps: Mapping[int, NDArray[np.intp]]
@@ -125,19 +140,27 @@ class _Scene:
     notes: tuple[str, ...]
 
     def colour(self, group: int) -> str:
-        """Return the class of a group: s-4 to s4, or none for what was no unknown."""
-        change = self.changes.get(self.names[group]) if group >= 0 else None
-        return "s-none" if change is None else f"s{_step(math.log(change[1]), self.reach)}"
+        """Return the class of a group: s-4 to s4, or s-none where it has no unknown."""
+        change = None
+        if group >= 0:
+            change = self.changes.get(self.names[group])
+        if change is None:
+            return "s-none"
+        return f"s{_step(math.log(change[1]), self.reach)}"
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Marked:
-    callouts: tuple[Callout, ...]
-    notes: tuple[str, ...]
+    def title(self, group: int) -> str:
+        """Return the name of a group and its change."""
+        if group < 0:
+            return "held, or carried rigidly by others"
+        name = self.names[group]
+        if name not in self.changes:
+            return f"{name}: no unknown"
+        quantity, factor = self.changes[name]
+        return f"{name}: {quantity_words(quantity)} {_percent(factor)}"
 
 
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
-    """Return what the update did to each group that an unknown acts on: quantity and factor.
+    """Return the change of each group that an unknown acts on: quantity and factor.
 
     Parameters
     ----------
@@ -162,25 +185,31 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
 
 
 def _step(log: float, reach: float) -> int:
+    """Return the step of the colour scale; a change is never shown as none."""
     step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
-    return (
-        int(np.sign(log)) if step == 0 and abs(log) > _SAME else step
-    )  # what changed is never shown as unchanged
+    if step == 0 and abs(log) > _SAME:
+        return int(np.sign(log))
+    return step
+
+
+def _percent(factor: float, digits: int = 3) -> str:
+    return f"{100.0 * (factor - 1.0):+.{digits}g} %".replace("-", "\u2212")
 
 
 def _scene(result: UpdateResult) -> _Scene:
-    model, geometry, notes = result.start, result.start.geometry, []
+    model, geometry = result.start, result.start.geometry
     assert geometry is not None
-    order = np.argsort(geometry.nodes)
-    lines = order[np.searchsorted(geometry.nodes[order], geometry.lines)].reshape(-1, 2)
+    notes: tuple[str, ...] = ()
+    lines = _line_ends(model)
     group = groups_of_lines(model)
     if len(lines) > _MOST_LINES:
         kept = np.linspace(0, len(lines) - 1, _MOST_LINES).round().astype(np.intp)
-        notes.append(f"{_MOST_LINES} of the {len(lines)} lines of the geometry are drawn.")
+        notes = (f"{_MOST_LINES} of the {len(lines)} lines of the geometry are drawn.",)
         lines, group = lines[kept], group[kept]
     changes = group_changes(result)
     names = list(model.groups)
-    bare = [i for i, name in enumerate(names) if name in changes and not (group == i).any()]
+    drawn = set(group.tolist())
+    bare = [i for i, name in enumerate(names) if name in changes and i not in drawn]
     logs = [abs(math.log(factor)) for _, factor in changes.values()]
     return _Scene(
         geometry.xyz,
@@ -190,190 +219,34 @@ def _scene(result: UpdateResult) -> _Scene:
         names,
         changes,
         max([_LEAST, *logs]),
-        tuple(notes),
+        notes,
     )
 
 
-def _marked(model: Model, responses: Sequence[str], references: Sequence[str]) -> _Marked:
-    """Return one callout a node that is measured or driven; those without a position are named in a note."""
-    assert model.geometry is not None
-    geometry = model.geometry
-    place = {int(node): i for i, node in enumerate(geometry.nodes)}
-    nodes: dict[int, tuple[list[str], list[str]]] = {}
-    lost = []
-    for kind, labels in enumerate((responses, references)):
-        for dof in DofSet(labels):
-            if dof.node in place:
-                nodes.setdefault(dof.node, ([], []))[kind].append(
-                    f"{'-' if dof.sign < 0 else ''}{dof.direction}"
-                )
-            else:
-                lost.append(str(dof))
-    out = [
-        Callout(
-            node,
-            geometry.xyz[place[node]],
-            np.eye(3) if geometry.axes is None else geometry.axes[place[node]],
-            tuple(sensors),
-            tuple(forces),
-        )
-        for node, (sensors, forces) in nodes.items()
-    ]
-    missing = list(dict.fromkeys(lost))
-    said = (
-        f"Without a position in the geometry, and not drawn: {', '.join(missing)}."
-        if missing
-        else ""
-    )
-    return _Marked(tuple(out), (said,) if said else ())
-
-
-# -- drawing -----------------------------------------------------------------------------------------------
-def _svg(
-    scene: _Scene, marked: _Marked, angles: tuple[float, float], alternative: str, *, labelled: bool
-) -> str:
-    camera = _camera(*angles)
-    seen = scene.xyz @ camera.T  # right, up, towards the eye
-    used = np.unique(scene.lines) if len(scene.lines) else np.arange(len(seen))
-    used = np.union1d(
-        used, np.concatenate([np.empty(0, dtype=np.intp), *scene.lumps.values()]).astype(np.intp)
-    )
-    low, high = seen[used, :2].min(axis=0), seen[used, :2].max(axis=0)
-    room = np.array(
-        [_WIDTH - 2 * (_SIDE + _ARROW * _HEIGHT), _HEIGHT - 2 * (_MARGIN + _ARROW * _HEIGHT)]
-    )
-    scale = float(np.min(room / np.maximum(high - low, 1e-9 * max(float(np.ptp(seen)), 1e-300))))
-    centre = np.array([_WIDTH, _HEIGHT]) / 2
-
-    def flat(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where points in the picture's axes, shape (n, 3), are drawn, shape (n, 2)."""
-        return np.asarray(centre + (points[:, :2] - (low + high) / 2) * scale * [1.0, -1.0])
-
-    xy = flat(seen)
-    body = [_paths(scene, xy, seen[:, 2]), _lumps(scene, xy)]
-    arrows = _HEIGHT * _ARROW
-    at = flat(np.array([c.xyz for c in marked.callouts]).reshape(-1, 3) @ camera.T)
-    directions = [c.axes @ camera.T * [1.0, -1.0, 1.0] for c in marked.callouts]
-    body.append(
-        callouts(
-            marked.callouts, at, directions, arrows, (_WIDTH, _HEIGHT), _SIDE if labelled else None
-        )
-    )
-    body.append(_axes(camera))
-    dense = ' class="dense"' if len(scene.lines) > _DENSE else ""
-    return (
-        f'<svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}"{dense} role="img"'
-        f' aria-label="{m.esc(alternative)}">'
-        f"{''.join(body)}</svg>"
-    )
-
-
-def _camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return right, up and towards the eye as rows, for an eye at azimuth (X towards Y) and elevation, in degrees."""
-    a, e = math.radians(azimuth), math.radians(elevation)
-    eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
-    right = np.array([-math.sin(a), math.cos(a), 0.0])
-    return np.array([right, np.cross(eye, right), eye])
-
-
-def _paths(scene: _Scene, xy: NDArray[np.float64], depth: NDArray[np.float64]) -> str:
-    """Return the lines, far ones first and fainter, one path for each group in each third of the depth."""
-    if not len(scene.lines):
-        return ""
-    far = depth[scene.lines].mean(axis=1)
-    edges = np.quantile(far, [1 / 3, 2 / 3])
-    layer = np.searchsorted(edges, far)
+def _scale(scene: _Scene) -> list[tuple[str, str]]:
+    """Return class and text of each step of the colour scale."""
+    if not scene.changes:
+        return []
     out = []
-    for number in range(3):
-        out.append(f'<g class="layer{number}">')
-        for group in np.unique(scene.group[layer == number]).tolist():
-            chosen = scene.lines[(layer == number) & (scene.group == group)]
-            ends = xy[chosen].reshape(-1, 4)
-            d = "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {e:.1f}" for a, b, c, e in ends.tolist())
-            out.append(
-                f'<path class="{scene.colour(group)}"'
-                f' d="{d}"><title>{m.esc(_said(scene, group))}</title></path>'
-            )
-        out.append("</g>")
-    return "".join(out)
-
-
-def _lumps(scene: _Scene, xy: NDArray[np.float64]) -> str:
-    out = []
-    taken: dict[int, int] = {}
-    for group, nodes in scene.lumps.items():
-        for node in nodes.tolist():
-            shift = taken[node] = taken.get(node, -1) + 1  # several at one node stand side by side
-            x, y = xy[node] + [12.0 * shift - 5.0, -5.0]
-            title = f"<title>{m.esc(_said(scene, group))}</title>"
-            out.append(
-                f'<rect class="{scene.colour(group)}" x="{x:.1f}" y="{y:.1f}" width="10"'
-                f' height="10">{title}</rect>'
-            )
-    return "".join(out)
-
-
-def _axes(camera: NDArray[np.float64]) -> str:
-    """Return the directions of X, Y and Z, at the lower left."""
-    origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
-    out = []
-    for name, direction in zip("XYZ", camera.T, strict=True):
-        x, y = origin + length * direction[:2] * [1.0, -1.0]
-        tx, ty = origin + (length + 10.0) * direction[:2] * [1.0, -1.0]
-        out.append(
-            f'<path class="axis" d="M{origin[0]:g} {origin[1]:g}L{x:.1f} {y:.1f}"/>'
-            f'<text class="axis" x="{tx:.1f}" y="{ty + 4.0:.1f}" text-anchor="middle">{name}</text>'
-        )
-    return "".join(out)
-
-
-# -- words -------------------------------------------------------------------------------------------------
-def _said(scene: _Scene, group: int) -> str:
-    if group < 0:
-        return "held, or carried rigidly by others"
-    name = scene.names[group]
-    if name not in scene.changes:
-        return f"{name}: no unknown"
-    quantity, factor = scene.changes[name]
-    return f"{name}: {w.quantity_words(quantity)} {_percent(factor)}"
-
-
-def _percent(factor: float, digits: int = 3) -> str:
-    return f"{100.0 * (factor - 1.0):+.{digits}g} %".replace("-", "\u2212")
-
-
-def _scale(scene: _Scene) -> str:
-    """Return the colour scale."""
-    cells = []
     for step in range(-STEPS, STEPS + 1):
-        factor = math.exp(scene.reach * step / STEPS)
-        said = _percent(factor, 2) if step else "unchanged"
-        cells.append(f'<span><i class="s{step}"></i>{m.esc(said)}</span>')
-    cells.append('<span><i class="s-none"></i>no unknown</span>')
-    return (
-        f'<p class="scale" aria-label="Colour scale">{"".join(cells)}</p>' if scene.changes else ""
-    )
+        text = "unchanged"
+        if step:
+            text = _percent(math.exp(scene.reach * step / STEPS), 2)
+        out.append((f"s{step}", text))
+    return [*out, ("s-none", "no unknown")]
 
 
-def _legend(scene: _Scene) -> str:
-    """Return the parts that changed, the largest change first."""
+def _legend(scene: _Scene) -> list[tuple[str, str]]:
+    """Return class and text of each part that changed, the largest change first."""
     ordered = sorted(scene.changes, key=lambda name: -abs(math.log(scene.changes[name][1])))
-    if not ordered:
-        return m.paragraph("No unknown scales a part, so that none is coloured.", "muted")
     numbers = [scene.names.index(name) for name in ordered]
-    items = "".join(
-        f'<li><i class="{scene.colour(i)}"></i>{m.esc(_said(scene, i))}</li>' for i in numbers
-    )
-    return f'<ul class="parts">{items}</ul>'
+    return [(scene.colour(number), scene.title(number)) for number in numbers]
 
 
-_LINE = 16.0  # between labels
-_FLAT = 0.15  # an arrow shorter than this points at the eye: it is drawn as a dot
-
-
+# -- sensors and forces --------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
 class Callout:
-    """What is measured and driven at one node.
+    """The sensors and forces at one node.
 
     Parameters
     ----------
@@ -388,111 +261,132 @@ class Callout:
     """
 
     node: int
-    xyz: NDArray[np.float64]
-    axes: NDArray[np.float64]
+    xyz: _Real
+    axes: _Real
     sensors: tuple[str, ...]
     forces: tuple[str, ...]
 
     @property
     def text(self) -> str:
         """The label: node, sensors, forces."""
-        said = ", ".join(self.sensors)
-        driven = f"force {', '.join(self.forces)}" if self.forces else ""
-        return f"{self.node}: " + " · ".join(part for part in (said, driven) if part)
+        parts = []
+        if self.sensors:
+            parts.append(", ".join(self.sensors))
+        if self.forces:
+            parts.append(f"force {', '.join(self.forces)}")
+        return f"{self.node}: {' · '.join(parts)}"
 
 
-def callouts(
-    items: Sequence[Callout],
-    at: NDArray[np.float64],
-    axes: Sequence[NDArray[np.float64]],
-    length: float,
-    size: tuple[float, float],
-    side: float | None,
-) -> str:
-    """Return arrows and labels as SVG.
+def _callouts(
+    model: Model, responses: Sequence[str], references: Sequence[str]
+) -> tuple[list[Callout], list[str]]:
+    """Return a callout for each node with a sensor or a force, and DOFs without a position."""
+    geometry = model.geometry
+    assert geometry is not None
+    place = {int(node): i for i, node in enumerate(geometry.nodes)}
+    sensors: dict[int, list[str]] = {}
+    forces: dict[int, list[str]] = {}
+    missing: dict[str, None] = {}
+    for found, labels in ((sensors, responses), (forces, references)):
+        for dof in DofSet(labels):
+            if dof.node in place:
+                sign = "-" if dof.sign < 0 else ""
+                found.setdefault(dof.node, []).append(f"{sign}{dof.direction}")
+            else:
+                missing[str(dof)] = None
+    out = []
+    for node in {**sensors, **forces}:
+        at = place[node]
+        axes = np.eye(3) if geometry.axes is None else geometry.axes[at]
+        xyz = geometry.xyz[at]
+        directions = tuple(sensors.get(node, ())), tuple(forces.get(node, ()))
+        out.append(Callout(node, xyz, axes, *directions))
+    return out, list(missing)
+
+
+def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) -> dict[str, Any]:
+    """Return an arrow as SVG paths; without a shaft where it points at the eye.
 
     Parameters
     ----------
-    items : sequence of Callout
-        What to draw.
-    at : ndarray of float, shape (n, 2)
+    place : ndarray of float, shape (2,)
         Where in the picture.
-    axes : sequence of ndarray of float, shape (3, 3)
-        For each, X, Y and Z as rows in the axes of the picture (right, down, depth).
+    direction : str
+        Such as ``"-RX"``.
+    axes : ndarray of float, shape (3, 3)
+        X, Y and Z of the node as rows, in the axes of the picture (right, down, depth).
     length : float
-        Of an arrow that lies in the plane of the picture.
-    size : (float, float)
-        Width and height of the picture.
-    side : float or None
-        Width of the columns of labels, left and right; None: no labels.
-
-    Returns
-    -------
-    str
-        SVG elements. Where there are more labels than fit, none is drawn: the arrows have titles.
+        Length of an arrow that lies in the plane of the picture.
+    kind : str
+        ``"sensor"``, or ``"force"``, which ends at the place and has full heads.
     """
-    out = []
-    for item, place, directions in zip(items, at, axes, strict=True):
-        arrows = [_arrow(place, d, directions, length, "sensor") for d in item.sensors]
-        arrows += [_arrow(place, d, directions, 1.25 * length, "force") for d in item.forces]
-        dot = f'<circle class="sensor" cx="{place[0]:.1f}" cy="{place[1]:.1f}" r="2.4"/>'
-        out.append(f"<g><title>{m.esc(item.text)}</title>{dot}{''.join(arrows)}</g>")
-    if side is not None and items:
-        out.append(_labels(items, at, size, side))
-    return "".join(out)
-
-
-def _arrow(
-    place: NDArray[np.float64], direction: str, axes: NDArray[np.float64], length: float, kind: str
-) -> str:
     number = DIRECTIONS.index(direction.lstrip("-"))
     vector = axes[number % 3][:2] * (-1.0 if direction.startswith("-") else 1.0)
     seen = float(np.hypot(*vector))
     if seen < _FLAT:
-        return f'<circle class="{kind} head" cx="{place[0]:.1f}" cy="{place[1]:.1f}" r="4"/>'
+        return {"kind": kind, "shaft": "", "heads": []}
     along = vector / seen
     across = np.array([-along[1], along[0]])
-    tip = place + length * vector
-    # A force ends where it acts.
-    tail, tip = (place, tip) if kind == "sensor" else (place - (tip - place), place)
-    wide = 4.0 if kind == "force" else 3.0
+    tail, tip = place, place + length * vector
+    wide, closed = 3.0, ""
+    if kind == "force":
+        tail, tip = place - (tip - place), place
+        wide, closed = 4.0, "Z"
+    is_rotation = number >= 3
     heads = []
-    for back in (0.0, 7.0)[: 2 if number >= 3 else 1]:
+    for back in (0.0, _HEAD_GAP) if is_rotation else (0.0,):
         point = tip - back * along
-        left, right = point - 9.0 * along + wide * across, point - 9.0 * along - wide * across
-        line = (
-            f"M{left[0]:.1f} {left[1]:.1f}L{point[0]:.1f} {point[1]:.1f}L{right[0]:.1f}"
-            f" {right[1]:.1f}"
-        )
-        heads.append(f'<path class="{kind} head" d="{line}{"Z" if kind == "force" else ""}"/>')
-    shaft = f'<path class="{kind}" d="M{tail[0]:.1f} {tail[1]:.1f}L{tip[0]:.1f} {tip[1]:.1f}"/>'
-    return shaft + "".join(heads)
+        left = point - _HEAD * along + wide * across
+        right = point - _HEAD * along - wide * across
+        heads.append(_path(left, point, right) + closed)
+    return {"kind": kind, "shaft": _path(tail, tip), "heads": heads}
 
 
-def _labels(
-    items: Sequence[Callout], at: NDArray[np.float64], size: tuple[float, float], side: float
-) -> str:
-    """Return labels in two columns, each beside the half of the picture that it belongs to."""
+def _path(*points: _Real) -> str:
+    """Return a polyline as an SVG path."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+def _labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
+    """Return labels in two columns, each beside the half of the picture that it belongs to.
+
+    Where there are more labels than fit there is none: the arrows have titles.
+    """
     by_x = np.argsort(at[:, 0], kind="stable")
     half = (len(items) + 1) // 2
-    if half * _LINE > size[1] - 2 * _LINE:
-        return ""
+    if half * _LABEL_GAP > _HEIGHT - 2 * _LABEL_GAP:
+        return []
+    # The axes stand at the lower left.
+    left = _column(items, at, by_x[:half], "end", _SIDE, _HEIGHT - 5 * _LABEL_GAP)
+    right = _column(items, at, by_x[half:], "start", _WIDTH - _SIDE, _HEIGHT - _LABEL_GAP)
+    return left + right
+
+
+def _column(
+    items: Sequence[Callout],
+    at: _Real,
+    chosen: NDArray[np.intp],
+    anchor: str,
+    x: float,
+    lowest: float,
+) -> list[dict[str, Any]]:
+    """Return the labels of one column, from the top down."""
+    ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
+    heights = spread(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
+    gap = -4.0 if anchor == "end" else 4.0
     out = []
-    for column, chosen in (("end", by_x[:half]), ("start", by_x[half:])):
-        ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
-        heights = spread(
-            at[ordered, 1], _LINE, _LINE, size[1] - (5 * _LINE if column == "end" else _LINE)
+    for i, y in zip(ordered.tolist(), heights.tolist(), strict=True):
+        out.append(
+            {
+                "kind": "label force" if items[i].forces else "label",
+                "leader": _path(np.array([x, y]), at[i]),
+                "x": x + gap,
+                "y": y + 4.0,
+                "anchor": anchor,
+                "text": items[i].text,
+            }
         )
-        x = side if column == "end" else size[0] - side
-        away = -4.0 if column == "end" else 4.0
-        for i, y in zip(ordered.tolist(), heights.tolist(), strict=True):
-            kind = "label force" if items[i].forces else "label"
-            out.append(
-                f'<path class="leader" d="M{x:.1f} {y:.1f}L{at[i, 0]:.1f} {at[i, 1]:.1f}"/>'
-                f'<text class="{kind}" x="{x + away:.1f}" y="{y + 4.0:.1f}" text-anchor="{column}">'
-                f"{m.esc(items[i].text)}</text>"
-            )
-    return "".join(out)
+    return out
 
 
 def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
@@ -518,6 +412,103 @@ def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> 
     return out
 
 
+# -- picture -------------------------------------------------------------------------------------
+def _view(
+    scene: _Scene, callouts: Sequence[Callout], name: str, *, labelled: bool
+) -> dict[str, Any]:
+    """Return the elements of a picture from one side."""
+    camera = _camera(*_VIEWS[name])
+    seen = scene.xyz @ camera.T  # right, up, towards the eye
+    to_picture = _Projection(scene, seen)
+    xy = to_picture(seen)
+    at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ camera.T)
+    return {
+        "name": name,
+        "layers": _layers(scene, xy, seen[:, 2]),
+        "squares": _squares(scene, xy),
+        "callouts": [_drawn(c, place, camera) for c, place in zip(callouts, at, strict=True)],
+        "labels": _labels(callouts, at) if labelled and callouts else [],
+        "axes": _axes(camera),
+    }
+
+
+class _Projection:
+    """The map from the axes of a view, shape (n, 3), to the picture, shape (n, 2)."""
+
+    def __init__(self, scene: _Scene, seen: _Real) -> None:
+        used = np.arange(len(seen))
+        if len(scene.lines):
+            lumps = [np.empty(0, dtype=np.intp), *scene.lumps.values()]
+            used = np.union1d(scene.lines, np.concatenate(lumps).astype(np.intp))
+        low, high = seen[used, :2].min(axis=0), seen[used, :2].max(axis=0)
+        free = np.array([_WIDTH - 2 * (_SIDE + _ARROW), _HEIGHT - 2 * (_MARGIN + _ARROW)])
+        least = 1e-9 * max(float(np.ptp(seen)), 1e-300)
+        self.scale = float(np.min(free / np.maximum(high - low, least)))
+        self.middle = (low + high) / 2
+
+    def __call__(self, points: _Real) -> _Real:
+        flat = (points[:, :2] - self.middle) * self.scale * [1.0, -1.0]
+        return np.asarray(np.array([_WIDTH, _HEIGHT]) / 2 + flat)
+
+
+def _camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Return right, up and towards the eye as rows, for an eye at these angles in degrees."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.array([-math.sin(a), math.cos(a), 0.0])
+    return np.array([right, np.cross(eye, right), eye])
+
+
+def _layers(scene: _Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
+    """Return one path for each group in each third of the depth, the farthest third first."""
+    if not len(scene.lines):
+        return []
+    far = depth[scene.lines].mean(axis=1)
+    third = np.searchsorted(np.quantile(far, [1 / 3, 2 / 3]), far)
+    layers = []
+    for number in range(3):
+        paths = []
+        for group in np.unique(scene.group[third == number]).tolist():
+            chosen = scene.lines[(third == number) & (scene.group == group)]
+            d = "".join(_path(*ends) for ends in xy[chosen])
+            paths.append({"colour": scene.colour(group), "d": d, "title": scene.title(group)})
+        layers.append(paths)
+    return layers
+
+
+def _squares(scene: _Scene, xy: _Real) -> list[dict[str, Any]]:
+    """Return a square for each node of a part without lines; several at a node side by side."""
+    out = []
+    taken: dict[int, int] = {}
+    for group, nodes in scene.lumps.items():
+        for node in nodes.tolist():
+            shift = taken.get(node, 0)
+            taken[node] = shift + 1
+            x, y = xy[node] + [12.0 * shift - 5.0, -5.0]
+            out.append({"colour": scene.colour(group), "x": x, "y": y, "title": scene.title(group)})
+    return out
+
+
+def _drawn(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
+    """Return the arrows of a callout."""
+    axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
+    arrows = [_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
+    arrows += [_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]
+    return {"text": callout.text, "x": place[0], "y": place[1], "arrows": arrows}
+
+
+def _axes(camera: _Real) -> list[dict[str, Any]]:
+    """Return the directions of X, Y and Z, at the lower left."""
+    origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
+    out = []
+    for name, direction in zip("XYZ", camera.T, strict=True):
+        flat = direction[:2] * [1.0, -1.0]
+        x, y = origin + (length + 10.0) * flat
+        out.append({"name": name, "d": _path(origin, origin + length * flat), "x": x, "y": y + 4.0})
+    return out
+
+
+# -- groups of lines -----------------------------------------------------------------------------
 def groups_of_lines(model: Model) -> NDArray[np.intp]:
     """Return the group of each line of the model's geometry.
 
@@ -537,13 +528,9 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
         Positions among the model's groups; -1: not known.
     """
     assert model.geometry is not None
-    lines = model.geometry.lines
     at = _places(model)
     n = len(model.geometry.nodes)
-    order = np.argsort(model.geometry.nodes)
-    ends = np.sort(order[np.searchsorted(model.geometry.nodes[order], lines)], axis=1).reshape(
-        -1, 2
-    )
+    ends = np.sort(_line_ends(model), axis=1)
     wanted, place = np.unique(ends[:, 0] * n + ends[:, 1], return_inverse=True)
     has = np.zeros(n, dtype=np.bool_)
     has[at[at >= 0]] = True
@@ -595,18 +582,28 @@ def nodes_of_groups(
     out = {}
     every = list(model.groups.values())
     for number in groups.tolist():
-        used = [
-            A.indices[A.data != 0.0]
-            for A in (every[number].stiffness, every[number].mass)
-            if A is not None
-        ]
-        if not used:
-            used = [every[number].viscous.indices] if every[number].viscous is not None else []
-        nodes = np.unique(at[np.concatenate([np.empty(0, dtype=np.intp), *used])])
+        nodes = np.unique(at[_used_dofs(every[number])])
         nodes = nodes[nodes >= 0]
         if 0 < len(nodes) <= most:
             out[number] = nodes
     return out
+
+
+def _used_dofs(group: Group) -> NDArray[np.intp]:
+    """Return the DOFs with stiffness or mass in a group; without either, those with damping."""
+    matrices = [A for A in (group.stiffness, group.mass) if A is not None]
+    used = [A.indices[A.data != 0.0] for A in matrices]
+    if not used and group.viscous is not None:
+        used = [group.viscous.indices]
+    return np.concatenate([np.empty(0, dtype=np.intp), *used])
+
+
+def _line_ends(model: Model) -> NDArray[np.intp]:
+    """Return the ends of each line as positions among the nodes, shape (m, 2)."""
+    assert model.geometry is not None
+    nodes = model.geometry.nodes
+    order = np.argsort(nodes)
+    return np.asarray(order[np.searchsorted(nodes[order], model.geometry.lines)]).reshape(-1, 2)
 
 
 def _places(model: Model) -> NDArray[np.intp]:

@@ -1,1 +1,1 @@
-"""How far an estimate can be believed: profile likelihood, bootstrap, sampling, and bands of prediction."""
+"""Uncertainty of an estimate: profile likelihood, bootstrap, sampling, and prediction bands."""

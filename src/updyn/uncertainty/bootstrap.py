@@ -1,10 +1,9 @@
-"""Bootstrap: data are made anew as often as wanted, and the unknowns fitted to each."""
+"""Bootstrap: the unknowns refitted to many sets of generated data."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import ACCURACY
-from updyn.engines import Engine, choose_engine
+from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
@@ -34,44 +33,44 @@ _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 RESAMPLING = ("parametric", "residual")
-#: A larger share of failed refits is not borne.
+#: Largest share of failed refits in draws that can be relied on.
 _FAILED = 0.05
-#: Draws at which the error of a reduced model is taken.
+#: Draws at which the error of a reduced model is evaluated.
 _CHECKED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Refits:
-    """What every refit needs.
+    """The shared data of all refits.
 
     Attributes
     ----------
     problem : Problem
-        With the data of the fit.
-    strategy : Method
-        Without its search.
+        Model, data of the fit and unknowns.
+    method : Method
+        The method of the fit, without its search.
     noises : tuple of NoiseModel
-        As the fit began with.
+        Noise models at the start of the fit.
     x : ndarray of float, shape (n,)
-        The estimate.
+        The estimate, in the optimiser's coordinates.
     H : tuple of ndarray of complex, shape (n_f, n_i, n_j)
-        The model's there, by part.
+        FRF of the model at the estimate, by part.
     std : tuple of ndarray of float, of the same shapes
-        Of the complex noise that is added.
+        Standard deviation of the complex noise that is added.
     whitened : tuple of ndarray of complex, or empty
-        Residuals over `std`, to be drawn from; empty: normal noise is drawn.
-    run : int
-        Lines that are drawn together.
+        Residuals over `std`, to be resampled; empty: normal noise is drawn.
+    block : int
+        Number of consecutive lines that are resampled together.
     """
 
     problem: Problem
-    strategy: Any
+    method: Any
     noises: tuple[NoiseModel, ...]
     x: _Vector
     H: tuple[_Complex, ...]
     std: tuple[NDArray[np.float64], ...]
     whitened: tuple[_Complex, ...]
-    run: int
+    block: int
 
 
 def bootstrap(
@@ -84,7 +83,7 @@ def bootstrap(
     engine: int | Client | Engine | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
 ) -> Draws:
-    """Fit the unknowns to data made anew, many times.
+    """Refit the unknowns to many sets of generated data.
 
     Parameters
     ----------
@@ -93,12 +92,12 @@ def bootstrap(
     n : int
         Number of refits.
     seed : int
-        Of the noise; refit number i is the same whatever `n`.
+        Seed of the noise; refit number i does not depend on `n`.
     kind : {"parametric", "residual"}
-        ``"parametric"``: the answer of the updated model plus normal noise of the variance that the
+        ``"parametric"``: the FRF of the updated model plus normal noise of the variance that the
         fit has found, inflation included (Efron & Tibshirani, An Introduction to the Bootstrap,
         1993, section 6.5). ``"residual"``: plus residuals of the fit, over their standard
-        deviation, drawn with replacement in runs of lines as long as the residual is correlated
+        deviation, drawn with replacement in blocks of lines as long as its correlation length
         (Kuensch, Ann. Stat. 17 (1989) 1217); for noise that is not normal.
     accuracy : float
         Large models are refitted in a reduced model about the estimate, of this error
@@ -106,8 +105,7 @@ def bootstrap(
     engine : None, int, dask.distributed Client or Engine
         Where refits are made, as for `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every refit; returning True stops, and what has been drawn is
-        returned.
+        Called with a `Progress` after every refit; returning True stops with the draws so far.
 
     Returns
     -------
@@ -124,7 +122,7 @@ def bootstrap(
     Notes
     -----
     Refits start at the estimate, by the method of the result without its search, and estimate the
-    noise again where the fit did. A prior is data too: its centre is drawn anew about the estimate,
+    noise again where the fit did. A prior counts as data: its centre is drawn about the estimate,
     so that the spread is that of the posterior where the model is linear (Bardsley et al., SIAM J.
     Sci. Comput. 36 (2014) A1895). The bootstrap is not consistent for an unknown on its bound
     (Andrews, Econometrica 68 (2000) 399); use `updyn.profile` there.
@@ -133,59 +131,49 @@ def bootstrap(
         raise OptionError(f"n = {n!r}: expected a number of refits from 2 up")
     if kind not in RESAMPLING:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
-    with ExitStack() as ending:
-        made = choose_engine(engine)
-        if made is not engine:
-            ending.callback(made.close)
+    with opened_engine(engine) as made:
         session = Session(made)
-        setting = restore(result, session, WITH_NOISE)
-        watch = WorkCounter("bootstrap", int(n), callback)
-        watch.attach(session)
+        restored = restore(result, session, WITH_NOISE)
+        counter = WorkCounter("bootstrap", int(n), callback)
+        counter.attach(session)
         found: list[tuple[str, _Vector]] = []
-        acceleration = np.zeros(len(setting.names))
+        acceleration = np.zeros(len(restored.names))
         figures: dict[str, Any] = {}
         try:
-            surrogate, setting = reduced_about(setting, accuracy, seed)
-            acceleration = _acceleration(setting)
-            refits = _refits(setting, kind)
+            surrogate, restored = reduced_about(restored, accuracy, seed)
+            acceleration = _acceleration(restored)
+            refits = _refits(restored, kind)
             items = [(seed, number) for number in range(n)]
-            spread = not setting.problem.spreads
-            for one in session.map(_refit, refits, items, spread=spread):
-                found.append(one)
-                if watch.step():
+            spread = not restored.problem.spreads
+            for ended in session.map(_refit, refits, items, spread=spread):
+                found.append(ended)
+                if counter.step():
                     break
-            figures = _checked(surrogate, [x for reason, x in found if not reason], accuracy)
+            drawn = [x for reason, x in found if not reason]
+            figures = _reduction_error(surrogate, drawn, accuracy)
         except Stopped:
             pass
-    return _draws(
-        result,
-        setting,
-        found,
-        int(n),
-        acceleration,
-        {"n": int(n), "seed": seed, "resampling": kind} | figures,
-    )
+    options = {"n": int(n), "seed": seed, "resampling": kind, **figures}
+    return _draws(result, restored, found, acceleration, options)
 
 
-def _refits(setting: RestoredFit, kind: str) -> _Refits:
-    H = tuple(part.responses(setting.x) for part in setting.problem.parts)
-    std = tuple(np.sqrt(v) for v in setting.variances())
+def _refits(restored: RestoredFit, kind: str) -> _Refits:
+    H = tuple(part.responses(restored.x) for part in restored.problem.parts)
+    std = tuple(np.sqrt(v) for v in restored.variances())
     whitened: tuple[_Complex, ...] = ()
     if kind == "residual":
-        std = tuple(s / setting.inflation for s in std)
-        # The residual of a fit is smaller than the noise by what the unknowns have taken from it.
-        count = 2 * setting.problem.n_values
-        scale = np.sqrt(count / max(count - setting.problem.n, 1))
-        whitened = tuple(
-            scale * (part.frf.values - h) / s
-            for part, h, s in zip(setting.problem.parts, H, std, strict=True)
-        )
-    length = float(setting.first.noise.get("correlation_length", 1.0))
+        std = tuple(s / restored.inflation for s in std)
+        # The fitted unknowns make the residual smaller than the noise.
+        count = 2 * restored.problem.n_values
+        scale = np.sqrt(count / max(count - restored.problem.n, 1))
+        triples = zip(restored.problem.parts, H, std, strict=True)
+        whitened = tuple(scale * (part.frf.values - h) / s for part, h, s in triples)
+    length = float(restored.first.noise.get("correlation_length", 1.0))
     return _Refits(
-        setting.problem,
-        setting.strategy(),
-        setting.begun(),
-        setting.x,
+        restored.problem,
+        restored.method(),
+        restored.initial_noises(),
+        restored.x,
         H,
         std,
         whitened,
@@ -194,77 +182,76 @@ def _refits(setting: RestoredFit, kind: str) -> _Refits:
 
 
 def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
-    """Return why a refit failed (nothing where it did not), and where it ended, in the optimiser's coordinates."""
+    """Return why a refit failed (empty if it did not) and its x, shape (n,)."""
     rng = np.random.default_rng(item)
     problem = _with_priors(refits, rng)
     parts = []
     for i, part in enumerate(problem.parts):
         shape = refits.H[i].shape
         if refits.whitened:
-            noise = refits.whitened[i][_lines(rng, shape[0], refits.run)]
+            noise = refits.whitened[i][_resampled_lines(rng, shape[0], refits.block)]
         else:
             draw = rng.standard_normal((2, *shape)) / np.sqrt(2.0)
             noise = draw[0] + 1j * draw[1]
-        parts.append(
-            replace(part, frf=replace(part.frf, values=refits.H[i] + refits.std[i] * noise))
-        )
-    task = Problem.of(parts)
+        frf = replace(part.frf, values=refits.H[i] + refits.std[i] * noise)
+        parts.append(replace(part, frf=frf))
+    generated = Problem.of(parts)
     try:
-        fit = refits.strategy.fit(task, refits.noises, Monitor(task), refits.x)
+        fit = refits.method.fit(generated, refits.noises, Monitor(generated), refits.x)
     except SolverError as error:
         return f"not solved: {error}", refits.x
     return "" if fit.reason == "converged" else fit.reason, fit.x
 
 
 def _with_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
-    """Return the problem with the centres of its priors drawn anew about the estimate."""
+    """Return the problem with the centres of its priors drawn about the estimate."""
     coordinates = refits.problem.coordinates
     weight = coordinates.prior[1]
     if not weight.any():
         return refits.problem
-    std = np.where(weight > 0, 1.0 / np.where(weight > 0, weight, 1.0), 0.0)
+    std = np.divide(1.0, weight, out=np.zeros(len(weight)), where=weight > 0)
     centre = np.clip(refits.x + std * rng.standard_normal(len(std)), *coordinates.bounds)
     parameters = coordinates.parameters
     start = np.clip(coordinates.to_values(centre), parameters.lower, parameters.upper)
     drawn = parameters.with_start(np.where(weight > 0, start, parameters.start))
-    return Problem.of(
-        [
-            replace(p, coordinates=replace(coordinates, parameters=drawn))
-            for p in refits.problem.parts
-        ]
-    )
+    shifted = replace(coordinates, parameters=drawn)
+    return Problem.of([replace(part, coordinates=shifted) for part in refits.problem.parts])
 
 
-def _lines(rng: np.random.Generator, n_lines: int, run: int) -> NDArray[np.intp]:
-    """Return lines drawn with replacement in runs, shape (n_lines,)."""
-    run = min(run, n_lines)
-    first = rng.integers(0, n_lines - run + 1, -(-n_lines // run))
-    return np.asarray((first[:, None] + np.arange(run)).ravel()[:n_lines], dtype=np.intp)
+def _resampled_lines(rng: np.random.Generator, n_lines: int, block: int) -> NDArray[np.intp]:
+    """Return positions of lines drawn with replacement in blocks, shape (n_lines,)."""
+    block = min(block, n_lines)
+    first = rng.integers(0, n_lines - block + 1, -(-n_lines // block))
+    return np.asarray((first[:, None] + np.arange(block)).ravel()[:n_lines], dtype=np.intp)
 
 
-def _acceleration(setting: RestoredFit) -> _Vector:
-    """Return the acceleration of BCa intervals, shape (n,): skewness of what each line does to the estimate, over 6.
+def _acceleration(restored: RestoredFit) -> _Vector:
+    """Return the acceleration of BCa intervals, shape (n,).
 
-    By the infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5)
-    (Efron 1987, eq. 7.3).
+    It is a sixth of the skewness of the influence of each line on the estimate, by the
+    infinitesimal jackknife over lines: U_l = C J_l^T r_l, a = sum U^3 / (6 (sum U^2)^1.5) (Efron
+    1987, eq. 7.3).
     """
-    likelihood = setting.likelihood()
-    local = likelihood.local(setting.x)
+    likelihood = restored.likelihood()
+    local = likelihood.local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
-    root = Gaussian(likelihood, Point(setting.x, local)).root
+    root = Gaussian(likelihood, Point(restored.x, local)).root
     scores = []
     for i, part in enumerate(likelihood.problem.parts):
         one = likelihood.residual.of(i)
         for lines in one.partition(part):
-            r, J = one.on(part, lines).block(part, setting.x, lines)
+            r, J = one.on(part, lines).block(part, restored.x, lines)
             scores.append(np.einsum("kfij,fij->fk", J, r.conj()).real)
     U = -np.concatenate(scores) @ root @ root.T
     power = np.sum(U**2, axis=0)
     return np.asarray(np.sum(U**3, axis=0) / (6.0 * np.where(power > 0, power, 1.0) ** 1.5))
 
 
-def _checked(surrogate: Surrogate | None, ended: list[_Vector], accuracy: float) -> dict[str, Any]:
+def _reduction_error(
+    surrogate: Surrogate | None, ended: list[_Vector], accuracy: float
+) -> dict[str, Any]:
+    """Return size and error of a reduced model for the record; empty where there is none."""
     if surrogate is None or len(ended) < 2:
         return {}
     error = max(surrogate.error(x) for x in furthest(np.array(ended), _CHECKED))
@@ -273,59 +260,62 @@ def _checked(surrogate: Surrogate | None, ended: list[_Vector], accuracy: float)
 
 def _draws(
     result: UpdateResult | JointResult,
-    setting: RestoredFit,
+    restored: RestoredFit,
     found: list[tuple[str, _Vector]],
-    n: int,
     acceleration: _Vector,
     options: dict[str, Any],
 ) -> Draws:
-    coordinates = setting.problem.coordinates
+    """Return the refits as draws, with a message on what limits their use."""
+    coordinates = restored.problem.coordinates
     parameters = coordinates.parameters
     kept = [coordinates.to_values(x) + 0.0 for reason, x in found if not reason]
     values = np.array(kept).reshape(len(kept), len(parameters))
     failed = Counter(reason for reason, _ in found if reason)
-    said = []
-    if len(found) < n:
-        said.append(f"Stopped after {len(found)} of {n} refits.")
+    n_failed = len(found) - len(kept)
+    reliable = n_failed <= _FAILED * len(found) and len(kept) > 1
+    messages = []
+    if len(found) < options["n"]:
+        messages.append(f"Stopped after {len(found)} of {options['n']} refits.")
     if failed:
         reasons = ", ".join(f"{reason} ({count})" for reason, count in failed.most_common())
-        said.append(
-            f"{sum(failed.values())} of {len(found)} refits failed: {reasons}; they are not among"
-            " the draws."
+        messages.append(
+            f"{n_failed} of {len(found)} refits failed: {reasons}; they are not among the draws."
         )
-    enough = sum(failed.values()) <= _FAILED * len(found) and len(kept) > 1
-    if not enough:
-        said.append("The draws are not to be relied on.")
-    bounded = [name for name in setting.names if name in setting.first.at_bound]
+    if not reliable:
+        messages.append("The draws are not to be relied on.")
+    bounded = [name for name in restored.names if name in restored.first.at_bound]
     if bounded:
-        said.append(
+        messages.append(
             f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}."
         )
     if options.get("error", 0.0) > options.get("accuracy", np.inf):
-        said.append(
+        messages.append(
             f"The reduced model errs by {options['error']:.1g} at the furthest draws, not"
             f" {options['accuracy']:g}."
         )
-        enough = False
-    spread = values.std(axis=0, ddof=1) if len(kept) > 1 else np.full(len(parameters), np.nan)
+        reliable = False
+    spread = np.full(len(parameters), np.nan)
+    if len(kept) > 1:
+        spread = values.std(axis=0, ddof=1)
     count = max(len(kept), 1)
+    diagnostics = {
+        "acceleration": acceleration,
+        "mcse_mean": spread / np.sqrt(count),
+        "mcse_std": spread / np.sqrt(2.0 * count),
+    }
     return Draws(
-        "bootstrap",
-        tuple(parameters.names),
-        values[None],
-        coordinates.to_values(setting.x) + 0.0,
-        np.array([setting.first.std[name] for name in parameters.names]),
-        parameters.lower,
-        parameters.upper,
-        parameters.is_factor,
-        {
-            "acceleration": acceleration,
-            "mcse_mean": spread / np.sqrt(count),
-            "mcse_std": spread / np.sqrt(2.0 * count),
-        },
-        dict(failed),
-        enough,
-        " ".join(said),
-        options,
-        result,
+        kind="bootstrap",
+        names=tuple(parameters.names),
+        chains=values[None],
+        estimate=coordinates.to_values(restored.x) + 0.0,
+        std=np.array([restored.first.std[name] for name in parameters.names]),
+        lower=parameters.lower,
+        upper=parameters.upper,
+        is_factor=parameters.is_factor,
+        diagnostics=diagnostics,
+        failed=dict(failed),
+        converged=reliable,
+        message=" ".join(messages),
+        options=options,
+        result=result,
     )

@@ -1,4 +1,4 @@
-"""`Draws`: values of the unknowns drawn by a bootstrap or a sampler, pure data with words."""
+"""`Draws`: values of the unknowns drawn by a bootstrap or a sampler, with their intervals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["INTERVALS", "KINDS", "Draws"]
 _Vector = NDArray[np.float64]
 
 KINDS = ("bootstrap", "sampling")
-#: Kinds of intervals, the usual one first.
+#: Kinds of intervals, the default first.
 INTERVALS = {"bootstrap": ("percentile", "basic", "bca"), "sampling": ("percentile", "highest")}
 
 
@@ -29,33 +29,32 @@ class Draws:
     Attributes
     ----------
     kind : {"bootstrap", "sampling"}
-        What made them.
+        How they were made.
     names : tuple of str
         The unknowns.
     chains : ndarray of float, shape (n_chains, n_draws, n)
         Values in the unit of each unknown. A bootstrap is one chain.
     estimate, std : ndarray of float, shape (n,)
-        Of the update: values, and Laplace standard deviations (inf where it leaves the unknown
-        open).
+        Values of the update and their Laplace standard deviations (inf where undetermined).
     lower, upper : ndarray of float, shape (n,)
         Bounds of the unknowns.
     is_factor : ndarray of bool, shape (n,)
-        Which are positive factors, taken in their logarithm, not loss factors.
+        Which unknowns are positive factors, drawn in their logarithm, not loss factors.
     diagnostics : dict of str to ndarray of float, shape (n,)
         Of a sampling, by ArviZ: ``r_hat``, ``ess_bulk``, ``ess_tail``, ``mcse_mean``, ``mcse_std``
         (in the unit of the unknown). Of a bootstrap: ``acceleration`` (of BCa intervals) and
         ``mcse_mean``, ``mcse_std``.
     failed : dict of str to int
-        Draws that were tried and gave no value, by reason.
+        Number of draws that failed, by reason.
     converged : bool
-        Whether the draws can be relied on: a sampling has converged, nearly all refits of a
+        Whether the draws can be relied on: the sampling has converged, or nearly all refits of the
         bootstrap have succeeded.
     message : str
-        What to know, in words.
+        What limits their use, in words.
     options : dict
-        How they were made: seed, numbers, evaluations, errors of a reduced model.
+        Seed, numbers, evaluations, errors of a reduced model.
     result : UpdateResult or JointResult or None
-        The update that they are about; not kept in files.
+        The update that they belong to; not kept in files.
     """
 
     kind: str
@@ -121,7 +120,7 @@ class Draws:
             return np.asarray(C / std[:, None] / std)
 
     def of(self, result: UpdateResult | JointResult) -> Draws:
-        """Return the draws with the update that they are about, as one read from a file has lost it.
+        """Return the draws with their update, which draws read from a file lack.
 
         Raises
         ------
@@ -137,7 +136,7 @@ class Draws:
             )
         return replace(self, result=result)
 
-    # -- intervals -----------------------------------------------------------------------------------------
+    # -- intervals -----------------------------------------------------------------------------
     def intervals(
         self, level: float = 0.95, kind: str | None = None
     ) -> dict[str, tuple[float, float]]:
@@ -175,7 +174,7 @@ class Draws:
             "highest": self._highest,
         }
         low, high = np.clip(ends[kind](0.5 * (1.0 - level)), self.lower, self.upper)
-        return {n: (float(a), float(b)) for n, a, b in zip(self.names, low, high, strict=True)}
+        return dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
 
     def _percentile(self, tail: float) -> NDArray[np.float64]:
         return np.asarray(np.quantile(self.values, [tail, 1.0 - tail], axis=0))
@@ -183,10 +182,9 @@ class Draws:
     def _basic(self, tail: float) -> NDArray[np.float64]:
         low, high = self._percentile(tail)
         with np.errstate(divide="ignore", invalid="ignore"):
-            factor = np.array([self.estimate**2 / high, self.estimate**2 / low])
-        return np.where(
-            self.is_factor, factor, np.array([2 * self.estimate - high, 2 * self.estimate - low])
-        )
+            in_logarithm = np.array([self.estimate**2 / high, self.estimate**2 / low])
+        plain = np.array([2 * self.estimate - high, 2 * self.estimate - low])
+        return np.where(self.is_factor, in_logarithm, plain)
 
     def _bca(self, tail: float) -> NDArray[np.float64]:
         values, count = self.values, len(self)
@@ -208,34 +206,34 @@ class Draws:
         return np.array([ordered[first, own], ordered[first + inside, own]])
 
     def summary(self, level: float = 0.95) -> str:
-        """Return the draws as text: means, deviations, intervals, and how far they can be relied on.
+        """Return the draws as text: means, deviations, intervals and diagnostics by unknown.
 
         Parameters
         ----------
         level : float
-            Of the intervals.
+            Probability within the intervals.
         """
-        width = max(28, *(len(name) + 2 for name in self.names))
-        tried = f", {sum(self.failed.values())} more failed" if self.failed else ""
-        head = [
-            f"{self.kind.capitalize()}: {len(self)} draws{tried}",
-            *filter(None, [self.message]),
-            "",
-        ]
+        head = f"{self.kind.capitalize()}: {len(self)} draws"
+        if self.failed:
+            head += f", {sum(self.failed.values())} more failed"
+        lines = [head]
+        if self.message:
+            lines.append(self.message)
         if len(self) < 2:
-            return "\n".join(head).rstrip()
-        more = [k for k in ("r_hat", "ess_bulk", "ess_tail") if k in self.diagnostics]
-        columns = ["value", "mean", "std", "Laplace std", "lower", "upper", *more]
-        head.append(
-            f"{'unknown':<{width}}"
-            + "".join(f"{c:>13}" for c in columns)
-            + f"   ({100 * level:g} % intervals)"
-        )
+            return "\n".join(lines)
+        diagnostics = [k for k in ("r_hat", "ess_bulk", "ess_tail") if k in self.diagnostics]
+        width = max([26, *map(len, self.names)]) + 2
+        header = f"{'unknown':<{width}}"
+        for column in ["value", "mean", "std", "Laplace std", "lower", "upper", *diagnostics]:
+            header += f"{column:>13}"
+        lines += ["", f"{header}   ({100 * level:g} % intervals)"]
         ends, mean, std = self.intervals(level), self.mean, self.deviation
         for k, name in enumerate(self.names):
             laplace = f"{self.std[k]:.3g}" if np.isfinite(self.std[k]) else "-"
-            row = f"{self.estimate[k]:>13.6g}{mean[name]:>13.6g}{std[name]:>13.3g}{laplace:>13}"
-            row += "".join(f"{end:>13.6g}" for end in ends[name])
-            row += "".join(f"{self.diagnostics[c][k]:>13.4g}" for c in more)
-            head.append(f"{name:<{width}}{row}")
-        return "\n".join(head)
+            lower, upper = ends[name]
+            row = f"{name:<{width}}{self.estimate[k]:>13.6g}{mean[name]:>13.6g}{std[name]:>13.3g}"
+            row += f"{laplace:>13}{lower:>13.6g}{upper:>13.6g}"
+            for column in diagnostics:
+                row += f"{self.diagnostics[column][k]:>13.4g}"
+            lines.append(row)
+        return "\n".join(lines)

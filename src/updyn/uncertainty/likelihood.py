@@ -1,9 +1,10 @@
-"""The likelihood of a fit with its priors, as a function of the unknowns, and its descents.
+"""The likelihood of a fit with its priors, its minimisation, and its Gaussian about a minimum.
 
 The density is that of circular complex Gaussian noise whose variance is held as the fit has found
 it,
 
-    -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2) + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
+    -ln p(x | data) = 1/2 sum |H_A(x) - H_X|^2 / (sigma^2 / 2)
+                      + 1/2 sum ((x_k - x_k0) / std_k)^2 + constant,
 
 with sigma^2 = E|dH|^2 times the square of the fit's inflation, so that near the estimate it is the
 Gaussian of the Laplace covariance. It is a density in the optimiser's coordinates x: the logarithm
@@ -40,7 +41,7 @@ _STEPS = 60
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Point:
-    """Where a descent has ended.
+    """A point of the likelihood.
 
     Attributes
     ----------
@@ -87,7 +88,7 @@ class Likelihood:
         return with_prior(local, self.problem, x)
 
     def cost(self, x: _Vector) -> float:
-        """Return the cost at x, shape (n,), without slopes; inf beyond the bounds and where it cannot be solved."""
+        """Return the cost at x, shape (n,); inf outside the bounds or where it cannot be solved."""
         lower, upper = self.bounds
         if not ((x >= lower) & (x <= upper)).all():
             return np.inf
@@ -111,7 +112,7 @@ class Likelihood:
         x : ndarray of float, shape (n,)
             Start.
         held : int, optional
-            An unknown that stays where it is.
+            An unknown that is held fixed.
 
         Returns
         -------
@@ -151,14 +152,23 @@ def _again(seen: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector) -> Loc
 
 
 class Gaussian:
-    """Mean and root of the covariance about a minimum; what the data leave open is limited by the bounds.
+    """The Gaussian approximation about a minimum; bounds limit undetermined combinations.
 
     Parameters
     ----------
     likelihood : Likelihood
-        Whose bounds they are.
+        The likelihood, for its bounds.
     top : Point
         The minimum.
+
+    Attributes
+    ----------
+    mean : ndarray of float, shape (n,)
+        The minimum, in the optimiser's coordinates.
+    root : ndarray of float, shape (n, n)
+        Root A of the covariance A A^T.
+    log_volume : float
+        ln |det A|.
     """
 
     def __init__(self, likelihood: Likelihood, top: Point) -> None:
@@ -176,14 +186,14 @@ class Gaussian:
 
 
 def furthest(X: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the points that lie furthest from the middle of all, shape (count, n), in standard deviations.
+    """Return the points with the largest Mahalanobis distance from the mean, shape (count, n).
 
     Parameters
     ----------
     X : ndarray of float, shape (m, n)
         Points.
     count : int
-        How many; fewer where there are not so many.
+        Number of points to return, at most m.
     """
     centred = X - X.mean(axis=0)
     _, s, Vt = np.linalg.svd(centred, full_matrices=False)

@@ -1,8 +1,8 @@
-"""Minima beside the estimate: other values of the unknowns that explain the data about as well.
+"""Local minima of the likelihood beside the estimate, which fit the data about as well.
 
-Descents start from random points, by the log error first, whose basins are wide; and from the
-estimate with two unknowns of a kind exchanged: data that cannot tell which of two parts is the
-stiff one are the usual reason for humps.
+The minimisation starts from random points, first of the log error, whose basins are wide; and from
+the estimate with two unknowns of a kind exchanged, because the usual reason for several minima is
+data that cannot tell which of two parts is the stiff one.
 """
 
 from __future__ import annotations
@@ -24,37 +24,40 @@ __all__ = ["STARTS", "find_minima"]
 
 _Vector = NDArray[np.float64]
 
-#: Random starts where none are asked for, how far they lie off (logarithms of factors), and the
-#: least loss factor of every other one: inflated damping widens the basin.
+#: Default number of random starts.
 STARTS = 8
-_SPREAD, _INFLATED = 1.0, 0.1
-#: Exchanges that are looked into further, and humps this much less likely (in logarithm) that are
-#: still kept.
-_EXCHANGES, _FAINT = 3, 12.0
+#: Largest distance of a random start from the estimate, in logarithms of factors.
+_SPREAD = 1.0
+#: Least loss factor of every other random start: more damping widens the basin.
+_INFLATED = 0.1
+#: Exchanges of two unknowns from which the cost is minimised.
+_EXCHANGES = 3
+#: Cost above the lowest minimum beyond which a minimum is dropped.
+_NEGLIGIBLE = 12.0
 
 
 def find_minima(
-    likelihood: Likelihood, best: Point, starts: int, seed: int, watch: WorkCounter | None = None
+    likelihood: Likelihood, best: Point, starts: int, seed: int, counter: WorkCounter | None = None
 ) -> list[Point]:
-    """Return the minima that explain the data about as well as the best, that one first.
+    """Return the minima that fit the data about as well as the best, ascending in cost.
 
     Parameters
     ----------
     likelihood : Likelihood
-        What is minimised.
+        The cost to minimise.
     best : Point
-        The minimum that is known.
+        The known minimum.
     starts : int
-        Random starts; 0 looks nowhere else.
+        Random starts; 0 returns the known minimum only.
     seed : int
-        Of the random starts.
-    watch : WorkCounter, optional
-        Who waits.
+        Seed of the random starts.
+    counter : WorkCounter, optional
+        Reports the progress.
 
     Returns
     -------
     list of Point
-        Different ones, by falling likelihood.
+        Distinct minima.
 
     Raises
     ------
@@ -67,12 +70,12 @@ def find_minima(
     problem = likelihood.problem
     items = [*_random(likelihood, best.x, starts, seed), *_exchanged(likelihood, best.x)]
     for top in problem.session.map(_climb, likelihood, items, spread=not problem.spreads):
-        if top is not None and not any(_same(top, other) for other in found):
+        if top is not None and not any(_is_same(top, other) for other in found):
             found.append(top)
-        if watch is not None:
-            watch.asks()
+        if counter is not None:
+            counter.asks()
     found.sort(key=lambda p: p.cost)
-    return [p for p in found if p.cost < found[0].cost + _FAINT]
+    return [p for p in found if p.cost < found[0].cost + _NEGLIGIBLE]
 
 
 def _random(
@@ -82,25 +85,24 @@ def _random(
     factor = likelihood.problem.coordinates.parameters.is_factor
     draws = qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
     for number, draw in enumerate(draws):
-        loss = np.maximum(x, _INFLATED if number % 2 == 0 else 0.0)
-        yield np.clip(np.where(factor, x + _SPREAD * (2.0 * draw - 1.0), loss), lower, upper), True
+        least_loss = _INFLATED if number % 2 == 0 else 0.0
+        factors = x + _SPREAD * (2.0 * draw - 1.0)
+        start = np.where(factor, factors, np.maximum(x, least_loss))
+        yield np.clip(start, lower, upper), True
 
 
 def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bool]]:
-    """Yield the estimate with two unknowns of one quantity exchanged, the likeliest few."""
+    """Yield the estimate with two unknowns of one quantity exchanged, of lowest cost first."""
     lower, upper = likelihood.bounds
     items = list(likelihood.problem.coordinates.parameters)
     tries = []
     for i in range(len(x)):
         for j in range(i):
-            if (
-                items[i].quantity == items[j].quantity
-                and not items[i].drives
-                and not items[j].drives
-            ):
-                other = np.array(x)
-                other[[i, j]] = x[[j, i]]
-                tries.append(np.clip(other, lower, upper))
+            if items[i].quantity != items[j].quantity or items[i].drives or items[j].drives:
+                continue
+            other = np.array(x)
+            other[[i, j]] = x[[j, i]]
+            tries.append(np.clip(other, lower, upper))
     costs = [likelihood.cost(t) for t in tries]
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
         if np.isfinite(costs[at]):
@@ -108,7 +110,7 @@ def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bo
 
 
 def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
-    """Return the minimum that is reached from a start; None where the model cannot be solved there."""
+    """Return the minimum reached from a start; None where the model cannot be solved there."""
     x, far = item
     if far:
         lower, upper = likelihood.bounds
@@ -126,6 +128,6 @@ def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
     return likelihood.descend(x)
 
 
-def _same(a: Point, b: Point) -> bool:
-    """Whether two minima are one: less than a standard deviation apart."""
+def _is_same(a: Point, b: Point) -> bool:
+    """Return whether two minima are one: less than a standard deviation apart."""
     return bool(np.linalg.norm(b.local.R @ (a.x - b.x)) < 1.0 or np.abs(a.x - b.x).max() < 1e-6)

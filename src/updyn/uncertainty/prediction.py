@@ -1,4 +1,4 @@
-"""Bands of prediction: how surely the updated model knows an FRF, also where nothing was measured."""
+"""Predicted FRFs with uncertainty bands, also for lines and DOFs that were not measured."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Draws that a band is made of; more hardly move its edges.
+#: Most draws that a band is made of.
 _DRAWS = 1000
-#: A motion along what the data leave open, as a share of |H|, that makes a band open.
+#: Change of H along an undetermined combination, as a share of |H|, that makes a band infinite.
 _OPEN = 1e-6
 
 
@@ -45,28 +45,28 @@ def predict(
     test: str | None = None,
     seed: int = 0,
 ) -> Band:
-    """Predict an FRF with the band in which it lies.
+    """Predict an FRF with an uncertainty band.
 
     Parameters
     ----------
     source : UpdateResult, JointResult or Draws
-        An update: its Laplace covariance is carried over by exact derivatives (delta method). Draws
-        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly positions_of.
+        An update: its Laplace covariance is propagated by exact derivatives (delta method). Draws
+        of a bootstrap or a sampling: the model is solved at up to 1000 of them, evenly chosen.
     freq : array_like of float, shape (n_f,)
-        Lines in Hz, also others than were measured.
+        Lines in Hz, measured or not.
     responses, references : iterable of str or Dof
         Any DOFs of the model, measured or not.
     level : float
         Share of the probability within, between 0 and 1, at every value by itself.
     noise : bool
-        Whether the band is about a measurement yet to be made, with the noise of the fit, or about
-        the structure.
+        True: the band of a future measurement, with the noise of the fit. False: the band of the
+        structure.
     quantity : str, optional
-        Of the FRF; by default that of the measurement.
+        Quantity of the FRF; by default that of the measurement.
     test : str, optional
-        Of several tests, the one whose model answers.
+        Of several tests, the one whose model is used.
     seed : int
-        Of the noise that is added to draws.
+        Seed of the noise that is added to draws.
 
     Returns
     -------
@@ -84,10 +84,9 @@ def predict(
 
     Notes
     -----
-    The band is about what the unknowns and the noise leave unsure; it does not know of a wrong
-    model. Magnitude and phase come from d ln H = dH / H. Where the data leave a combination of
-    unknowns open, the band is infinite at values that it moves, and not affected at those that it
-    does not.
+    The band covers the uncertainty of the unknowns and of the noise, not errors of the model.
+    Magnitude and phase follow from d ln H = dH / H. An undetermined combination of unknowns makes
+    the band infinite at values that it changes, and does not affect the others.
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
@@ -121,12 +120,12 @@ def _problem(
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
-    # A structure knows no calibration factors; a measurement by the same sensors will.
+    # Calibration factors belong to a measurement by the same sensors, not to the structure.
     return replace(Part.build(result.start, frf, result.parameters), as_read=as_read)
 
 
 def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
-    """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of the prediction squared."""
+    """Return E|dH|^2 of a measurement, shape (n_f, n_i, n_j), in the unit of H squared."""
     kind = result.noise.get("kind")
     if kind in ("variance", "coherence") or not {"relative", "floor"} & set(result.noise):
         raise OptionError(
@@ -139,28 +138,28 @@ def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
         )
     stated = Stated(float(result.noise.get("relative", 0.0)), float(result.noise.get("floor", 0.0)))
     H = part.responses(x)
-    # The floor is a share of the level of what was measured in the same unit.
+    # The floor is relative to the level of the measured FRFs of the same unit.
     measured = result.frf.select(lines=result.lines, responses=result.fitted_responses)
     levels = level_by_unit(measured)[0]
-    kinds = _units(measured)
+    measured_units, units = _units(measured), _units(part.frf)
     level = np.zeros(H.shape[1:])
     for at in np.ndindex(*level.shape):
-        like = levels[kinds == _units(part.frf)[at]]
-        if not like.size and stated.floor > 0.0:
+        same_unit = levels[measured_units == units[at]]
+        if same_unit.size:
+            level[at] = same_unit[0]
+        elif stated.floor > 0.0:
             raise OptionError(
                 f"noise: nothing was measured in the unit of {part.frf.responses[at[0]]}"
             )
-        level[at] = like[0] if like.size else 0.0
     inflation = float(result.noise.get("inflation", 1.0)) ** 2
-    return np.asarray(
-        ((stated.relative * np.abs(H)) ** 2 + (stated.floor * level) ** 2) * inflation
-    )
+    relative, floor = stated.relative * np.abs(H), stated.floor * level
+    return np.asarray((relative**2 + floor**2) * inflation)
 
 
 def _units(frf: FRF) -> NDArray[np.int_]:
-    return np.asarray(
-        2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :], dtype=np.int_
-    )
+    """Return a number for the unit of each FRF, by which of its DOFs are rotations."""
+    rotates = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
+    return np.asarray(rotates, dtype=np.int_)
 
 
 def _from_laplace(
@@ -174,27 +173,27 @@ def _from_laplace(
     H, dH = _solved(part, x)
     covariance, free = _covariance(part, x, about, result)
     with np.errstate(divide="ignore", invalid="ignore"):
-        moved = np.einsum("kfij,kl->lfij", dH, free)
-        opens = (np.abs(moved) > _OPEN * np.abs(H)).any(axis=0)
+        change = np.einsum("kfij,kl->lfij", dH, free)
+        is_open = (np.abs(change) > _OPEN * np.abs(H)).any(axis=0)
         real, imag = dH.real, dH.imag
         rr = np.einsum("kfij,kl,lfij->fij", real, covariance, real)
         ii = np.einsum("kfij,kl,lfij->fij", imag, covariance, imag)
         ri = np.einsum("kfij,kl,lfij->fij", real, covariance, imag)
         added = 0.0 if noise is None else 0.5 * noise
-        rr, ii = np.where(opens, np.inf, rr + added), np.where(opens, np.inf, ii + added)
-        ri = np.where(opens, 0.0, ri)
+        rr = np.where(is_open, np.inf, rr + added)
+        ii = np.where(is_open, np.inf, ii + added)
+        ri = np.where(is_open, 0.0, ri)
         # d ln|H| and d arg H are the real and the imaginary part of dH / H.
         u = np.conj(H) / np.abs(H) ** 2
         magnitude = u.real**2 * rr + u.imag**2 * ii - 2.0 * u.real * u.imag * ri
         phase = u.imag**2 * rr + u.real**2 * ii + 2.0 * u.real * u.imag * ri
         z = float(ndtri(0.5 + 0.5 * level))
-        spread = np.where(opens, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
-        turn = np.minimum(np.where(opens, np.inf, z * np.sqrt(np.maximum(phase, 0.0))), np.pi)
+        spread = np.where(is_open, np.inf, z * np.sqrt(np.maximum(magnitude, 0.0)))
+        turn = np.where(is_open, np.inf, z * np.sqrt(np.maximum(phase, 0.0)))
+        turn = np.minimum(turn, np.pi)
         size = np.abs(H)
-        low, high = (
-            np.where(size > 0, size * np.exp(-spread), 0.0),
-            np.where(size > 0, size * np.exp(spread), np.inf),
-        )
+        low = np.where(size > 0, size * np.exp(-spread), 0.0)
+        high = np.where(size > 0, size * np.exp(spread), np.inf)
     angle = np.angle(H)
     return Band(
         _frf(part, H), level, "Laplace", noise is not None,
@@ -205,12 +204,12 @@ def _from_laplace(
 def _covariance(
     part: Part, x: _Real, about: UpdateResult | JointResult, result: UpdateResult
 ) -> tuple[_Real, NDArray[np.float64]]:
-    """Return the covariance of what is determined, in x, and the open directions, by column."""
+    """Return the covariance of the determined combinations, in x, and the null space by column."""
     slope = part.coordinates.slope(x)
     if np.isfinite(result.covariance).all():
         return result.covariance / slope / slope[:, None], np.zeros((len(x), 0))
-    setting = restore(about)
-    local = setting.likelihood().local(setting.x)
+    restored = restore(about)
+    local = restored.likelihood().local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
     found = analyse(local.R, part.coordinates.parameters.names)
@@ -220,9 +219,9 @@ def _covariance(
 def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
     blocks = list(part.blocks(x))
-    return np.concatenate([b.H for b in blocks]), np.concatenate(
-        [b.dH for b in blocks if b.dH is not None], axis=1
-    )
+    H = np.concatenate([block.H for block in blocks])
+    dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
+    return H, dH
 
 
 def _from_draws(
@@ -231,9 +230,8 @@ def _from_draws(
     values = draws.values
     if len(values) < 2:
         raise OptionError(f"{len(values)} draws are too few for a band")
-    at = np.unique(
-        np.linspace(0, len(values) - 1, min(_DRAWS, len(values))).round().astype(np.intp)
-    )
+    even = np.linspace(0, len(values) - 1, min(_DRAWS, len(values)))
+    at = np.unique(even.round().astype(np.intp))
     H = part.responses(x)
     drawn = np.array([part.responses(part.coordinates.to_x(values[i])) for i in at])
     if noise is not None:
@@ -242,9 +240,8 @@ def _from_draws(
     tails = [0.5 - 0.5 * level, 0.5 + 0.5 * level]
     low, high = np.quantile(np.abs(drawn), tails, axis=0)
     angle = np.angle(H)
-    turned = angle + np.angle(
-        drawn * np.exp(-1j * angle)
-    )  # nearest to the prediction, whatever the branch
+    # The branch of each phase that is nearest to the prediction.
+    turned = angle + np.angle(drawn * np.exp(-1j * angle))
     left, right = np.quantile(turned, tails, axis=0)
     return Band(
         _frf(part, H), level, draws.kind, noise is not None,
@@ -263,17 +260,17 @@ class Band:
     Attributes
     ----------
     frf : FRF
-        The answer of the updated model.
+        The FRF of the updated model.
     level : float
         Share of the probability within the band, at every value by itself.
     source : {"Laplace", "bootstrap", "sampling"}
-        Where the spread of the unknowns comes from.
+        Origin of the spread of the unknowns.
     with_noise : bool
-        Whether the band is about a measurement (True) or about the structure (False).
+        Whether the band is that of a measurement (True) or of the structure (False).
     lower, upper : ndarray of float
-        Of the magnitude, in the unit of the FRF; 0 and inf where the data leave it open.
+        Limits of the magnitude, in the unit of the FRF; 0 and inf where it is undetermined.
     phase_lower, phase_upper : ndarray of float
-        Of the phase, in rad, about the angle of `frf`; they may go beyond pi.
+        Limits of the phase, in rad, about the angle of `frf`; they may exceed pi.
     std_real, std_imag : ndarray of float
         Standard deviations of real and imaginary part, in the unit of the FRF.
     """
@@ -294,12 +291,16 @@ class Band:
         return f"Band({100 * self.level:g} % of {about}, {self.source}, {self.frf!r})"
 
     def covers(self, other: FRF) -> NDArray[np.bool_]:
-        """Return which magnitudes of an FRF lie within the band, shape (n_f, n_responses, n_references).
+        """Return which magnitudes of an FRF lie within the band.
 
         Parameters
         ----------
         other : FRF
-            At the same lines, of the same quantity and DOFs, in any order.
+            An FRF with the same lines, quantity and DOFs, these in any order.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_f, n_responses, n_references)
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Progress of long work to whoever waits for it, and the wish to stop."""
+"""Progress of long work, reported to the caller, who may stop it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ __all__ = ["Progress", "WorkCounter"]
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a callback is shown.
+    """The argument of a callback.
 
     Attributes
     ----------
     stage : str
         ``"profile"``, ``"bootstrap"`` or ``"sampling"``.
     done, total : int
-        Pieces of work done, and in all (for sampling: as far as is known).
+        Pieces of work done, and in all (for sampling an estimate).
     note : str
-        What has been reached so far; may be empty.
+        Result so far; may be empty.
     """
 
     stage: str
@@ -32,12 +32,12 @@ class Progress:
 
 @dataclass(slots=True)
 class WorkCounter:
-    """Counts pieces of work and asks the caller whether to go on.
+    """Counts pieces of work and asks the caller whether to continue.
 
     Parameters
     ----------
     stage : str
-        What is done.
+        Name of the work.
     total : int
         Pieces of work.
     callback : callable, optional
@@ -53,7 +53,7 @@ class WorkCounter:
     stopped: bool = field(default=False, init=False)
 
     def attach(self, session: Session) -> Session:
-        """Have a session ask between blocks of lines."""
+        """Ask between blocks of lines of a session, too; return the session."""
         if self.callback is not None:
             session.wants_stop = self.asks
         return session
@@ -64,10 +64,8 @@ class WorkCounter:
         return self.asks()
 
     def asks(self) -> bool:
-        """Show where the work is; return whether to stop."""
+        """Report the progress; return whether to stop."""
         if self.callback is not None:
-            self.stopped = (
-                bool(self.callback(Progress(self.stage, self.done, self.total, self.note)))
-                or self.stopped
-            )
+            progress = Progress(self.stage, self.done, self.total, self.note)
+            self.stopped = bool(self.callback(progress)) or self.stopped
         return self.stopped

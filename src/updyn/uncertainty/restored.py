@@ -1,4 +1,4 @@
-"""What a finished update is brought back to: its problem, its estimate and its noise, to be asked further questions."""
+"""`RestoredFit`: the problem, estimate and noise of a finished update, for further analysis."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ __all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of"
 
 _Vector = NDArray[np.float64]
 
-#: What methods state (`updyn.updating.fit.method.Method`): that they minimise a likelihood; that
-#: their noise record is enough to make data anew.
+#: Attribute of methods (`updyn.updating.fit.method.Method`) that minimise a likelihood.
 LIKELIHOOD = "is_likelihood"
+#: Attribute of methods whose noise record is enough to generate data.
 WITH_NOISE = "states_noise"
-#: How an update has to have ended.
+#: Statuses of a fit at a minimum.
 _ENDED = ("converged", "not-identifiable", "stalled")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestoredFit:
-    """An update that has ended, ready to be looked at again.
+    """A finished update, restored for further analysis.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class RestoredFit:
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
     noises : tuple of NoiseModel
-        How uncertain the data of each part are, as the fit ended: nothing is estimated any more.
+        Noise model of each part at the end of the fit; nothing is estimated any more.
     inflation : float
         Factor on the standard deviations of the noise, as the fit applied it.
     """
@@ -56,16 +56,16 @@ class RestoredFit:
 
     @property
     def first(self) -> UpdateResult:
-        """The result of the first test, for what is the same in all."""
+        """The result of the first test, for what all tests share."""
         return self.results[0]
 
     @property
     def names(self) -> list[str]:
-        """The unknowns."""
+        """Names of the unknowns."""
         return self.first.parameters.names
 
     def with_problem(self, problem: Problem) -> RestoredFit:
-        """Return the setting with a problem that is solved otherwise."""
+        """Return the fit with a problem that is solved by other means."""
         return replace(self, problem=problem)
 
     def variances(self) -> list[NDArray[np.float64]]:
@@ -76,35 +76,35 @@ class RestoredFit:
         SolverError
             If the model cannot be solved at the estimate.
         """
-        pairs = zip(self.noises, self.problem.parts, strict=True)
-        return [
-            noise.variance(p.responses(self.x), p.frf) * self.inflation**2 for noise, p in pairs
-        ]
+        variances = []
+        for noise, part in zip(self.noises, self.problem.parts, strict=True):
+            variance = noise.variance(part.responses(self.x), part.frf)
+            variances.append(variance * self.inflation**2)
+        return variances
 
     def likelihood(self) -> Likelihood:
-        """Return the likelihood of the fit, its weights held as they are at the estimate.
+        """Return the likelihood of the fit, with the weights at the estimate.
 
         Raises
         ------
         SolverError
             If the model cannot be solved at the estimate.
         """
-        return Likelihood(
-            self.problem, Each(tuple(OutputError(np.sqrt(2.0 / v)) for v in self.variances()))
-        )
+        residuals = [OutputError(np.sqrt(2.0 / variance)) for variance in self.variances()]
+        return Likelihood(self.problem, Each(tuple(residuals)))
 
-    def begun(self) -> tuple[NoiseModel, ...]:
-        """Return the noise models as the fit began with them: numbers that are estimated are not known yet."""
+    def initial_noises(self) -> tuple[NoiseModel, ...]:
+        """Return the noise models at the start of the fit, their levels not estimated yet."""
         triples = zip(self.results, self.problem.parts, self.noises, strict=True)
-        return tuple(_begun(result, part, noise) for result, part, noise in triples)
+        return tuple(_initial_noise(*triple) for triple in triples)
 
-    def strategy(self) -> Any:
-        """Return the method as it was used, without its search."""
+    def method(self) -> Any:
+        """Return the method with the options of the fit, without its search."""
         known = options_of(self.first.method)
         options = {k: v for k, v in self.first.options.items() if k in known}
-        return make_method(
-            self.first.method, options | ({"starts": 0} if "starts" in known else {})
-        )
+        if "starts" in known:
+            options["starts"] = 0
+        return make_method(self.first.method, options)
 
 
 def restore(
@@ -112,16 +112,16 @@ def restore(
     session: Session | None = None,
     stated: str = LIKELIHOOD,
 ) -> RestoredFit:
-    """Bring an update back to its problem.
+    """Restore the problem, estimate and noise of an update.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
         A fit that has ended.
     session : Session, optional
-        Where lines are solved.
+        The session in which lines are solved.
     stated : str
-        What the method has to state: `LIKELIHOOD` or `WITH_NOISE`.
+        Attribute that the method must have: `LIKELIHOOD` or `WITH_NOISE`.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method does not state that, it is regularised, or the fit did not end
+        If it is no result, its method lacks the attribute, it is regularised, or the fit did not end
         at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
@@ -138,14 +138,14 @@ def restore(
     results = parts_of(result)
     first = results[0]
     if not getattr(METHODS.find(first.method), stated):
-        said = " or ".join(repr(name) for name in methods_with(stated))
+        accepted = " or ".join(map(repr, methods_with(stated)))
         raise OptionError(
-            f"method {first.method!r} does not minimise a likelihood; update with {said}"
+            f"method {first.method!r} does not minimise a likelihood; update with {accepted}"
         )
     if "regularise" in first.options:
         raise OptionError(
-            "a regularised fit has no likelihood that would say how sure it is; give the unknowns"
-            " priors (prior_std)"
+            "a regularised fit has no likelihood from which its uncertainty follows; give the"
+            " unknowns priors (prior_std)"
         )
     if first.status not in _ENDED or not all(r.noise for r in results):
         raise OptionError(
@@ -153,14 +153,18 @@ def restore(
             f" {first.message}"
         )
     session = session or Session()
-    problems = [
-        _problem(r, session, str(i) if len(results) > 1 else "") for i, r in enumerate(results)
-    ]
-    whole = Problem.of(problems)
-    x = whole.coordinates.to_x(np.array([first.values[n] for n in first.parameters.names]))
-    shares = [-(-whole.n * p.n_values // whole.n_values) for p in whole.parts]
-    noises = tuple(_noise(r, p, x, n) for r, p, n in zip(results, whole.parts, shares, strict=True))
-    return RestoredFit(results, whole, x, noises, float(first.noise.get("inflation", 1.0)))
+    names = [""] if len(results) == 1 else list(map(str, range(len(results))))
+    parts = [_part(r, session, name) for r, name in zip(results, names, strict=True)]
+    problem = Problem.of(parts)
+    values = np.array([first.values[name] for name in first.parameters.names])
+    x = problem.coordinates.to_x(values)
+    noises = []
+    for part_result, part in zip(results, problem.parts, strict=True):
+        # The unknowns that count against this part, for unbiased weights: its share of the data.
+        n_unknowns = -(-problem.n * part.n_values // problem.n_values)
+        noises.append(_noise(part_result, part, x, n_unknowns))
+    inflation = float(first.noise.get("inflation", 1.0))
+    return RestoredFit(results, problem, x, tuple(noises), inflation)
 
 
 def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
@@ -177,7 +181,7 @@ def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
 
 
 def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> list[int]:
-    """Return the positions of positions_of unknowns; of all where none is named.
+    """Return the positions of the named unknowns; of all where none is named.
 
     Raises
     ------
@@ -197,23 +201,31 @@ def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> lis
     return [list(known).index(name) for name in listed]
 
 
-def _problem(result: UpdateResult, session: Session, name: str) -> Part:
+def _part(result: UpdateResult, session: Session, name: str) -> Part:
+    """Return model and fitted data of one test."""
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
-    tier = "sparse" if result.options.get("tier") == "reduced" else result.options.get("tier")
+    tier = result.options.get("tier")
+    if tier == "reduced":
+        tier = "sparse"
     backend = None if tier == "dense" else result.options.get("backend")
     return Part.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )
 
 
-def _noise(result: UpdateResult, part: Part, x: _Vector, share: int) -> NoiseModel:
+def _noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:
+    """Return the recorded noise model, weights of outliers evaluated at the estimate."""
     noise = noise_of_record(result.noise, result.frf.select(responses=result.fitted_responses))
-    # Weights of outliers are those at the estimate; the rest is as recorded.
-    return noise.refit(part.responses(x), part.frf, share) if isinstance(noise, Robust) else noise
+    if isinstance(noise, Robust):
+        return noise.refit(part.responses(x), part.frf, n_unknowns)
+    return noise
 
 
-def _begun(result: UpdateResult, part: Part, noise: NoiseModel) -> NoiseModel:
-    robust = {k: str(result.noise[k]) for k in ("robust",) if k in result.noise}
+def _initial_noise(result: UpdateResult, part: Part, noise: NoiseModel) -> NoiseModel:
+    """Return the noise model before estimation; `noise` where nothing was estimated."""
+    robust = {}
+    if "robust" in result.noise:
+        robust["robust"] = str(result.noise["robust"])
     for source in ("estimated", "estimated-by-channel"):
         made = choose_noise({"source": source} | robust, part.frf)
         if made.kind == result.noise.get("kind"):

@@ -1,10 +1,10 @@
-"""Bayesian sampling of the posterior, by the ensemble sampler emcee with moves from what the fit knows."""
+"""Bayesian sampling of the posterior by the ensemble sampler emcee, with proposals from the fit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from updyn.dynamics.fields import ACCURACY
-from updyn.engines import Engine, choose_engine
+from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point, furthest
@@ -35,15 +35,20 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: Independent ensembles; steps before draws count, and of a round.
-_ENSEMBLES, _WARM, _ROUND = 4, 40, 25
-#: Share of steps that propose from the mixture of Gaussians, by differences of walkers, and by
-#: these with snooker.
+#: Independent ensembles.
+_ENSEMBLES = 4
+#: Steps of warm-up, whose draws are discarded.
+_WARM_UP = 40
+#: Steps of a round.
+_ROUND = 25
+#: Shares of steps: proposals from the mixture, differences of walkers, and snooker updates.
 _MOVES = (0.7, 0.2, 0.1)
-#: A chain has to be so many times as long as its correlation.
+#: Least length of a chain, in autocorrelation times.
 _LONG = 20
-#: Times that a reduced model is mended where its draws went, and draws at which its error is taken.
-_MENDINGS, _CHECKED = 2, 4
+#: Times that a reduced model is enriched at its furthest draws.
+_ENRICHMENTS = 2
+#: Draws at which the error of a reduced model is evaluated.
+_CHECKED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,22 +88,21 @@ def sample(
     result : UpdateResult or JointResult
         A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included.
     n : int
-        Wanted: effective draws of every unknown, in the bulk and in the tails.
+        Effective sample size wanted of every unknown, in the bulk and in the tails.
     seed : int
-        Of all random numbers.
+        Seed of all random numbers.
     starts : int, optional
-        Random starts from which more humps of the posterior are looked for before; by default 8,
-        for large models none.
+        Random starts of a search for further modes of the posterior; by default 8, for large models
+        none.
     max_evaluations : int
-        Where to end if the draws are not enough by then.
+        Evaluations of the likelihood after which to end.
     accuracy : float
         Large models are sampled in a reduced model about the estimate, of this error; it is checked
-        at the draws that lie furthest off, and the model mended there.
+        at the furthest draws, and the model is enriched there.
     engine : None, int, dask.distributed Client or Engine
         Where the four ensembles are advanced, as for `updyn.update`; the draws do not depend on it.
     callback : callable, optional
-        Called with a `Progress` after every round; returning True stops, and what has been drawn is
-        returned.
+        Called with a `Progress` after every round; returning True stops with the draws so far.
 
     Returns
     -------
@@ -121,7 +125,7 @@ def sample(
     enters; as factors they have the density of the logarithm divided by the factor.
 
     Walkers of four independent ensembles move by independent proposals from a mixture of Student's
-    t, one for each hump that was found (Metropolis-Hastings), and by differences of other walkers
+    t, one for each mode of the posterior (Metropolis-Hastings), and by differences of other walkers
     (ter Braak, Stat. Comput. 16 (2006) 239; ter Braak & Vrugt, Stat. Comput. 18 (2008) 435).
     `benchmarks/samplers.py` compares this with other samplers. Split R-hat compares the ensembles;
     effective sizes are those of Vehtari et al., Bayesian Anal. 16 (2021) 667, by ArviZ.
@@ -129,27 +133,25 @@ def sample(
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"n = {n!r}: expected a number of effective draws from 1 up")
     _check_installed()
-    with ExitStack() as ending:
-        made = choose_engine(engine)
-        if made is not engine:
-            ending.callback(made.close)
+    with opened_engine(engine) as made:
         session = Session(made)
-        setting = restore(result, session)
-        watch = WorkCounter("sampling", int(n), callback)
-        watch.attach(session)
-        run = _Run(setting, int(n), seed, starts, max_evaluations, watch)
+        restored = restore(result, session)
+        counter = WorkCounter("sampling", int(n), callback)
+        counter.attach(session)
+        run = _Run(restored, int(n), seed, starts, max_evaluations, counter)
         surrogate: Surrogate | None = None
         try:
-            surrogate, run.setting = reduced_about(setting, accuracy, seed)
+            surrogate, run.restored = reduced_about(restored, accuracy, seed)
             run.all()
-            for _ in range(0 if surrogate is None else _MENDINGS):
-                far = run.furthest()
-                run.error = max(surrogate.error(x) for x in far) if surrogate is not None else 0.0
-                if run.error <= accuracy or surrogate is None:
-                    break
-                surrogate.enrich(list(far))
-                run.setting = setting.with_problem(surrogate.task())
-                run.all()
+            if surrogate is not None:
+                for _ in range(_ENRICHMENTS):
+                    far = run.furthest()
+                    run.error = max(map(surrogate.error, far))
+                    if run.error <= accuracy:
+                        break
+                    surrogate.enrich(list(far))
+                    run.restored = restored.with_problem(surrogate.problem())
+                    run.all()
         except Stopped:
             pass
     return run.draws(result, surrogate, accuracy)
@@ -157,39 +159,41 @@ def sample(
 
 @dataclass(slots=True, eq=False)
 class _Run:
-    """Sampling, round by round."""
+    """A sampling in rounds: its options and its state."""
 
-    setting: RestoredFit
+    restored: RestoredFit
     n: int
     seed: int
     starts: int | None
     max_evaluations: int
-    watch: WorkCounter
+    counter: WorkCounter
     chains: NDArray[np.float64] | None = None
-    humps: int = 1
+    n_modes: int = 1
     evaluations: int = 0
     accepted: float = 0.0
     error: float = 0.0
 
     @property
     def walkers(self) -> int:
-        """Walkers of an ensemble: an even number, at least twice the number of unknowns."""
-        return max(16, 2 * (len(self.setting.x) + 1))
+        """Number of walkers of an ensemble: even, at least twice the number of unknowns."""
+        return max(16, 2 * (len(self.restored.x) + 1))
 
     def all(self) -> None:
-        """Find the humps, warm up, and draw until it is enough."""
+        """Find the modes of the posterior, warm up, and draw until the draws are enough."""
         self.chains, self.evaluations = None, 0
-        likelihood = self.setting.likelihood()
-        best = likelihood.descend(self.setting.x)
+        likelihood = self.restored.likelihood()
+        best = likelihood.descend(self.restored.x)
         if best is None:
             raise SolverError("the model cannot be solved at the estimate")
-        starts = (0 if self._is_large else STARTS) if self.starts is None else self.starts
-        tops = find_minima(likelihood, best, starts, self.seed, self.watch)
-        self.humps = len(tops)
-        mixture = Mixture.of(likelihood, tops)
-        states = self._begin(likelihood, mixture, tops)
-        states, warm, _ = self._advance(likelihood, mixture, states, _WARM)
-        mixture = mixture.adapted(warm[:, _WARM // 2 :].reshape(-1, warm.shape[-1]))
+        starts = self.starts
+        if starts is None:
+            starts = 0 if self._is_large else STARTS
+        minima = find_minima(likelihood, best, starts, self.seed, self.counter)
+        self.n_modes = len(minima)
+        mixture = Mixture.of(likelihood, minima)
+        states = self._begin(likelihood, mixture, minima)
+        states, warm, _ = self._advance(likelihood, mixture, states, _WARM_UP)
+        mixture = mixture.adapted(warm[:, _WARM_UP // 2 :].reshape(-1, warm.shape[-1]))
         rounds: list[NDArray[np.float64]] = []
         shares: list[float] = []
         while self.evaluations < self.max_evaluations:
@@ -199,134 +203,142 @@ class _Run:
             self.chains, self.accepted = np.concatenate(rounds, axis=1), float(np.mean(shares))
             found = diagnose(self.chains, _ENSEMBLES)
             effective = min(found["ess_bulk"].min(), found["ess_tail"].min())
-            self.watch.done = min(int(effective), self.n)
-            self.watch.note = f"{effective:.0f} effective draws, R-hat {found['r_hat'].max():.3f}"
-            # The effective size of chains that are short against their own correlation is not to be
-            # believed.
-            believed = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
-            if self.watch.asks() or (
-                effective >= self.n and believed and found["r_hat"].max() <= CHAINS_AGREE
-            ):
+            self.counter.done = min(int(effective), self.n)
+            self.counter.note = f"{effective:.0f} effective draws, R-hat {found['r_hat'].max():.3f}"
+            # The effective size is unreliable for chains that are short against their correlation.
+            is_long = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
+            agree = found["r_hat"].max() <= CHAINS_AGREE
+            if self.counter.asks() or (effective >= self.n and is_long and agree):
                 return
 
     @property
     def _is_large(self) -> bool:
-        return any(part.solver.tier != "dense" for part in self.setting.problem.parts)
+        return any(part.solver.tier != "dense" for part in self.restored.problem.parts)
 
     def _begin(
-        self, likelihood: Likelihood, mixture: Mixture, tops: Sequence[Point]
+        self, likelihood: Likelihood, mixture: Mixture, minima: Sequence[Point]
     ) -> list[_Ensemble]:
         """Return ensembles drawn from the mixture, within the bounds."""
         lower, upper = likelihood.bounds
-        out = []
+        states = []
         for number in range(_ENSEMBLES):
-            random = np.random.RandomState(
-                np.random.default_rng([self.seed, number]).integers(2**32)
-            )
+            seed = np.random.default_rng([self.seed, number]).integers(2**32)
+            random = np.random.RandomState(seed)
             coords = np.clip(mixture.draw(random, self.walkers), lower, upper)
             log_prob = np.array([-likelihood.cost(x) for x in coords])
             lost = ~np.isfinite(log_prob)
-            coords[lost] = tops[0].x  # a minimum can be solved
-            log_prob[lost] = -tops[0].cost
-            out.append(_Ensemble(coords, log_prob, random.get_state()))
+            # The model can be solved at a minimum.
+            coords[lost] = minima[0].x
+            log_prob[lost] = -minima[0].cost
+            states.append(_Ensemble(coords, log_prob, random.get_state()))
         self.evaluations += _ENSEMBLES * self.walkers
-        return out
+        return states
 
     def _advance(
         self, likelihood: Likelihood, mixture: Mixture, states: list[_Ensemble], steps: int
     ) -> tuple[list[_Ensemble], NDArray[np.float64], float]:
-        """Return the ensembles some steps later, the draws, shape (n_chains, steps, n), and the share accepted."""
+        """Return the ensembles after some steps, their draws and the acceptance rate."""
         items = [(mixture, state, steps) for state in states]
         problem = likelihood.problem
         found = list(problem.session.map(_steps, likelihood, items, spread=not problem.spreads))
         self.evaluations += steps * self.walkers * len(states)
-        chains = np.concatenate([chain.transpose(1, 0, 2) for _, chain, _ in found])
-        return (
-            [state for state, _, _ in found],
-            chains,
-            float(np.mean([share for *_, share in found])),
-        )
+        after, chains, shares = zip(*found, strict=True)
+        drawn = np.concatenate([chain.transpose(1, 0, 2) for chain in chains])
+        return list(after), drawn, float(np.mean(shares))
 
     def furthest(self) -> NDArray[np.float64]:
-        """Return the draws that lie furthest off, in the optimiser's coordinates."""
+        """Return the draws furthest from the mean, in the optimiser's coordinates."""
         if self.chains is None:
-            return np.zeros((0, len(self.setting.x)))
+            return np.zeros((0, len(self.restored.x)))
         return furthest(self.chains.reshape(-1, self.chains.shape[-1]), _CHECKED)
 
     def draws(
         self, result: UpdateResult | JointResult, surrogate: Surrogate | None, accuracy: float
     ) -> Draws:
-        """Return what was drawn, with its diagnosis."""
-        coordinates = self.setting.problem.coordinates
+        """Return the draws with their diagnostics, and a message on what limits their use."""
+        coordinates = self.restored.problem.coordinates
         parameters = coordinates.parameters
-        names = parameters.names
         options: dict[str, Any] = {
             "n": self.n,
             "seed": self.seed,
-            "humps": self.humps,
+            "humps": self.n_modes,
             "evaluations": self.evaluations,
+            "acceptance": self.accepted,
+            "ensembles": _ENSEMBLES,
         }
-        options |= {"acceptance": self.accepted, "ensembles": _ENSEMBLES}
         if surrogate is not None:
             options |= {"basis": surrogate.size, "error": self.error, "accuracy": accuracy}
-        estimate = coordinates.to_values(self.setting.x) + 0.0
-        std = np.array([self.setting.first.std[name] for name in names])
-        about = (estimate, std, parameters.lower, parameters.upper, parameters.is_factor)
+        none = Draws(
+            kind="sampling",
+            names=tuple(parameters.names),
+            chains=np.zeros((1, 0, len(parameters))),
+            estimate=coordinates.to_values(self.restored.x) + 0.0,
+            std=np.array([self.restored.first.std[name] for name in parameters.names]),
+            lower=parameters.lower,
+            upper=parameters.upper,
+            is_factor=parameters.is_factor,
+            converged=False,
+            message="Stopped before there was a draw.",
+            options=options,
+            result=result,
+        )
         if self.chains is None:
-            none = np.zeros((1, 0, len(names)))
-            text = "Stopped before there was a draw."
-            return Draws(
-                "sampling", tuple(names), none, *about, {}, {}, False, text, options, result
+            return none
+        chains = coordinates.to_values(self.chains)
+        diagnostics = diagnose(chains, _ENSEMBLES)
+        problems = self._problems(diagnostics, parameters.names, surrogate, accuracy)
+        message = " ".join(problems)
+        if self.n_modes > 1 and not problems:
+            message = (
+                f"{self.n_modes} separate ranges of values fit the data; both the draws and their"
+                " shares cover them."
             )
-        values = coordinates.to_values(self.chains)
-        found = diagnose(values, _ENSEMBLES)
-        said = self._said(found, names, surrogate, accuracy)
-        more = [
-            f"{self.humps} separate ranges of values fit the data; both the draws and their shares"
-            " cover them."
-        ]
-        text = " ".join(said + (more if self.humps > 1 and not said else []))
-        return Draws(
-            "sampling", tuple(names), values, *about, found, {}, not said, text, options, result
+        return replace(
+            none,
+            chains=chains,
+            diagnostics=diagnostics,
+            converged=not problems,
+            message=message,
         )
 
-    def _said(
+    def _problems(
         self,
-        found: dict[str, _Vector],
+        diagnostics: dict[str, _Vector],
         names: list[str],
         surrogate: Surrogate | None,
         accuracy: float,
     ) -> list[str]:
-        """Return why the draws cannot be relied on, in words; nothing where they can."""
-        said = []
-        apart = [n for n, r in zip(names, found["r_hat"], strict=True) if not r <= CHAINS_AGREE]
-        effective = np.minimum(found["ess_bulk"], found["ess_tail"])
-        few = [n for n, e in zip(names, effective, strict=True) if not e >= min(self.n, 400)]
-        if self.watch.stopped:
-            said.append("Stopped by the caller.")
+        """Return why the draws cannot be relied on, one sentence each; empty where they can."""
+        problems = []
+        r_hat = diagnostics["r_hat"]
+        effective = np.minimum(diagnostics["ess_bulk"], diagnostics["ess_tail"])
+        apart = [names[k] for k in np.flatnonzero(~(r_hat <= CHAINS_AGREE))]
+        few = [names[k] for k in np.flatnonzero(~(effective >= min(self.n, 400)))]
+        if self.counter.stopped:
+            problems.append("Stopped by the caller.")
         if apart:
-            said.append(
+            problems.append(
                 f"Not converged: independent ensembles disagree on {', '.join(apart)} (R-hat up to "
-                f"{np.nanmax(found['r_hat']):.3f}, above {CHAINS_AGREE:g})."
+                f"{np.nanmax(r_hat):.3f}, above {CHAINS_AGREE:g})."
             )
         if few:
-            said.append(f"Too few effective draws of {', '.join(few)} ({effective.min():.0f}).")
-        if said and self.evaluations >= self.max_evaluations:
-            said.append(
+            problems.append(f"Too few effective draws of {', '.join(few)} ({effective.min():.0f}).")
+        if problems and self.evaluations >= self.max_evaluations:
+            problems.append(
                 f"Ended after {self.evaluations} evaluations; allow more by max_evaluations."
             )
         if surrogate is not None and self.error > accuracy:
-            said.append(
+            problems.append(
                 f"The reduced model errs by {self.error:.1g} at the furthest draws, not"
                 f" {accuracy:g}."
             )
-        return said
+        return problems
 
 
 def _steps(
     likelihood: Likelihood, item: tuple[Mixture, _Ensemble, int]
 ) -> tuple[_Ensemble, NDArray[np.float64], float]:
-    """Advance an ensemble; return its state, its draws, shape (steps, n_walkers, n), and the share accepted."""
+    """Return an ensemble after some steps, its draws (steps, n_walkers, n) and acceptance rate."""
     import emcee
 
     mixture, state, steps = item
@@ -356,24 +368,26 @@ def _check_installed() -> None:
         ) from error
 
 
+# -- proposals ---------------------------------------------------------------------------------
 _Matrix = NDArray[np.float64]
 
-#: Degrees of freedom: tails heavier than those of any posterior in bounds, at little cost near the
-#: middle.
+#: Degrees of freedom: tails heavier than those of any posterior within bounds, at little cost near
+#: the centre.
 _FREEDOM = 6.0
-#: Least share of a hump; more draws than this many times the unknowns are needed to learn its
-#: covariance from them.
-_LEAST, _ENOUGH = 0.1, 10
+#: Least share of a component, before division by the number of components.
+_LEAST_SHARE = 0.1
+#: Distinct draws for each unknown from which the covariance of a component is estimated.
+_ENOUGH = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixture:
-    """A density to propose from.
+    """A mixture of Student's t distributions, one for each mode of the posterior.
 
     Attributes
     ----------
     means : ndarray of float, shape (h, n)
-        Middles of the humps.
+        Centres of the components.
     roots : ndarray of float, shape (h, n, n)
         Roots A of their scale matrices A A^T.
     log_volumes : ndarray of float, shape (h,)
@@ -388,78 +402,74 @@ class Mixture:
     shares: _Vector
 
     @classmethod
-    def of(cls, likelihood: Likelihood, tops: Sequence[Point]) -> Mixture:
-        """Return the mixture of what the likelihood looks like about its minima."""
-        parts = [Gaussian(likelihood, top) for top in tops]
-        volumes = np.array([part.log_volume for part in parts])
-        weight = np.array([-top.cost for top in tops]) + volumes
+    def of(cls, likelihood: Likelihood, minima: Sequence[Point]) -> Mixture:
+        """Return the mixture of the Gaussian approximations about the minima."""
+        gaussians = [Gaussian(likelihood, point) for point in minima]
+        volumes = np.array([g.log_volume for g in gaussians])
+        weight = volumes - np.array([point.cost for point in minima])
         return cls(
-            np.array([part.mean for part in parts]),
-            np.array([part.root for part in parts]),
+            np.array([g.mean for g in gaussians]),
+            np.array([g.root for g in gaussians]),
             volumes,
             _floored(np.exp(weight - logsumexp(weight))),
         )
 
     def adapted(self, X: _Matrix) -> Mixture:
-        """Return the mixture with middles, scales and shares as draws X, shape (m, n), say."""
-        nearest = np.argmin(
-            [_distances(X, m, A) for m, A in zip(self.means, self.roots, strict=True)], axis=0
-        )
-        means, roots, volumes, shares = [], [], [], []
-        for k in range(len(self.means)):
+        """Return the mixture with means, scales and shares estimated from draws X, shape (m, n)."""
+        means, roots, volumes = (np.array(a) for a in (self.means, self.roots, self.log_volumes))
+        shares = np.empty(len(means))
+        nearest = np.argmin(list(map(partial(_distances, X), means, roots)), axis=0)
+        for k in range(len(means)):
             own = X[nearest == k]
-            mean, root, volume = self.means[k], self.roots[k], float(self.log_volumes[k])
-            if len(np.unique(own, axis=0)) > _ENOUGH * X.shape[1]:
-                mean = own.mean(axis=0)
-                _, s, Vt = np.linalg.svd((own - mean) / np.sqrt(len(own) - 1), full_matrices=False)
-                if s[-1] > 1e-8 * s[0]:
-                    root, volume = Vt.T * s, float(np.sum(np.log(s)))
-            means.append(mean)
-            roots.append(root)
-            volumes.append(volume)
-            shares.append(len(own) / len(X))
-        return Mixture(
-            np.array(means), np.array(roots), np.array(volumes), _floored(np.array(shares))
-        )
+            shares[k] = len(own) / len(X)
+            if len(np.unique(own, axis=0)) <= _ENOUGH * X.shape[1]:
+                continue
+            means[k] = own.mean(axis=0)
+            scaled = (own - means[k]) / np.sqrt(len(own) - 1)
+            _, s, Vt = np.linalg.svd(scaled, full_matrices=False)
+            if s[-1] > 1e-8 * s[0]:
+                roots[k] = Vt.T * s
+                volumes[k] = np.sum(np.log(s))
+        return Mixture(means, roots, volumes, _floored(shares))
 
     def draw(self, random: Any, count: int) -> _Matrix:
-        """Return draws, shape (count, n), with numbers from a `numpy.random.RandomState`."""
+        """Return draws, shape (count, n), by a `numpy.random.RandomState`."""
         n = self.means.shape[1]
-        hump = random.choice(len(self.shares), size=count, p=self.shares)
+        chosen = random.choice(len(self.shares), size=count, p=self.shares)
         stretch = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, size=count))
         z = random.standard_normal((count, n)) * stretch[:, None]
-        return np.asarray(self.means[hump] + np.einsum("mij,mj->mi", self.roots[hump], z))
+        return np.asarray(self.means[chosen] + np.einsum("mij,mj->mi", self.roots[chosen], z))
 
     def log_density(self, X: _Matrix) -> _Vector:
         """Return the logarithm of the density at points X, shape (m, n), up to a constant."""
         n = X.shape[1]
         power = 0.5 * (_FREEDOM + n)
         constant = gammaln(power) - gammaln(0.5 * _FREEDOM)
-        terms = [
-            np.log(share) - volume - power * np.log1p(_distances(X, mean, root) / _FREEDOM)
-            for mean, root, volume, share in zip(
-                self.means, self.roots, self.log_volumes, self.shares, strict=True
-            )
-        ]
+        terms = []
+        for k in range(len(self.shares)):
+            distance = _distances(X, self.means[k], self.roots[k])
+            level = np.log(self.shares[k]) - self.log_volumes[k]
+            terms.append(level - power * np.log1p(distance / _FREEDOM))
         return np.asarray(constant + logsumexp(terms, axis=0))
 
     def propose(self, X: _Matrix, random: Any) -> tuple[_Matrix, _Vector]:
-        """Return new points for walkers at X, shape (m, n), and ln q(X) - ln q(new), as emcee asks for it."""
+        """Return new points for walkers at X, shape (m, n), and ln q(X) - ln q(new), for emcee."""
         new = self.draw(random, len(X))
         return new, self.log_density(X) - self.log_density(new)
 
 
 def _distances(X: _Matrix, mean: _Vector, root: _Matrix) -> _Vector:
-    """Return squared distances in units of the scale, shape (m,)."""
+    """Return squared Mahalanobis distances, shape (m,)."""
     return np.asarray(np.sum(np.linalg.solve(root, (X - mean).T) ** 2, axis=0))
 
 
 def _floored(shares: _Vector) -> _Vector:
-    """Return shares of which none is so small that its hump is hardly ever proposed."""
-    kept = np.maximum(shares, _LEAST / len(shares))
+    """Return shares of at least a lower limit, so that each component is proposed often enough."""
+    kept = np.maximum(shares, _LEAST_SHARE / len(shares))
     return np.asarray(kept / kept.sum())
 
 
+# -- diagnostics -------------------------------------------------------------------------------
 #: R-hat up to which ensembles count as drawing from one density (Vehtari et al. 2021).
 CHAINS_AGREE = 1.01
 
@@ -472,7 +482,7 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
     chains : ndarray of float, shape (n_chains, n_draws, n)
         Walkers of all ensembles, those of an ensemble together.
     ensembles : int
-        How many; the walkers of one know of each other, those of two do not.
+        Number of ensembles; walkers of one depend on each other, those of two do not.
 
     Returns
     -------
@@ -488,7 +498,7 @@ def diagnose(chains: NDArray[np.float64], ensembles: int) -> dict[str, _Vector]:
 
     n_chains, n_draws, n = chains.shape
     by_unknown = np.moveaxis(chains, -1, 0)
-    # An ensemble step by step: its halves are the early and the late draws.
+    # All draws of an ensemble as one chain, step by step, so that its halves are early and late.
     walkers = by_unknown.reshape(n, ensembles, n_chains // ensembles, n_draws)
     whole = walkers.swapaxes(2, 3).reshape(n, ensembles, -1)
     axes = {"chain_axis": -2, "draw_axis": -1}

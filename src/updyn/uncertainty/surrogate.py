@@ -1,8 +1,8 @@
-"""A reduced model about the estimate, in which draws of a large model are made, and its error at draws.
+"""Reduced models about the estimate, for sampling and refitting large models, and their error.
 
-A basis is made at the estimate and enriched at a few points about it, as far off as draws lie,
-until the full residual says that it is accurate there. Afterwards its error is taken at the draws
-that lie furthest off.
+A basis is built at the estimate and enriched at a few points about it, as far from it as draws are,
+until the residual of the full model certifies its accuracy there. Afterwards its error is evaluated
+at the draws furthest from the mean.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ __all__ = ["Surrogate", "reduced_about"]
 
 _Vector = NDArray[np.float64]
 
-#: Points about the estimate at which the basis is enriched, and how far off, in standard
-#: deviations.
-_ABOUT, _FAR = 4, 2.0
+#: Points about the estimate at which the basis is enriched.
+_POINTS = 4
+#: Their distance from the estimate, in standard deviations.
+_DISTANCE = 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -36,9 +37,9 @@ class Surrogate:
     Parameters
     ----------
     exact : Problem
-        The whole models.
+        The problem with the full models.
     accuracy : float
-        Wanted: the error of a receptance as a share of the largest of its line.
+        Largest error of a receptance, as a share of the largest receptance of its line.
     """
 
     exact: Problem
@@ -50,11 +51,11 @@ class Surrogate:
 
     @property
     def size(self) -> int:
-        """Number of motions of all parts."""
+        """Number of basis vectors of all parts."""
         return sum(r.basis.size for r in self._reductions)
 
     def begin(self, points: Sequence[_Vector]) -> None:
-        """Make the bases at the first point and enrich them at all.
+        """Build the bases at the first point and enrich them at all points.
 
         Parameters
         ----------
@@ -73,7 +74,7 @@ class Surrogate:
         self.enrich(points)
 
     def enrich(self, points: Sequence[_Vector]) -> None:
-        """Add what the bases lack at some points; where the model cannot be solved, nothing."""
+        """Enrich the bases at some points; skip those where the model cannot be solved."""
         for number, x in enumerate(points):
             for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
                 try:
@@ -82,15 +83,18 @@ class Surrogate:
                     if number == 0:
                         raise
 
-    def task(self) -> Problem:
-        """Return the problem with the reduced models as they are."""
+    def problem(self) -> Problem:
+        """Return the problem with the current reduced models."""
         pairs = zip(self.exact.parts, self._reductions, strict=True)
         return Problem.of(
             [replace(p, solver=r.solver(f"reduced, {r.basis.size}")) for p, r in pairs]
         )
 
     def error(self, x: _Vector) -> float:
-        """Return the largest error at a point, as a share of the largest receptance of a line; inf where not solved."""
+        """Return the largest error at a point, relative to the largest receptance of its line.
+
+        It is inf where the model cannot be solved.
+        """
         try:
             return max(
                 reduction.certify(part.state(x), part.frf.freq, enrich=False).error
@@ -101,18 +105,25 @@ class Surrogate:
 
 
 def reduced_about(
-    setting: RestoredFit, accuracy: float, seed: int
+    restored: RestoredFit, accuracy: float, seed: int
 ) -> tuple[Surrogate | None, RestoredFit]:
-    """Return the setting, a model too large for dense matrices reduced about its estimate.
+    """Reduce a model that is too large for dense matrices about its estimate.
 
     Parameters
     ----------
-    setting : RestoredFit
-        An update that has ended.
+    restored : RestoredFit
+        The fit.
     accuracy : float
-        Of the reduced model.
+        Largest error of the reduced model, as of `Surrogate`.
     seed : int
-        Of the points about the estimate at which it is made.
+        Seed of the points about the estimate at which it is enriched.
+
+    Returns
+    -------
+    surrogate : Surrogate or None
+        None for a small model.
+    restored : RestoredFit
+        The fit with the reduced model.
 
     Raises
     ------
@@ -121,15 +132,15 @@ def reduced_about(
     Stopped
         If the user wants to stop.
     """
-    if all(part.solver.tier == "dense" for part in setting.problem.parts):
-        return None, setting
-    likelihood = setting.likelihood()
-    local = likelihood.local(setting.x)
+    if all(part.solver.tier == "dense" for part in restored.problem.parts):
+        return None, restored
+    likelihood = restored.likelihood()
+    local = likelihood.local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
-    z = np.random.default_rng([seed, 1]).standard_normal((_ABOUT, len(setting.x)))
-    z *= _FAR * np.sqrt(len(setting.x)) / np.linalg.norm(z, axis=1)[:, None]
-    points = np.clip(Gaussian(likelihood, Point(setting.x, local)).at(z), *likelihood.bounds)
-    surrogate = Surrogate(setting.problem, accuracy)
-    surrogate.begin([setting.x, *points])
-    return surrogate, setting.with_problem(surrogate.task())
+    z = np.random.default_rng([seed, 1]).standard_normal((_POINTS, len(restored.x)))
+    z *= _DISTANCE * np.sqrt(len(restored.x)) / np.linalg.norm(z, axis=1)[:, None]
+    points = np.clip(Gaussian(likelihood, Point(restored.x, local)).at(z), *likelihood.bounds)
+    surrogate = Surrogate(restored.problem, accuracy)
+    surrogate.begin([restored.x, *points])
+    return surrogate, restored.with_problem(surrogate.problem())

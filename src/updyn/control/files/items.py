@@ -67,7 +67,7 @@ _FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", 
 
 
 def plant_items(plant: Plant) -> dict[str, Any]:
-    """Return what a file holds of a plant."""
+    """Return the items of a plant."""
     return {
         "format": FORMAT,
         "schema": SCHEMA,
@@ -94,7 +94,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
 
 
 def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
-    """Return the plant of which a file holds these items.
+    """Return the plant from its items.
 
     Raises
     ------
@@ -149,25 +149,26 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
 
 # -- arrays and texts only ------------------------------------------------------------------------
 def flat_items(plant: Plant) -> dict[str, Any]:
-    """Return what a file of arrays, texts and lists of texts holds of a plant."""
+    """Return the items of a plant as numbers, arrays, texts and lists of texts."""
     items = plant_items(plant)
     out = {**items, "dt": items["dt"] or 0.0, "facts": to_text(items["facts"], "facts of a plant")}
     for side in ("input", "output"):
         ports = items[f"{side}s"]
-        weights = [
-            (number, label, w)
-            for number, p in enumerate(ports, 1)
-            for label, w in p["weights"].items()
-        ]
-        values = (
-            [p["name"] for p in ports],
-            [p["unit"] for p in ports],
-            np.array([float(p["rotation"]) for p in ports]),
-            np.array([w for *_, w in weights]),
-            np.array([float(number) for number, *_ in weights]),
-            [label for _, label, _ in weights],
-        )
-        out.update(zip((name.format(side) for name in _FLAT_PORTS), values, strict=True))
+        numbers: list[float] = []
+        labels: list[str] = []
+        weights: list[float] = []
+        for number, port in enumerate(ports, 1):
+            numbers += [float(number)] * len(port["weights"])
+            labels += port["weights"].keys()
+            weights += port["weights"].values()
+        out |= {
+            f"{side}s": [p["name"] for p in ports],
+            f"{side}_units": [p["unit"] for p in ports],
+            f"{side}_rotation": np.array([float(p["rotation"]) for p in ports]),
+            f"{side}_weight": np.array(weights),
+            f"{side}_weight_port": np.array(numbers),
+            f"{side}_weight_dof": labels,
+        }
     return {
         **out,
         "band": np.array(items["band"]),
@@ -223,17 +224,11 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
                 ", ".join(f"{n}: {size} items" for n, size in sizes.items()) + "; expected as many",
                 path,
             )
-    out: list[dict[str, Any]] = [
-        {
-            "name": name,
-            "unit": unit,
-            "weights": {},
-            "rotation": {0.0: False, 1.0: True}.get(turns, turns),
-        }
-        for name, unit, turns in zip(
-            texts[names], texts[units], numbers[rotation].tolist(), strict=True
-        )
-    ]
+    out: list[dict[str, Any]] = []
+    ports = zip(texts[names], texts[units], numbers[rotation].tolist(), strict=True)
+    for name, unit, turns in ports:
+        turning = {0.0: False, 1.0: True}.get(turns, turns)
+        out.append({"name": name, "unit": unit, "weights": {}, "rotation": turning})
     for number, value, dof in zip(numbers[port], numbers[weight], texts[label], strict=True):
         if number not in range(1, len(out) + 1):
             raise FormatError(
@@ -309,14 +304,14 @@ def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.f
         and not all(isinstance(r, list) for r in found)
     ):
         raise FormatError(f"{name}: holds something that is not a number", path)
-    rows = found if isinstance(found, list) and all(isinstance(r, list) for r in found) else []
+    rows: list[Any] = []
+    if isinstance(found, list) and all(isinstance(r, list) for r in found):
+        rows = found
     for number, row in enumerate(rows, 1):
         if not all(map(is_number, row)) or len(row) != len(rows[0]):
-            wrong = (
-                "holds something that is not a number"
-                if len(row) == len(rows[0])
-                else f"has {len(row)} numbers"
-            )
+            wrong = f"has {len(row)} numbers"
+            if len(row) == len(rows[0]):
+                wrong = "holds something that is not a number"
             raise FormatError(
                 f"{name}: row {number} {wrong}; expected {len(rows[0])} numbers", path
             )

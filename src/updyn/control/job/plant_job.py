@@ -16,15 +16,13 @@ from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
 from updyn.job.folder import (
-    MARK,
-    check_folder,
-    check_inputs,
-    check_no_folder,
+    check_out,
+    create_folder,
     default_out,
-    made_folder,
-    put_in_place,
+    is_of_a_run,
+    move_outputs,
     resolved_job,
-    unfinished,
+    temporary_folder,
 )
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.schema import Job
@@ -55,12 +53,14 @@ def default_plant_out(job: Job) -> Path:
     Path
         That of the job's run; of a job file that a run has written, its own folder.
     """
-    return job.path.parent if _left_behind(job) else default_out(job)
+    if _written_by_run(job):
+        return job.path.parent
+    return default_out(job)
 
 
-def _left_behind(job: Job) -> bool:
+def _written_by_run(job: Job) -> bool:
     """Whether a run wrote the job file."""
-    return job.path.read_bytes().startswith(f"# {MARK}".encode())
+    return is_of_a_run(job.path)
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
@@ -87,10 +87,7 @@ def check_plant_out(job: Job, out: str | Path) -> Path:
     table = job.table(PlantTable)
     if table is None:
         raise JobError("the job has no [plant]; add one with inputs and outputs", job.path)
-    out = check_folder(job, out)
-    check_inputs(job, out, plant_outputs(table))
-    check_no_folder(job, out, plant_outputs(table))
-    return out
+    return check_out(job, out, plant_outputs(table))
 
 
 def plant_job(
@@ -144,17 +141,18 @@ def plant_job(
     ready = prepare(job) if prepared is None else prepared
     with job.located():
         found = _finished(ready, out, run)
-    result, draws, where = (None, None, None) if found is None else found
-    if result is None:
+    if found is None:
+        result = draws = None
         source = "The model as it stands, NOT updated: there is no finished run of the job."
     else:
+        result, draws, where = found
         source = f"The updated model of the run in {str(where)!r} ({result.status})."
     with job.located():
         plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
-    with made_folder(out), unfinished(out) as temporary:
+    with create_folder(out), temporary_folder(out) as temporary:
         write_plant_files(plant_result, job, temporary)
         write_plant_page(plant_result, temporary / PLANT_PAGE)
-        put_in_place(plant_outputs(table), temporary, out)
+        move_outputs(plant_outputs(table), temporary, out)
     return plant_result
 
 
@@ -200,7 +198,7 @@ def _folders(job: Job, out: Path) -> Iterator[Path]:
     """Yield the folders that may hold a finished run of the job."""
     yield out
     yield default_out(job)
-    if _left_behind(job):
+    if _written_by_run(job):
         yield job.path.parent
 
 
@@ -240,4 +238,6 @@ def _draws(folder: Path, result: UpdateResult) -> Draws | None:
         found = read_uncertainty(folder / "uncertainty.nc", result)
     except InputError:
         return None
-    return found if isinstance(found, Draws) and len(found) > 1 else None
+    if isinstance(found, Draws) and len(found) > 1:
+        return found
+    return None

@@ -29,8 +29,9 @@ __all__ = [
     "WindTable",
 ]
 
-#: What a plant is written to where the job does not say, and the suffixes that there are.
+#: Files of a plant where the job names none.
 PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
+#: Suffixes of plant files.
 PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
 #: Files of the folder that no plant may replace.
 _TAKEN = ("control.json", "result.json", "compare.json")
@@ -49,11 +50,8 @@ def _quantities(given: Any) -> Any:
         )
     for name in names:
         if name not in QUANTITIES:
-            raise ValueError(
-                suggest(name, QUANTITIES)
-                if given == name
-                else f"{name!r}: {suggest(name, QUANTITIES)}"
-            )
+            which = "" if given == name else f"{name!r}: "
+            raise ValueError(which + suggest(name, QUANTITIES))
     return given if isinstance(given, str) else tuple(names)
 
 
@@ -80,14 +78,11 @@ def _files(given: Any) -> Any:
         if PurePath(name).name != name or name in _TAKEN:
             raise ValueError(f"{name!r}: expected the name of a file of its own, without a folder")
         if suffix not in PLANT_SUFFIXES:
-            said = (
-                f"did you mean {close[0]!r}?" if (close := nearest(suffix, PLANT_SUFFIXES)) else ""
-            )
-            raise ValueError(
-                f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}; {said}".rstrip(
-                    "; "
-                )
-            )
+            message = f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}"
+            close = nearest(suffix, PLANT_SUFFIXES)
+            if close:
+                message += f"; did you mean {close[0]!r}?"
+            raise ValueError(message)
     if len({name.casefold() for name in names}) < len(names):
         raise ValueError("a file stands twice")
     return tuple(names)
@@ -176,11 +171,9 @@ class PlantTable(Table):
     @property
     def quantities(self) -> tuple[str, ...]:
         """What each output is."""
-        return (
-            (self.quantity,) * len(self.outputs)
-            if isinstance(self.quantity, str)
-            else self.quantity
-        )
+        if isinstance(self.quantity, str):
+            return (self.quantity,) * len(self.outputs)
+        return self.quantity
 
     @property
     def sampled_files(self) -> tuple[str, ...]:
@@ -272,7 +265,8 @@ class ControllerTable(Table):
             )
         given = self.settings
         if self.kp is None:
-            given |= {"kp": 1.0} | ({"kv": 1.0} if "kv" not in given else {})
+            given["kp"] = 1.0
+            given.setdefault("kv", 1.0)
         else:
             ruled = next((key for key in _RULE if getattr(self, key) is not None), None)
             if ruled is not None:
@@ -372,10 +366,12 @@ class NonlinearTable(Table):
         OptionError
             If one is missing, or belongs to the other kind.
         """
-        own = {"backlash": ("mesh", "gap"), "friction": ("level",)}[self.kind]
-        others = {"backlash": ("level", "breakaway"), "friction": ("mesh", "gap", "frequency")}[
-            self.kind
-        ]
+        if self.kind == "backlash":
+            own: tuple[str, ...] = ("mesh", "gap")
+            others: tuple[str, ...] = ("level", "breakaway")
+        else:
+            own = ("level",)
+            others = ("mesh", "gap", "frequency")
         for key in own:
             if getattr(self, key) is None:
                 raise OptionError(f"nonlinear: kind {self.kind!r} needs {key}", key=("kind",))

@@ -190,11 +190,9 @@ def around(
 
 def _flexibility(D: float, nonlinearity: Nonlinearity) -> float:
     """Return the residual flexibility across a mesh; what rounding leaves of none is none."""
-    return (
-        0.0
-        if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING
-        else D
-    )
+    if isinstance(nonlinearity, Backlash) and abs(D) * nonlinearity.stiffness < _NOTHING:
+        return 0.0
+    return D
 
 
 def _check(system: Around, nonlinearity: Nonlinearity, push: float, n_u: int) -> None:

@@ -38,6 +38,10 @@ _SCAN = 3000
 _NEAR = 0.1  # rad: a phase that comes this close to agreement between two points is looked at
 
 
+#: Words for whether a cycle or a loop is stable.
+_STABLE = {True: "stable", False: "unstable"}
+
+
 @dataclass(frozen=True, slots=True)
 class LimitCycle:
     """One oscillation that harmonic balance predicts.
@@ -77,7 +81,7 @@ class LimitCycle:
     doubt: str = ""
 
     def __str__(self) -> str:
-        kind = "stable" if self.stable else "unstable"
+        kind = _STABLE[self.stable]
         doubt = f" (doubtful: {self.doubt})" if self.doubt else ""
         return f"{kind}, amplitude {self.amplitude:.5g} {self.unit}, {self.frequency:.5g} Hz{doubt}"
 
@@ -116,10 +120,7 @@ class LimitCycles(tuple[LimitCycle, ...]):
         str
         """
         where = f"from {self.band[0]:.4g} to {self.band[1]:.4g} Hz"
-        loop = (
-            "The loop without the nonlinearity is"
-            f" {'stable' if self.linear_stable else 'unstable'}."
-        )
+        loop = f"The loop without the nonlinearity is {_STABLE[bool(self.linear_stable)]}."
         if not self:
             return f"Harmonic balance predicts no limit cycle {where}. {loop}"
         lines = [
@@ -204,11 +205,9 @@ def limit_cycles(
 
 def _whole(nonlinearity: Nonlinearity) -> tuple[float, float]:
     """Return stiffness and damping across, without the nonlinearity."""
-    return (
-        (nonlinearity.stiffness, nonlinearity.damping)
-        if isinstance(nonlinearity, Backlash)
-        else (0.0, 0.0)
-    )
+    if isinstance(nonlinearity, Backlash):
+        return nonlinearity.stiffness, nonlinearity.damping
+    return 0.0, 0.0
 
 
 def _stable(poles: _Complex) -> bool:
@@ -301,7 +300,10 @@ def _cycle(system: Around, nonlinearity: Nonlinearity, omega: float) -> LimitCyc
     N = complex(nonlinearity.describing(A, omega))
     third = float(abs(S3)) * nonlinearity.third(A, omega) / A
     loeb = _loeb(system, nonlinearity, A, omega)
-    rest = system.under(N.real, N.imag / omega if abs(N.imag) > 1e-12 * abs(N) else 0.0)
+    damping = N.imag / omega
+    if abs(N.imag) <= 1e-12 * abs(N):
+        damping = 0.0
+    rest = system.under(N.real, damping)
     # The pair that makes the cycle lies on the imaginary axis; the others decide whether anything
     # else grows.
     for target in (1j * omega, -1j * omega):

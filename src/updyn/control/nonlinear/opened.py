@@ -155,11 +155,9 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         for i, v in zip(entries.coords[1], entries.data, strict=True)
         if abs(v) > 1e-12 * float(np.abs(entries.data).max())
     }
-    left = (
-        Group(stiffness=K * 0.0)
-        if group.mass is None
-        else Group(mass=group.mass, mass_damping=group.mass_damping)
-    )
+    left = Group(stiffness=K * 0.0)
+    if group.mass is not None:
+        left = Group(mass=group.mass, mass_damping=group.mass_damping)
     rest = Model({**given.groups, mesh: left}, given.dofs, given.geometry, given.title)
     port = Port(name, weights, rotation=Dof.parse(at).direction.startswith("R"))
     return Opened(rest, port, k, c, group, mesh)

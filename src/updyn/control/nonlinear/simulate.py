@@ -151,7 +151,9 @@ class BackwardsAndForwards(Rules):
     def first(self, X: _Real) -> str:
         """Return the gap, or the flank that is pressed."""
         way = float(self.read @ X)
-        return "gap" if abs(way) <= self.law.half else "contact +" if way > 0 else "contact -"
+        if abs(way) <= self.law.half:
+            return "gap"
+        return "contact +" if way > 0 else "contact -"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
         """Return the flank that is met, or the gap with the shaft's last twist."""
@@ -192,11 +194,15 @@ class StickAndSlip(Rules):
     def first(self, X: _Real) -> str:
         """Return the sense of motion, or what comes of rest."""
         v = float(self.read @ X)
-        return "slip +" if v > 0 else "slip -" if v < 0 else self._at_rest(X)
+        if v == 0:
+            return self._at_rest(X)
+        return "slip +" if v > 0 else "slip -"
 
     def _at_rest(self, X: _Real) -> str:
         held = float(self.hold @ X)
-        return "stick" if abs(held) <= self.law.sticks else "slip -" if held > 0 else "slip +"
+        if abs(held) <= self.law.sticks:
+            return "stick"
+        return "slip -" if held > 0 else "slip +"
 
     def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
         """Return the sense in which it breaks away, or what comes of rest."""
@@ -395,11 +401,9 @@ def settled(time: _Real, z: _Real, switches: _Real, half: float) -> Settled:
         return Settled("at rest")
     if not len(switches) or switches[-1] < t[0]:
         # Nothing touches any more: a swing within the gap, or a drift.
-        return (
-            _trend(t, y, whole)
-            if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2])
-            else Settled("decays")
-        )
+        if np.ptp(y[len(y) // 2 :]) > 1.02 * np.ptp(y[: len(y) // 2]):
+            return _trend(t, y, whole)
+        return Settled("decays")
     starts = _rises(t, y - 0.5 * (y.max() + y.min()))
     if len(starts) < 3:
         return _trend(t, y, whole)
@@ -623,9 +627,8 @@ def simulate(
         + np.outer(w, system.series_w)
         + system.series_e @ held
     )
-    end: Settled = settled(
-        way.time, z, way.switches, nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
-    )
+    half = nonlinearity.half if isinstance(nonlinearity, Backlash) else 0.0
+    end = settled(way.time, z, way.switches, half)
     facts = {"step": length, "switches": len(way.switches), "constant": dict(constant or {})}
     for array in (way.time, z, w, series, way.switches):
         array.flags.writeable = False

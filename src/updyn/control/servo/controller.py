@@ -227,8 +227,12 @@ class Controller:
         for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
-                above = "0 or above, in s" if name == "dead_time" else "a share from 0 to 1"
-                raise OptionError(f"controller: {name} is {value!r}; expected {above}", key=(name,))
+                expected = {
+                    "feed_forward": "a share from 0 to 1",
+                    "dead_time": "0 or above, in s",
+                }
+                text = f"controller: {name} is {value!r}; expected {expected[name]}"
+                raise OptionError(text, key=(name,))
         if self.feed_forward and self.kv is None:
             raise OptionError(
                 "controller: feed_forward without kv; it belongs to the position loop",
@@ -297,17 +301,10 @@ class Controller:
         Symmetrical optimum: Kessler (1958), "Das symmetrische Optimum", Regelungstechnik 6, 395-400
         and 432-436.
         """
-        for name, value, where in (
-            ("crossover", crossover, "in Hz"),
-            ("ti_ratio", ti_ratio, ""),
-            ("kv_ratio", kv_ratio, ""),
-        ):
-            if value is None and name != "crossover":
-                continue
-            if value is None or not is_number(value) or not 0 < value < np.inf:
-                raise OptionError(
-                    f"{name} is {value!r}; expected a number above 0{', ' + where if where else ''}"
-                )
+        _positive("crossover", crossover, "Hz")
+        for name, ratio in (("ti_ratio", ti_ratio), ("kv_ratio", kv_ratio)):
+            if ratio is not None:
+                _positive(name, ratio)
         nominal = plant if isinstance(plant, Plant) else plant.nominal
         inertia = inertia_of(nominal, torque, velocity)
         if inertia is None:
@@ -322,12 +319,10 @@ class Controller:
                 " weights)"
             )
         w = 2.0 * np.pi * crossover
-        gains = {
-            "ti": None if ti_ratio is None else ti_ratio / w,
-            "kv": None if kv_ratio is None else w / kv_ratio,
-        }
-        for name, value in gains.items():
-            others.setdefault(name, value)
+        if ti_ratio is not None:
+            others.setdefault("ti", ti_ratio / w)
+        if kv_ratio is not None:
+            others.setdefault("kv", w / kv_ratio)
         return cls(kp=inertia * w, **others)
 
     def torque(self, s: ArrayLike) -> _Complex:
@@ -389,9 +384,10 @@ class Controller:
         out = [np.zeros(int(self.ti is not None), dtype=np.complex128)]
         out += [_pair(n.frequency, n.pole_damping) for n in self.notches]
         if self.low_pass is not None:
-            damping = self.low_pass_damping
-            one = np.array([-_TWO_PI * self.low_pass + 0j])
-            out.append(one if damping is None else _pair(self.low_pass, damping))
+            if self.low_pass_damping is None:
+                out.append(np.array([-_TWO_PI * self.low_pass + 0j]))
+            else:
+                out.append(_pair(self.low_pass, self.low_pass_damping))
         return np.concatenate(out)
 
     @property
@@ -407,25 +403,21 @@ class Controller:
 
     def summary(self) -> str:
         """Return the settings, one a line."""
-        lines = [f"velocity loop  kp {self.kp:.6g} (torque or force per unit of velocity)"]
-        lines[0] += ", no integral part" if self.ti is None else f", ti {self.ti:.6g} s"
+        integral = "no integral part" if self.ti is None else f"ti {self.ti:.6g} s"
+        unit = "torque or force per unit of velocity"
+        lines = [f"velocity loop  kp {self.kp:.6g} ({unit}), {integral}"]
         if self.kv is not None:
-            forward = (
-                f", {100 * self.feed_forward:g} % velocity feed-forward"
-                if self.feed_forward
-                else ""
-            )
-            lines.append(f"position loop  kv {self.kv:.6g} 1/s{forward}")
+            lines.append(f"position loop  kv {self.kv:.6g} 1/s")
+            if self.feed_forward:
+                lines[-1] += f", {100 * self.feed_forward:g} % velocity feed-forward"
         lines += [
             f"notch          {n.frequency:g} Hz, width {n.width:.4g} Hz, depth {n.depth:.3g}"
             for n in self.notches
         ]
         if self.low_pass is not None:
-            order = (
-                "first order"
-                if self.low_pass_damping is None
-                else f"damping {self.low_pass_damping:g}"
-            )
+            order = "first order"
+            if self.low_pass_damping is not None:
+                order = f"damping {self.low_pass_damping:g}"
             lines.append(f"low-pass       {self.low_pass:g} Hz, {order}")
         if self.dead_time:
             lines.append(f"dead time      {1e3 * self.dead_time:g} ms")
@@ -454,7 +446,7 @@ def require_continuous(plant: Plant) -> None:
 
 
 def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
-    """Return the rigid-body inertia from a torque to a velocity.
+    """Return the rigid-body inertia of a plant between a torque and a velocity.
 
     Its reciprocal is the sum of the residues of the mobility at the slow poles: that at 0 of a body
     that turns freely, that at -c / J of one with bearing friction c. It is taken from an integral
@@ -499,11 +491,10 @@ def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
     size = np.abs(poles)
     moving = size > 1e-6 * size.max(initial=0.0)
     oscillating = size[moving & (np.abs(poles.imag) > 0.1 * size)]
-    first = (
-        float(oscillating.min())
-        if len(oscillating)
-        else 10.0 * float(size[moving].max(initial=1.0))
-    )
+    if len(oscillating):
+        first = float(oscillating.min())
+    else:
+        first = 10.0 * float(size[moving].max(initial=1.0))
     low = _AT_REST * first
     steps = np.unique(np.concatenate([[low], np.clip(size[size <= first], low, None), [first]]))
     wide = steps[1:] > _ROOM * steps[:-1]
@@ -528,9 +519,12 @@ def _pair(frequency: float, damping: float) -> _Complex:
     return np.array([w * (-damping + root), w * (-damping - root)], dtype=np.complex128)
 
 
-def _positive(what: str, value: object, unit: str, remedy: str = "") -> None:
+def _positive(what: str, value: object, unit: str = "", remedy: str = "") -> None:
     if not is_number(value) or not np.isfinite(value) or value <= 0:  # type: ignore[call-overload, operator]
-        more = f" ({remedy})" if remedy else ""
         name = what.rpartition(": ")[2]
-        text = f"{what} is {value!r}; expected a number above 0, in {unit}{more}"
+        text = f"{what} is {value!r}; expected a number above 0"
+        if unit:
+            text += f", in {unit}"
+        if remedy:
+            text += f" ({remedy})"
         raise OptionError(text, key=(name,))

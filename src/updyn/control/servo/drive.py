@@ -189,9 +189,11 @@ class DriveFigures:
         -------
         str
         """
-        (mass_m, stiff_m), (mass_l, stiff_l) = _units(self.motor), _units(self.load)
+        mass_m, stiff_m = _units(self.motor)
+        mass_l, stiff_l = _units(self.load)
+        ratio_from = f"from {self.ratio_from}" if self.ratio_from else ""
         rows = [
-            ("gear ratio", _g(self.ratio), f"from {self.ratio_from}" if self.ratio_from else ""),
+            ("gear ratio", _g(self.ratio), ratio_from),
             ("inertia at the motor", _g(self.inertia), f"{mass_m}, all in rigid-body motion"),
             ("  motor's own", _g(self.motor_inertia), mass_m),
             ("  the rest", _g(self.rest_inertia), mass_m),
@@ -209,16 +211,16 @@ class DriveFigures:
                 "Torque to motor speed:",
                 f"{'antiresonance Hz':>18}{'damping':>10}{'resonance Hz':>14}{'damping':>10}",
             ]
-            lines += [
-                f"{p.antiresonance:>18.6g}{p.antiresonance_damping:>10.3g}{p.resonance:>14.6g}{p.resonance_damping:>10.3g}"
-                for p in self.pairs
-            ]
+            for p in self.pairs:
+                zero = f"{p.antiresonance:>18.6g}{p.antiresonance_damping:>10.3g}"
+                lines.append(f"{zero}{p.resonance:>14.6g}{p.resonance_damping:>10.3g}")
         if self.hidden:
-            shown = ", ".join(f"{f:.5g}" for f in self.hidden[:8]) + (
-                ", ..." if len(self.hidden) > 8 else ""
-            )
+            shown = ", ".join(f"{f:.5g}" for f in self.hidden[:8])
+            if len(self.hidden) > 8:
+                shown += ", ..."
             lines.append(f"Locked-rotor frequencies that the motor does not see: {shown} Hz")
-        lines += [] if self.bandwidth is None else [self.bandwidth.rule]
+        if self.bandwidth is not None:
+            lines.append(self.bandwidth.rule)
         return "\n".join([*lines, *self.notes])
 
 
@@ -312,24 +314,32 @@ def drive_figures(
     free = _up_to(given, top, at_least=len(locked) + 1)
     rigid = int((free.frequency == 0.0).sum())
     turning = _rigid_motion(free, rigid, ends.index, ends.sign)
-    notes = [turning.note] if turning.note else []
-    n = _told(turning.ratio, ratio, notes, str(motor), str(load))
+    notes = list(filter(None, [turning.note]))
+    n = _stated_or_found(turning.ratio, ratio, notes, str(motor), str(load))
     stiffness = _stiffness(given, free.shapes[:, :rigid], ends.index, turning.note)
     pairs, hidden = _pairs(locked, free, separation, limits)
-    moves = turning.inertia is not None
-    first = None if moves else _first(free, locked, separation, limits)
     own = float(given.mass.diagonal()[ends.index[0]])
-    rest = None if turning.inertia is None else turning.inertia - own
-    inertia_ratio = None if rest is None or own <= 0 else rest / own
-    if rest is not None and own <= 0:
-        notes.append(
-            f"The motor's DOF {motor} carries no inertia of its own: there is no inertia ratio."
-        )
-    elif inertia_ratio is not None and inertia_ratio < 0:
-        notes.append(
-            "The motor turns against a body that is free itself: there is no inertia ratio."
-        )
-        rest, inertia_ratio = None, None
+    first = rest = inertia_ratio = load_inertia = None
+    if turning.inertia is None:
+        first = _first(free, locked, separation, limits)
+    else:
+        rest = turning.inertia - own
+        if own <= 0:
+            notes.append(
+                f"The motor's DOF {motor} carries no inertia of its own: there is no inertia ratio."
+            )
+        elif rest < 0:
+            notes.append(
+                "The motor turns against a body that is free itself: there is no inertia ratio."
+            )
+            rest = None
+        else:
+            inertia_ratio = rest / own
+    ratio_from = ""
+    if n is not None:
+        ratio_from = "stated" if turning.ratio is None else "rigid-body mode"
+        if rest is not None:
+            load_inertia = rest * n**2
     if not pairs:
         notes.append("The motor sees no antiresonance in the band: no bandwidth follows.")
     return DriveFigures(
@@ -346,11 +356,11 @@ def drive_figures(
         antiresonance_error=_zero_error(given, str(motor), pairs),
         rigid=rigid,
         ratio=n,
-        ratio_from="" if n is None else "stated" if turning.ratio is None else "rigid-body mode",
+        ratio_from=ratio_from,
         inertia=turning.inertia,
         motor_inertia=own,
         rest_inertia=rest,
-        load_inertia=None if rest is None or n is None else rest * n**2,
+        load_inertia=load_inertia,
         inertia_ratio=inertia_ratio,
         stiffness_at_motor=float(stiffness[0, 0]),
         stiffness_at_load=float(stiffness[1, 1]),
@@ -414,17 +424,17 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
     if there == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
     n = min(there, max(at_least, _COUNT))
-    tabled = {
-        name: {"loss_table": None}
-        for name, group in model.groups.items()
-        if group.loss_table is not None
-    }
-    plain = model.with_damping(tabled) if tabled else model
+    tabled = [name for name, group in model.groups.items() if group.loss_table is not None]
+    plain = model
+    if tabled:
+        plain = model.with_damping({name: {"loss_table": None} for name in tabled})
     found = modes(plain, n)
     while np.isfinite(top) and n < there and found.frequency[-1] <= top:
         n = min(there, 2 * n)
         found = modes(plain, n)
-    return _by_table(model, found, top) if tabled else found
+    if tabled:
+        return _by_table(model, found, top)
+    return found
 
 
 def _by_table(model: Model, found: Modes, top: float) -> Modes:
@@ -480,19 +490,15 @@ def _pairs(
 
 def _seen(locked: Modes, free: Modes, separation: float) -> tuple[list[int], list[int], list[int]]:
     """Return the zeros and poles that do not cancel, and the zeros that do, by position."""
-    zeros, poles, hidden = list(range(len(locked))), list(range(len(free))), []
-    couples = sorted(
-        (
-            abs(free.frequency[j] - locked.frequency[i])
-            / max(locked.frequency[i], np.finfo(np.float64).tiny),
-            i,
-            j,
-        )
-        for i in zeros
-        for j in poles
-        if abs(free.frequency[j] - locked.frequency[i]) <= separation * locked.frequency[i]
-    )
-    for _, i, j in couples:
+    zeros, poles = list(range(len(locked))), list(range(len(free)))
+    hidden = []
+    couples = []
+    for i, zero in enumerate(locked.frequency):
+        for j, pole in enumerate(free.frequency):
+            apart = abs(pole - zero)
+            if apart <= separation * zero:
+                couples.append((apart / max(zero, np.finfo(np.float64).tiny), i, j))
+    for _, i, j in sorted(couples):
         if i in zeros and j in poles:
             zeros.remove(i)
             poles.remove(j)
@@ -505,13 +511,11 @@ def _first(
 ) -> float | None:
     """Return the resonance below the first antiresonance."""
     zeros, poles, _ = _seen(locked, free, separation)
-    below = [
-        float(free.frequency[j])
-        for j in poles
-        if not zeros or free.frequency[j] < locked.frequency[zeros[0]]
-    ]
-    below = [f for f in below if _wanted(np.array([f]), limits)[0]]
-    return below[0] if below else None
+    below = free.frequency[poles]
+    if zeros:
+        below = below[below < locked.frequency[zeros[0]]]
+    below = below[_wanted(below, limits)]
+    return float(below[0]) if len(below) else None
 
 
 def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> float:
@@ -539,11 +543,9 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     here = shapes[at] * sign[:, None]
     size = np.abs(shapes).max(initial=0.0)
     if rigid == 0 or np.abs(here[0]).max() <= _STILL * size:
-        which = (
-            "The model has no rigid-body motion"
-            if rigid == 0
-            else "No rigid-body motion of the model turns the motor"
-        )
+        which = "No rigid-body motion of the model turns the motor"
+        if rigid == 0:
+            which = "The model has no rigid-body motion"
         return _Rigid(
             None, None, f"{which}: inertias at the motor and gear ratio do not follow from it."
         )
@@ -565,14 +567,15 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
     return _Rigid(inertia, n, "")
 
 
-def _told(
+def _stated_or_found(
     found: float | None, stated: float | None, notes: list[str], motor: str, load: str
 ) -> float | None:
     """Return the gear ratio, after a check of the stated one."""
     if found is None or stated is None:
-        if stated is not None:
-            notes.append(f"The ratio {stated:g} is as stated; nothing in the model checks it.")
-        return found if stated is None else float(stated)
+        if stated is None:
+            return found
+        notes.append(f"The ratio {stated:g} is as stated; nothing in the model checks it.")
+        return float(stated)
     if abs(found - stated) <= _AGREES * abs(found):
         return found
     if abs(found + stated) <= _AGREES * abs(found):
@@ -588,10 +591,12 @@ def _told(
 def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _Real:
     """Return the stiffness condensed onto motor and load, shape (2, 2).
 
-    Motions of the whole in which both rest bear no load; a statically determinate support of these
+    Rigid-body motions in which both DOFs rest bear no load: supporting them statically determinately
     changes nothing.
     """
-    resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_STILL) if rigid.shape[1] else rigid
+    resting = rigid
+    if rigid.shape[1]:
+        resting = rigid @ scipy.linalg.null_space(rigid[at], rcond=_STILL)
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)

@@ -18,7 +18,7 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-#: On a pole of the plant nothing is finite; whoever asks leaves such a line out.
+#: On a pole of the plant the response is not finite; callers leave such lines out.
 _quiet = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 
@@ -77,7 +77,9 @@ class Wiring:
             raise OptionError(
                 f"position {position!r} without a position loop; give kv to the controller"
             )
-        place = (position or velocity) if controller.kv is not None else None
+        place = None
+        if controller.kv is not None:
+            place = position or velocity
         out = cls(torque, velocity, place, pointing or place or velocity, disturbance)
         for name, what in ((velocity, "velocity"), (place, "position"), (out.pointing, "pointing")):
             if name is not None and plant.quantities[plant.outputs.index(name)] == "accelerance":
@@ -203,13 +205,11 @@ class Cascade:
     def zeros(self) -> _Complex:
         """Zeros of velocity and position over torque and of the controller, in rad/s, without 0."""
         system = self._system
-        found = [
-            channel_zeros(
-                StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1])
-            )
-            for i in ([0, 1] if self.has_position else [0])
-        ]
-        return np.concatenate([*found, self.controller.zeros])
+        found = [self.controller.zeros]
+        for i in range(1 + self.has_position):
+            channel = StateSpace(system.A, system.B[:, :1], system.C[[i]], system.D[[i]][:, :1])
+            found.append(channel_zeros(channel))
+        return np.concatenate(found)
 
     # -- in states --------------------------------------------------------------------------------
     def closed(
@@ -233,13 +233,18 @@ class Cascade:
             Whether the pointing is among the outputs; that of a velocity is integrated, which adds
             a pole at 0.
         """
-        outer = self.has_position if position is None else position
+        outer = self.has_position
+        if position is not None:
+            outer = position
         plant, n_u = self._motion_states(outer, pointing), self._system.B.shape[1]
         controller = self._controller_states(pade)
         wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
-        taps = taps if pointing else taps[:2]
+        if not pointing:
+            taps = taps[:2]
         out = connect([plant, controller], wires, entries, taps)
-        return self._differentiated(out, outer) if self._steep else out
+        if self._steep:
+            return self._differentiated(out, outer)
+        return out
 
     def opened(self) -> StateSpace | None:
         """Return the loop cut at its dead time.
@@ -270,7 +275,9 @@ class Cascade:
 
     def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
         """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
-        kv = self._kv if outer else 0.0
+        kv, forward = 0.0, 0.0
+        if outer:
+            kv, forward = self._kv, self.controller.feed_forward
         # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position,
         # pointing, torque
         wires = np.zeros((n_u + n_c, 4))
@@ -278,11 +285,11 @@ class Cascade:
         wires[n_u, 1] = -kv
         wires[n_u + n_c - 1, 0] = 1.0 if self._steep else -1.0
         entries = np.zeros((n_u + n_c, 4))
-        entries[n_u, :3] = kv, self.controller.feed_forward if outer else 0.0, 1.0
+        entries[n_u, :3] = kv, forward, 1.0
         if n_u == 2:
             entries[1, 3] = 1.0
         taps = np.zeros((3, 4))
-        taps[0, 1 if outer else 0] = taps[1, 3] = taps[2, 2] = 1.0
+        taps[0, int(outer)] = taps[1, 3] = taps[2, 2] = 1.0
         return wires, entries, taps
 
     def _differentiated(self, closed: StateSpace, outer: bool) -> StateSpace:
@@ -292,12 +299,10 @@ class Cascade:
         the answer is nan.
         """
         C, D = closed.C.copy(), closed.D.copy()
-        for row, power in ((0, 0 if outer else 1), (2, self._powers[2])):
+        for row, power in ((0, int(not outer)), (2, self._powers[2])):
             if power == 1 and row < len(C):
-                C[row], D[row] = (
-                    closed.C[row] @ closed.A,
-                    np.where(closed.D[row], np.nan, closed.C[row] @ closed.B),
-                )
+                C[row] = closed.C[row] @ closed.A
+                D[row] = np.where(closed.D[row], np.nan, closed.C[row] @ closed.B)
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:

@@ -247,11 +247,9 @@ class Servo:
     @property
     def loops(self) -> tuple[Loop, ...]:
         """The loops that there are, the inner one first."""
-        return (
-            (self.velocity_loop,)
-            if self.position_loop is None
-            else (self.velocity_loop, self.position_loop)
-        )
+        if self.position_loop is None:
+            return (self.velocity_loop,)
+        return self.velocity_loop, self.position_loop
 
     def summary(self) -> str:
         """Return what an engineer wants to know, as text."""

@@ -103,16 +103,20 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
 
 
 _TWO_PI = 2.0 * np.pi
-#: How far lines reach beyond the features of the loop, how small the loop gain is to be there, and
-#: how far they reach beyond where it has become so, with dead time.
-_BELOW, _ABOVE, _SMALL, _BEYOND = 0.02, 10.0, 0.05, 4.0
-#: Lowest feature that counts, as a share of the highest: below it is rounding of a pole at 0.
+#: First line over the lowest pole or zero of the loop, and last line over the highest.
+_BELOW = 0.02
+_ABOVE = 10.0
+#: Largest loop gain at the last line.
+_SMALL = 0.05
+#: With dead time: last line over that where the loop gain has become so small.
+_BEYOND = 4.0
+#: Smallest pole or zero that counts, as a share of the largest: below it is rounding of 0.
 _SMALLEST = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """A loop, judged.
+    """A loop with its margins and the stability of its closed loop.
 
     Attributes
     ----------
@@ -123,7 +127,7 @@ class Judged:
     values : ndarray of complex, shape (n,)
         L there.
     margins : Margins
-        What follows.
+        Margins, with every crossing.
     poles : ndarray of complex
         Of the closed loop, in rad/s; of a dead time those of its approximation.
     pade : int
@@ -142,7 +146,7 @@ class Judged:
 
 
 def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
-    """Judge the velocity loop and the position loop of a cascade.
+    """Return margins and stability of the velocity loop and the position loop of a cascade.
 
     Parameters
     ----------
@@ -183,7 +187,7 @@ def judge(
     features: _Complex,
     position: bool,
 ) -> Judged:
-    """Judge one loop.
+    """Return margins and stability of one loop.
 
     Parameters
     ----------
@@ -207,37 +211,37 @@ def judge(
     if controller.dead_time:
         w, values = _lines(whole, whole, features, controller.dead_time)
         gains = grid.crossings_of_gain(whole, w, values)
-        last = float(gains[-1]) if len(gains) else float(w[len(w) // 2])
+        last = gains[-1] if len(gains) else w[len(w) // 2]
         pade = int(np.clip(4 + np.ceil(2.0 * last * controller.dead_time), 5, 12))
     poles = cascade.closed(pade, position=position).poles
     w, values = _lines(loop, whole, features, controller.dead_time, poles)
     w, values = grid.with_extremes(loop, w, values)
-    gains, phases = (
-        grid.crossings_of_gain(loop, w, values),
-        grid.crossings_of_phase(loop, w, values),
-    )
-    scale = float(gains[0]) if len(gains) else _reference(features)
-    drifting, growing = count_drifting(poles, scale), count_growing(poles, scale)
-    exact = growing if not pade else nyquist_count(whole, w, open_poles, drifting)
+    gains = grid.crossings_of_gain(loop, w, values)
+    phases = grid.crossings_of_phase(loop, w, values)
+    scale = float(gains[0]) if len(gains) else float(_sizes(features).min())
+    drifting = count_drifting(poles, scale)
+    growing = count_growing(poles, scale)
+    exact = growing
+    if pade:
+        exact = nyquist_count(whole, w, open_poles, drifting)
     margins = _margins(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
     return Judged(loop, w, values, margins, poles, pade, exact == growing)
 
 
-def _reference(features: _Complex) -> float:
+def _sizes(features: _Complex) -> _Real:
+    """Return the moduli of poles and zeros without those at 0, in rad/s; 1 if there are no others."""
     size = np.abs(features)
     size = size[size > _SMALLEST * size.max(initial=0.0)]
-    return float(size.min()) if len(size) else 1.0
+    return size if len(size) else np.ones(1)
 
 
 def _lines(
     loop: Loop, whole: Loop, features: _Complex, delay: float, beside: _Complex | None = None
 ) -> tuple[_Real, _Complex]:
     """Return lines that are dense around poles and zeros, and the loop function there."""
-    size = np.abs(features)
-    size = size[size > _SMALLEST * size.max(initial=0.0)]
-    if not len(size):
-        size = np.ones(1)
-    low, high = _BELOW * float(size.min()), _ABOVE * float(size.max())
+    size = _sizes(features)
+    low = _BELOW * float(size.min())
+    high = _ABOVE * float(size.max())
     for _ in range(20):
         ends = np.array([1j, 2j]) * high
         size = np.maximum(np.abs(loop(ends)), np.abs(whole(ends)))
@@ -263,11 +267,9 @@ def _margins(
     drifting: int,
     delay: float,
 ) -> Margins:
-    at_phase = 1.0 / np.abs(loop(1j * phases)) if len(phases) else np.zeros(0)
-    angle = np.asarray(
-        np.angle(-loop(1j * gains)) if len(gains) else np.zeros(0)
-    )  # phase margin, -pi to pi
-    delays = np.mod(angle, _TWO_PI) / gains if len(gains) else np.zeros(0)
+    at_phase = 1.0 / np.abs(_at(loop, phases))
+    angle = np.angle(-_at(loop, gains))  # phase margin, -pi to pi
+    delays = np.mod(angle, _TWO_PI) / gains
     shared = {
         "stable": growing == 0,
         "unstable_poles": growing,
@@ -285,29 +287,43 @@ def _margins(
             ("gain_margin", "gain_reduction", "phase_margin", "delay_margin", "modulus_margin")
         )
         return Margins(**shared, **none)  # type: ignore[arg-type]
-    up, down = np.flatnonzero(at_phase > 1.0), np.flatnonzero(at_phase <= 1.0)
-    first = int(up[np.argmin(at_phase[up])]) if len(up) else None
-    lowest = int(down[np.argmax(at_phase[down])]) if len(down) else None
-    thin = int(np.argmin(np.abs(angle))) if len(gains) else None
-    soon = int(np.argmin(delays)) if len(gains) else None
+    up = at_phase > 1.0
     modulus, modulus_at = _modulus(loop, w, values, delay)
-    if (
-        modulus > 1.0 and abs(values[-1]) <= _SMALL
-    ):  # L vanishes in the end, so that 1 + L is 1 there
+    if modulus > 1.0 and abs(values[-1]) <= _SMALL:
+        # L vanishes at high frequencies, so that 1 + L tends to 1.
         modulus, modulus_at = 1.0, np.inf
+    gain, gain_at = _least(at_phase[up], at_phase[up], phases[up], np.inf)
+    reduction, reduction_at = _least(-at_phase[~up], at_phase[~up], phases[~up], 0.0)
+    phase, phase_at = _least(np.abs(angle), np.degrees(angle), gains, np.inf)
+    late, late_at = _least(delays, delays, gains, np.inf)
     return Margins(
         **shared,  # type: ignore[arg-type]
-        gain_margin=np.inf if first is None else float(at_phase[first]),
-        gain_reduction=0.0 if lowest is None else float(at_phase[lowest]),
-        phase_margin=np.inf if thin is None else float(np.degrees(angle[thin])),
-        delay_margin=np.inf if soon is None else float(delays[soon]),
+        gain_margin=gain,
+        gain_reduction=reduction,
+        phase_margin=phase,
+        delay_margin=late,
         modulus_margin=modulus,
-        gain_margin_at=None if first is None else float(phases[first] / _TWO_PI),
-        gain_reduction_at=None if lowest is None else float(phases[lowest] / _TWO_PI),
-        phase_margin_at=None if thin is None else float(gains[thin] / _TWO_PI),
-        delay_margin_at=None if soon is None else float(gains[soon] / _TWO_PI),
+        gain_margin_at=gain_at,
+        gain_reduction_at=reduction_at,
+        phase_margin_at=phase_at,
+        delay_margin_at=late_at,
         modulus_margin_at=modulus_at / _TWO_PI if np.isfinite(modulus_at) else None,
     )
+
+
+def _at(loop: Loop, w: _Real) -> _Complex:
+    """Return L at lines in rad/s, of which there may be none."""
+    if not len(w):
+        return np.zeros(0, dtype=np.complex128)
+    return loop(1j * w)
+
+
+def _least(size: _Real, values: _Real, w: _Real, otherwise: float) -> tuple[float, float | None]:
+    """Return the value of least size and its frequency in Hz; `otherwise` and None without any."""
+    if not len(size):
+        return otherwise, None
+    at = int(np.argmin(size))
+    return float(values[at]), float(w[at] / _TWO_PI)
 
 
 def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:

@@ -100,11 +100,9 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     wanted = max(float(np.abs(even).max()), 1.0 / dt)
     unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
     both = np.zeros((n + 2 * m, n + 2 * m))
-    both[:n, :n], both[:n, n : n + m], both[n : n + m, n + m :] = (
-        even * dt,
-        scaled / unit * dt,
-        np.eye(m),
-    )
+    both[:n, :n] = even * dt
+    both[:n, n : n + m] = scaled / unit * dt
+    both[n : n + m, n + m :] = np.eye(m)
     whole = scipy.linalg.expm(both)[:n]
     back = scale[:, None]
     return (
@@ -141,20 +139,24 @@ def march_late(
     own, held, sloped = held_and_sloped(opened.A, opened.B, dt)
     constant = held[:, 1:] @ w
     first, pushed = held[:, 0], sloped[:, 0]
-    c, d, direct = opened.C[0], opened.D[0, 0], float(opened.D[0, 1:] @ w)
+    c = opened.C[0]
+    d = opened.D[0, 0]
+    direct = float(opened.D[0, 1:] @ w)
     states = np.empty((n_t, len(own)))
     states[0] = x = start
-    before, after = np.zeros(n_t), np.zeros(n_t)  # what comes back, on both sides of each sample
-    after[0] = c @ x + direct
+    # The late input just before and just after each sample, 0 during the first dead time.
+    before = np.zeros(n_t + late)
+    after = np.zeros(n_t + late)
+    after[late] = c @ x + direct
     for k in range(n_t - 1):
-        begins = after[k - late] if k >= late else 0.0
-        ends = before[k + 1 - late] if k + 1 >= late else 0.0
+        begins = after[k]
+        ends = before[k + 1]
         x = own @ x + first * begins + pushed * (ends - begins) + constant
         states[k + 1] = x
         returned = c @ x + direct
-        before[k + 1] = returned + d * ends
-        after[k + 1] = returned + d * (after[k + 1 - late] if k + 1 >= late else 0.0)
-    fed = np.concatenate([np.zeros(min(late, n_t)), after[: max(n_t - late, 0)]])
+        before[k + 1 + late] = returned + d * ends
+        after[k + 1 + late] = returned + d * after[k + 1]
+    fed = after[:n_t]
     inputs = np.column_stack([fed, np.broadcast_to(w, (n_t, len(w)))])
     outputs = states @ opened.C.T + inputs @ opened.D.T
     slopes = (states @ opened.A.T + inputs @ opened.B.T) @ opened.C.T
@@ -163,7 +165,7 @@ def march_late(
 
 
 def at_rest(system: StateSpace, output: int, input: int) -> float:
-    """Return where an output goes under a constant input of 1; nan if it goes on for ever.
+    """Return the final value of an output under a constant input of 1; nan if it is unbounded.
 
     Parameters
     ----------
@@ -181,11 +183,9 @@ def at_rest(system: StateSpace, output: int, input: int) -> float:
         float(c @ np.linalg.solve(x * np.eye(len(even)) - even, b) + system.D[output, input])
         for x in (1e5 * s, s, 0.5 * s)
     )
-    return (
-        np.nan
-        if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far)
-        else 2.0 * nearer - near
-    )
+    if abs(nearer) > 1.5 * abs(near) and abs(nearer) > 100.0 * abs(far):
+        return np.nan
+    return 2.0 * nearer - near
 
 
 def schedule(
@@ -193,7 +193,7 @@ def schedule(
 ) -> list[tuple[int, float]]:
     """Return the numbers and lengths in s of the intervals that resolve a step response.
 
-    They are as fine as the fastest mode asks for that still shows, and last until the slowest has
+    Their length resolves the fastest mode that still contributes; they end when the slowest has
     settled.
 
     Parameters
@@ -203,7 +203,7 @@ def schedule(
     output, input : int
         Positions.
     duration : float, optional
-        In s, where it is not to be found.
+        In s; by default until all has settled.
     """
     poles, share = _shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
@@ -257,7 +257,9 @@ def step_series(
     """
     u = np.zeros(system.B.shape[1])
     u[input] = size
-    start = np.zeros(system.n_states) if rate is None else system.B[:, rate] * size
+    start = np.zeros(system.n_states)
+    if rate is not None:
+        start = system.B[:, rate] * size
     time, states = np.zeros(1), start[None]
     for n, dt in parts:
         more = march(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
@@ -269,7 +271,7 @@ def step_series(
 
 @dataclass(frozen=True, slots=True)
 class StepFigures:
-    """What is read off a step response; as in `updyn.control.servo.record.StepResponse`.
+    """Figures of a step response; as in `updyn.control.servo.record.StepResponse`.
 
     Attributes
     ----------
@@ -289,16 +291,16 @@ class StepFigures:
 def step_figures(
     time: _Real, value: _Real, slope: _Real, final: float, reference: bool
 ) -> StepFigures:
-    """Read figures off a step response, between the samples by cubic polynomials.
+    """Return the figures of a step response, between the samples by cubic polynomials.
 
     Parameters
     ----------
     time, value, slope : ndarray of float, shape (n,)
         In s; the output; its derivative.
     final : float
-        Where it goes to; nan where nowhere.
+        Final value; nan without one.
     reference : bool
-        Whether the reference stepped, so that rise and overshoot are meant.
+        Whether it is a step of the reference, which has a rise time and an overshoot.
     """
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
     places = np.concatenate([time[[0, -1]], _within(curve.derivative().roots(), time)])
@@ -307,8 +309,10 @@ def step_figures(
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
     if reference and np.isfinite(final) and final:
-        first = [_first(curve, time, share * final) for share in (0.1, 0.9)]
-        rise = None if None in first else first[1] - first[0]  # type: ignore[operator]
+        begins = _first(curve, time, 0.1 * final)
+        ends = _first(curve, time, 0.9 * final)
+        if begins is not None and ends is not None:
+            rise = ends - begins
         overshoot = max(0.0, float((heights / final).max()) - 1.0)
     settles = None
     if np.isfinite(final):
@@ -335,12 +339,18 @@ _TWO_PI = 2.0 * np.pi
 #: Positions in `Cascade.closed`.
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that the series of a wind may leave out at its upper end, and
-#: its longest length.
-_LEFT_OUT, _LONGEST = 1e-4, 2**16
-#: With exact dead time: how much finer the intervals are, the most of them, and the fewest in the
-#: dead time where those are not enough. How many samples are kept, about.
-_FINER, _LONGEST_STEP, _COARSEST, _KEPT = 4.0, 60_000, 16, 5000
+#: Share of the variance of the error that a series of the wind may lack above its last frequency.
+_LEFT_OUT = 1e-4
+#: Largest length of such a series.
+_LONGEST = 2**16
+#: With exact dead time: factor by which the intervals are finer.
+_FINER = 4.0
+#: With exact dead time: largest number of intervals.
+_LONGEST_STEP = 60_000
+#: With exact dead time: least number of intervals in it; otherwise it is approximated.
+_COARSEST = 16
+#: Number of samples that are kept, about.
+_KEPT = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -372,7 +382,7 @@ def timed(
     step, disturbance_step : float or None
         Heights.
     wind : Wind or (time, disturbance), optional
-        What acts.
+        The disturbance.
     duration : float, optional
         Of the steps, in s.
 
@@ -398,9 +408,9 @@ def timed(
     jumps = bool(np.isnan(system.D[_POINTING, _DISTURBANCE]))
     system = replace(system, D=np.nan_to_num(system.D))  # of inputs that are 0 wherever it is read
     notes: list[str] = []
-    reference = (
-        _reference_step(cascade, system, step, duration, notes) if step is not None else None
-    )
+    reference = None
+    if step is not None:
+        reference = _reference_step(cascade, system, step, duration, notes)
     if cascade.wiring.disturbance is None:
         return Timed(reference, notes=tuple(notes))
     if jumps:
@@ -409,13 +419,12 @@ def timed(
             " left out"
         )
         return Timed(reference, notes=tuple(notes))
-    disturbed = (
-        _disturbance_step(cascade, system, disturbance_step, duration)
-        if disturbance_step is not None
-        else None
-    )
-    blown = None if wind is None else _wind(cascade, judged, system, wind)
-    return Timed(reference, disturbed, blown, tuple(notes))
+    disturbed = gusts = None
+    if disturbance_step is not None:
+        disturbed = _disturbance_step(cascade, system, disturbance_step, duration)
+    if wind is not None:
+        gusts = _wind(cascade, judged, system, wind)
+    return Timed(reference, disturbed, gusts, tuple(notes))
 
 
 def _reference_step(
@@ -466,7 +475,7 @@ def _record(
     duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
-    parts = schedule(system, output, at, None if duration is None else float(duration))
+    parts = schedule(system, output, at, duration)
     delay = cascade.controller.dead_time
     opened = cascade.opened() if delay else None
     long = sum(n * dt for n, dt in parts)
@@ -476,7 +485,9 @@ def _record(
         return step_series(system, at, size, rate, parts)
     w = np.zeros(system.B.shape[1])
     w[at] = size
-    start = np.zeros(opened.n_states) if rate is None else opened.B[:, 1 + rate] * size
+    start = np.zeros(opened.n_states)
+    if rate is not None:
+        start = opened.B[:, 1 + rate] * size
     n = int(np.ceil(long * late / delay - 1e-9)) + 1
     time, outputs, slopes = march_late(opened, w, start, delay, delay / late, n)
     order = [1, 0, 2]

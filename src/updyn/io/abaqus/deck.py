@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from updyn.io.items import placed
 from updyn.io.keyword_deck.cards import Card, Row, number, whole
 from updyn.io.keyword_deck.structure import (
     Property,
+    heading_of,
     read_members,
     read_nodes,
     read_properties,
@@ -41,7 +43,7 @@ _SUPPORTS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckFacts:
-    """A deck of Abaqus as far as its matrices need it. Names are in capitals where they are looked up.
+    """A deck of Abaqus as far as its matrices need it. Names are looked up in capitals.
 
     Parameters
     ----------
@@ -85,10 +87,11 @@ class DeckFacts:
             If a node cannot be read or stands twice.
         """
         own = [card for card in self.cards if card.name == "NODE"]
-        materials = [p for p in self.properties.values() if p.kind == "material"]
-        check_materials(
-            [(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, self.path
-        )
+        materials = []
+        for part in self.properties.values():
+            if part.kind == "material":
+                materials.append((part.name, part.first("stiffness"), part.first("mass")))
+        check_materials(materials, units, self.path)
         if not own:
             return None
         if not self.flat:
@@ -130,13 +133,16 @@ class DeckFacts:
         """
         sets: dict[str, list[NDArray[np.int64]]] = {}
         out: list[tuple[int, int]] = []
-        for card in (*self.cards, *(self.steps[0] if self.steps else ())):
-            if card.name == "NODE" and (name := card.get("NSET")):
+        first_step = self.steps[0] if self.steps else ()
+        for card in (*self.cards, *first_step):
+            name = card.get("NSET")
+            if card.name == "NODE" and name:
                 sets.setdefault(name.upper(), []).append(read_nodes(card)[0])
             elif card.name == "NSET":
                 sets.setdefault(card.need("NSET").upper(), []).append(read_members(card, sets))
             elif card.name == "BOUNDARY":
-                out += [pair for row in card.rows for pair in _held(card, row, sets)]
+                for row in card.rows:
+                    out += _held(card, row, sets)
         return out
 
     def by_material(
@@ -155,39 +161,32 @@ class DeckFacts:
                 " instead: updyn.write_model(result.model, 'updated.inp')",
                 self.path,
             )
+        by_elset = {name.upper(): dict(change) for name, change in changes.items()}
         out: dict[str, Mapping[str, float]] = {}
         for name, change in changes.items():
-            material = None if name.upper() in self.properties else self.sections.get(name.upper())
-            if material is None:
-                if name.upper() not in self.properties:
-                    near = suggest(name.upper(), [*self.properties, *self.sections])
-                    raise FormatError(
-                        f"the deck has no material or element set {name!r}; {near}", self.path
-                    )
+            if name.upper() in self.properties:
                 out[name] = change
                 continue
-            alike = {s for s, m in self.sections.items() if m == material}
-            others = [
-                s
-                for s in sorted(alike)
-                if dict(changes.get(_as_given(s, changes), {})) != dict(change)
-            ]
-            if others:
+            material = self.sections.get(name.upper())
+            if material is None:
+                near = suggest(name.upper(), [*self.properties, *self.sections])
                 raise FormatError(
-                    f"group {name!r} is made of material {material!r}, as is {others[0]!r}, which"
-                    " changes otherwise; give each a material of its own in the deck",
-                    self.path,
+                    f"the deck has no material or element set {name!r}; {near}", self.path
                 )
+            for elset in sorted(self.sections):
+                is_alike = self.sections[elset] == material
+                if is_alike and by_elset.get(elset, {}) != dict(change):
+                    raise FormatError(
+                        f"group {name!r} is made of material {material!r}, as is {elset!r}, which"
+                        " changes otherwise; give each a material of its own in the deck",
+                        self.path,
+                    )
             out[material] = change
         return out
 
 
-def _as_given(name: str, changes: Mapping[str, Mapping[str, float]]) -> str:
-    return next((given for given in changes if given.upper() == name), name)
-
-
 def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
-    """Look through a deck.
+    """Read from a deck what its matrices need.
 
     Raises
     ------
@@ -195,32 +194,25 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
         If a card that is looked at cannot be read.
     """
     model, steps = split_steps(cards)
-    title = next(
-        (row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), ""
-    )
-    types = {
-        name.upper(): (card.get("TYPE") or "").upper()
-        for card in model
-        if card.name == "ELEMENT" and (name := card.get("ELSET"))
-    }
-    sections = {
-        elset.upper(): material.upper()
-        for card in model
-        if card.name in _SECTIONS
-        and (elset := card.get("ELSET"))
-        and (material := card.get("MATERIAL"))
-    }
-    properties = read_properties(model, types)
+    types: dict[str, str] = {}
+    sections: dict[str, str] = {}
+    made_of: list[tuple[Card, str]] = []
     for card in model:
-        if (
-            card.name in _SECTIONS
-            and (material := card.get("MATERIAL"))
-            and material.upper() not in properties
-        ):
-            near = suggest(
-                material.upper(), [n for n, p in properties.items() if p.kind == "material"]
-            )
+        elset = card.get("ELSET")
+        if elset and card.name == "ELEMENT":
+            types[elset.upper()] = (card.get("TYPE") or "").upper()
+        material = card.get("MATERIAL")
+        if material and card.name in _SECTIONS:
+            made_of.append((card, material))
+            if elset:
+                sections[elset.upper()] = material.upper()
+    properties = read_properties(model, types)
+    for card, material in made_of:
+        if material.upper() not in properties:
+            known = [name for name, part in properties.items() if part.kind == "material"]
+            near = suggest(material.upper(), known)
             raise card.error(f"*{card.name}: no material {material!r}; {near}")
+    title = heading_of(model)
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
@@ -238,9 +230,10 @@ def _held(
         )
     if len(fields) == 2 and fields[1].upper() in _SUPPORTS:
         directions: tuple[int, ...] = _SUPPORTS[fields[1].upper()]
-    elif len(fields) > 1 and all(f.isdecimal() for f in fields[1:3] if f):
-        first = whole(fields[1], card, row)
-        last = whole(fields[2], card, row) if len(fields) > 2 and fields[2] else first
+    elif len(fields) > 1 and "".join(fields[1:3]).isdecimal():
+        first = last = whole(fields[1], card, row)
+        if len(fields) > 2 and fields[2]:
+            last = whole(fields[2], card, row)
         if not 1 <= first <= last <= 6:
             raise card.error(f"*BOUNDARY: found {row.text!r}; expected directions from 1 to 6", row)
         directions = tuple(range(first, last + 1))
@@ -250,7 +243,7 @@ def _held(
         )
     if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
         raise card.error(f"*BOUNDARY: found {row.text!r}; a support holds at 0", row)
-    return [(node, direction) for node in nodes for direction in directions]
+    return list(product(nodes, directions))
 
 
 def _element_numbers(card: Card) -> NDArray[np.int64]:

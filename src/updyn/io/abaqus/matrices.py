@@ -60,6 +60,7 @@ _SHAPES = {
     5: "node, dof, node, dof, entry",
     6: "element, node, dof, node, dof, entry",
 }
+_OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +98,7 @@ class Entries:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
-    """The degrees of freedom of several matrix files together: by node and direction, internal nodes last.
+    """The degrees of freedom of several matrix files: by node and direction, internal nodes last.
 
     Parameters
     ----------
@@ -154,17 +155,24 @@ _CODE = np.array([8, 1])  # node and dof as one number
 
 
 def is_abaqus(path: Path) -> bool:
-    """Say whether a file is one of Abaqus: by its first row, where that says no nodes by its name too."""
+    """Say whether a file is one of Abaqus, by its first row; if that names no nodes, by its name too."""
+    fields: list[str] = []
     try:
         with path.open(encoding="ascii", errors="replace") as file:
-            row = next(
-                (line for line in file if line.strip() and not line.lstrip().startswith("*")), ""
-            )
+            for line in file:
+                if _is_row(line):
+                    fields = _fields(line)
+                    break
     except OSError:
         return False
-    fields = _fields(row)
-    shape = len(fields) in _SHAPES and _is_number(fields[-1])
-    return shape and (len(fields) > 3 or NAME.fullmatch(path.stem) is not None)
+    if len(fields) not in _SHAPES or not _is_number(fields[-1]):
+        return False
+    return len(fields) > 3 or NAME.fullmatch(path.stem) is not None
+
+
+def _is_row(line: str) -> bool:
+    """Return whether a line is neither empty nor a comment or a keyword."""
+    return bool(line.strip()) and not line.lstrip().startswith("*")
 
 
 def _fields(line: str) -> list[str]:
@@ -227,32 +235,31 @@ def entries_of(text: str, path: Path, first_line: int = 1) -> Entries:
     wrong = (labels != table[:, :-1]).any(axis=1) | ~np.isfinite(table[:, -1])
     own = labels[:, -4:]
     if table.shape[1] > 3:
-        nodes, directions = own[:, [0, 2]], own[:, [1, 3]]
+        nodes = own[:, [0, 2]]
+        directions = own[:, [1, 3]]
         wrong |= ((directions < 1) | (directions > 6)).any(axis=1) | (nodes == 0).any(axis=1)
     else:
         wrong |= (own < 1).any(axis=1)
     if wrong.any():
         raise _bad_label(text, int(np.flatnonzero(wrong)[0]), path, first_line)
-    return Entries(path, own, table[:, -1], labels[:, 0] if table.shape[1] == 6 else None)
+    elements = labels[:, 0] if table.shape[1] == 6 else None
+    return Entries(path, own, table[:, -1], elements)
 
 
 def _rows(text: str, first_line: int) -> list[tuple[int, str]]:
-    return [
-        (n, s)
-        for n, s in enumerate(text.splitlines(), first_line)
-        if s.strip() and not s.lstrip().startswith("*")
-    ]
+    lines = enumerate(text.splitlines(), first_line)
+    return [(number, line) for number, line in lines if _is_row(line)]
 
 
 def _bad_row(text: str, path: Path, first_line: int) -> FormatError:
-    """Return what is wrong with the first row that is not like the others."""
+    """Return an error about the first row that is not like the others."""
     rows = _rows(text, first_line)
     if not rows:
         return FormatError("the matrix file has no entry", path)
     wanted = Counter(len(_fields(row)) for _, row in rows).most_common(1)[0][0]
     for line, row in rows:
         fields = _fields(row)
-        if wanted not in _SHAPES or len(fields) != wanted or not all(_is_number(f) for f in fields):
+        if wanted not in _SHAPES or len(fields) != wanted or not all(map(_is_number, fields)):
             expected = _SHAPES.get(wanted) or "; or ".join(_SHAPES.values())
             return FormatError(f"found {row.strip()[:60]!r}; expected {expected}", path, line)
     return FormatError("not a matrix file of Abaqus", path)
@@ -261,15 +268,14 @@ def _bad_row(text: str, path: Path, first_line: int) -> FormatError:
 def _bad_label(text: str, at: int, path: Path, first_line: int) -> FormatError:
     line, row = _rows(text, first_line)[at]
     fields = _fields(row)
-    if len(fields) > 3 and all(_is_number(f) for f in fields) and float(fields[-2]) > 6:
-        what = {"7": "warping", "8": "pressure", "9": "electric potential"}.get(
-            fields[-2], "not of a structure"
+    if len(fields) > 3 and all(map(_is_number, fields)) and float(fields[-2]) > 6:
+        what = _OTHER_DOFS.get(fields[-2], "not of a structure")
+        return FormatError(
+            f"found {row.strip()!r}: degree of freedom {fields[-2]} ({what}); expected 1 to 6 for"
+            f" {', '.join(DIRECTIONS)}",
+            path,
+            line,
         )
-        more = (
-            f": degree of freedom {fields[-2]} ({what}); expected 1 to 6 for"
-            f" {', '.join(DIRECTIONS)}"
-        )
-        return FormatError(f"found {row.strip()!r}{more}", path, line)
     return FormatError(
         f"found {row.strip()!r}; expected {_SHAPES[len(fields)]}, finite and counted from 1",
         path,
@@ -307,26 +313,29 @@ def coordinate_matrix(file: Entries, dofs: DofSet) -> Matrix:
 def _symmetric(
     row: NDArray[np.int64], column: NDArray[np.int64], file: Entries, n: int, dofs: DofSet
 ) -> Matrix:
-    """Put a matrix together from one triangle, either of them entry by entry, or from both."""
-    low, high = np.minimum(row, column), np.maximum(row, column)
-    part = 0 if file.elements is None else np.unique(file.elements, return_inverse=True)[1]
-    if (same := _first_twice((part * n + row) * n + column)) is not None:
+    """Return the matrix of one triangle, either of them entry by entry, or of both."""
+    low = np.minimum(row, column)
+    high = np.maximum(row, column)
+    part: Any = 0
+    if file.elements is not None:
+        _, part = np.unique(file.elements, return_inverse=True)
+    same = _first_twice((part * n + row) * n + column)
+    if same is not None:
         where = f"({dofs[int(row[same])]}, {dofs[int(column[same])]})"
         raise FormatError(f"entry {where} stands twice", file.path)
     off = low != high
-    _, index, count = np.unique(
-        ((part * n + low) * n + high)[off], return_inverse=True, return_counts=True
-    )
+    pairs = ((part * n + low) * n + high)[off]
+    _, index, count = np.unique(pairs, return_inverse=True, return_counts=True)
     if not off.any() or (count == 1).all():
         value = file.values
     elif (count == 2).all():
-        both = np.zeros((2, len(count)))
-        upper = (row < column)[off]
-        both[0, index[upper]], both[1, index[~upper]] = (
-            file.values[off][upper],
-            file.values[off][~upper],
-        )
-        gap = np.abs(both[0] - both[1])
+        is_upper = (row < column)[off]
+        values = file.values[off]
+        upper = np.zeros(len(count))
+        lower = np.zeros(len(count))
+        upper[index[is_upper]] = values[is_upper]
+        lower[index[~is_upper]] = values[~is_upper]
+        gap = np.abs(upper - lower)
         scale = float(np.abs(file.values[np.abs(file.values) < HELD]).max(initial=0.0))
         if gap.max() > 1e-10 * scale:
             k = np.flatnonzero(off)[np.flatnonzero(index == int(gap.argmax()))[0]]
@@ -343,8 +352,9 @@ def _symmetric(
             " both; expected one triangle or the whole matrix",
             file.path,
         )
-    at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
-    return sp.csr_array(sp.coo_array((np.concatenate([value, value[off]]), at), shape=(n, n)))
+    at = (np.concatenate([row, column[off]]), np.concatenate([column, row[off]]))
+    entries = (np.concatenate([value, value[off]]), at)
+    return sp.csr_array(sp.coo_array(entries, shape=(n, n)))
 
 
 def _first_twice(codes: NDArray[np.int64]) -> int | None:
@@ -426,18 +436,23 @@ def assemble(
     if internal not in _INTERNAL:
         raise OptionError(f"internal {internal!r}; {suggest(str(internal), _INTERNAL)}")
     labels, known = _labels(parts, dofs, path)
-    matrices = [
-        {
-            what: coordinate_matrix(f, known) if labels is None else labels.matrix(f)
-            for what, f in part.files.items()
-        }
-        for part in parts
-    ]
-    inner = np.zeros(len(known), dtype=np.bool_) if labels is None else labels.internal
+    matrices: list[dict[str, Matrix]] = []
+    for part in parts:
+        own = {}
+        for what, file in part.files.items():
+            if labels is None:
+                own[what] = coordinate_matrix(file, known)
+            else:
+                own[what] = labels.matrix(file)
+        matrices.append(own)
+    inner = np.zeros(len(known), dtype=np.bool_)
+    if labels is not None:
+        inner = labels.internal
     keep = _free(matrices, known, held, path)
     if internal == "condense" and (inner & keep).any():
-        matrices = [{what: A[keep][:, keep] for what, A in own.items()} for own in matrices]
-        known, inner = known[np.flatnonzero(keep)], inner[keep]
+        matrices = [_restricted(own, keep) for own in matrices]
+        known = known[np.flatnonzero(keep)]
+        inner = inner[keep]
         _condense(matrices, parts, known, inner, path)
         keep = ~inner
     known = known[np.flatnonzero(keep)]
@@ -445,25 +460,33 @@ def assemble(
     for part, own in zip(parts, matrices, strict=True):
         if part.name in groups:
             raise FormatError(f"group name {part.name!r} stands twice", path)
-        si = {what: units.to_si(A[keep][:, keep], known) for what, A in own.items()}
+        kept = _restricted(own, keep)
+        si = {what: units.to_si(A, known) for what, A in kept.items()}
         groups[part.name] = _group(part, si, path)
     with placed(path):
         return Model.from_groups(groups, known, geometry=geometry, title=title)
 
 
+def _restricted(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
+    return {what: A[keep][:, keep] for what, A in matrices.items()}
+
+
 def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Labels | None, DofSet]:
-    files = [f for part in parts for f in part.files.values()]
-    bare = [f for f in files if not f.labelled]
+    """Return the labels of the files, None if they have none, and the degrees of freedom."""
+    files: list[Entries] = []
+    for part in parts:
+        files += part.files.values()
+    bare = [file for file in files if not file.labelled]
+    named = [file for file in files if file.labelled]
     if bare and dofs is None:
         raise FormatError(
             "the rows say no nodes (FORMAT=COORDINATE); write them with FORMAT=MATRIX INPUT, or"
             ' name the degrees of freedom in a small TOML file: dofs = "dofs.csv"',
             bare[0].path,
         )
-    if bare and len(bare) < len(files):
-        named = next(f for f in files if f.labelled)
+    if bare and named:
         raise FormatError(
-            f"the rows say no nodes, those of {named.path.name} do; write all in one format",
+            f"the rows say no nodes, those of {named[0].path.name} do; write all in one format",
             bare[0].path,
         )
     if not bare and dofs is not None:
@@ -484,10 +507,8 @@ def _free(
 ) -> NDArray[np.bool_]:
     """Return which degrees of freedom are neither held nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
-    pairs = set(supports)
-    held = np.array(
-        [(n, a + 1) in pairs for n, a in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)]
-    )
+    codes = np.array(supports, dtype=np.int64).reshape(-1, 2) @ _CODE
+    held = np.isin(np.column_stack([dofs.nodes, dofs.axes + 1]) @ _CODE, codes)
     for own in matrices:
         for what, A in own.items():
             if what == "stiffness":
@@ -509,7 +530,8 @@ def _free(
 
 
 def _group(part: Part, matrices: Mapping[str, Matrix], path: Path) -> Group:
-    K, D = matrices.get("stiffness"), matrices.get("structural")
+    K = matrices.get("stiffness")
+    D = matrices.get("structural")
     gamma = part.loss_factor or 0.0
     if D is not None:
         if part.loss_factor is not None:
@@ -542,7 +564,7 @@ def _condense(
     inner: NDArray[np.bool_],
     path: Path,
 ) -> None:
-    """Take massless internal degrees of freedom out of the stiffness that they belong to, in place.
+    """Condense massless internal degrees of freedom out of their stiffness matrix, in place.
 
     K_rr - K_ri K_ii^-1 K_ir (Guyan 1965) is exact where they have no mass, and stays a multiple of
     the group's unknown where they belong to that group alone.
@@ -560,7 +582,8 @@ def _condense(
                 )
             if what == "stiffness":
                 owners += touched
-    if (shared := np.flatnonzero(inner & (owners != 1))).size:
+    shared = np.flatnonzero(inner & (owners != 1))
+    if shared.size:
         raise FormatError(
             f"internal {dofs[int(shared[0])]} belongs to {owners[shared[0]]} groups; keep it:"
             " internal = 'keep'",
@@ -572,7 +595,8 @@ def _condense(
             continue
         touched = np.zeros(len(dofs), dtype=np.bool_)
         touched[K.indices[K.data != 0.0]] = True
-        i, r = np.flatnonzero(inner & touched), np.flatnonzero(~inner)
+        i = np.flatnonzero(inner & touched)
+        r = np.flatnonzero(~inner)
         if i.size:
             # The structural matrix is proportional to the stiffness and is checked before it
             # shrinks with it.

@@ -1,4 +1,4 @@
-"""Abaqus: the matrices that it writes (``.mtx``) as a model, by the deck, by file names or by a small TOML file.
+"""Models from the matrix files of Abaqus (``.mtx``), by a deck or by file names, and as its decks.
 
 Abaqus itself is not run. A deck (``.inp``) says which files there are:
 
@@ -92,10 +92,12 @@ def read_model(
     units = system(unit)
     if path.suffix.lower() != ".mtx":
         facts = read_facts(path, read_cards(path))
-        # The matrices that a step wrote have its supports in them.
-        used = bool(facts.assemblies)
-        parts = assembled_parts(facts) if used else generated_parts(facts, job or path.stem)
-        held = facts.held() if used else []
+        if facts.assemblies:
+            parts = assembled_parts(facts)
+            held = facts.held()
+        else:
+            parts = generated_parts(facts, job or path.stem)
+            held = []  # the matrices that a step wrote have its supports in them
         drawn = facts.drawn(units)
         return assemble(
             parts, units, path, geometry=drawn, title=facts.title, internal=internal, held=held
@@ -104,26 +106,27 @@ def read_model(
     if found is None:
         raise FormatError(
             "its name is not as Abaqus gives it (job_STIF1.mtx); name the files in a small TOML"
-            " file: [[group]] with "
-            f'name = "...", stiffness = "{path.name}", mass = "..."',
+            f' file: [[group]] with name = "...", stiffness = "{path.name}", mass = "..."',
             path,
         )
     name, step = found[1], found[3]
-    files = {
-        what: path.parent / f"{name}_{letters}{step}.mtx" for what, letters in MATRICES.items()
-    }
-    entries = {what: read_entries(file) for what, file in files.items() if file.is_file()}
-    if "stiffness" not in entries or "mass" not in entries:
-        lacks = files["mass" if "stiffness" in entries else "stiffness"].name
-        raise FormatError(
-            f"no {lacks} beside it; *MATRIX GENERATE, STIFFNESS, MASS writes both", path
-        )
+    entries = {}
+    for what, letters in MATRICES.items():
+        file = path.parent / f"{name}_{letters}{step}.mtx"
+        if file.is_file():
+            entries[what] = read_entries(file)
+        elif what in ("stiffness", "mass"):
+            raise FormatError(
+                f"no {file.name} beside it; *MATRIX GENERATE, STIFFNESS, MASS writes both", path
+            )
     geometry = _beside(path.parent / f"{name}.inp", units)
     return assemble([Part(name, entries)], units, path, geometry=geometry, internal=internal)
 
 
 def _beside(deck: Path, units: System) -> Geometry | None:
-    return read_facts(deck, read_cards(deck)).drawn(units) if deck.is_file() else None
+    if not deck.is_file():
+        return None
+    return read_facts(deck, read_cards(deck)).drawn(units)
 
 
 def write_properties(
@@ -188,13 +191,15 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     whole: dict[str, Entries] = {}
     parts: list[Part] = []
     for at, step in enumerate(facts.steps, 1):
-        card = next((c for c in step if c.name == "MATRIX GENERATE"), None)
-        if card is None:
+        cards = [card for card in step if card.name == "MATRIX GENERATE"]
+        if not cards:
             continue
+        card = cards[0]
         files = _written(facts, card, job, at)
+        elset = card.get("ELSET")
         if "ELEMENT BY ELEMENT" in card.parameters:
             parts += _by_material(facts, card, files)
-        elif elset := card.get("ELSET"):
+        elif elset:
             # A set of an instance is called "instance.set"; groups have no dots.
             parts.append(Part(elset.rpartition(".")[2], files))
         else:
@@ -209,28 +214,32 @@ def generated_parts(facts: DeckFacts, job: str) -> list[Part]:
     if not parts:
         return [Part(job, whole)]
     for what, total in whole.items():
-        _check_sum(what, total, [p.files[what] for p in parts if what in p.files])
+        _check_sum(what, total, [part.files[what] for part in parts if what in part.files])
     return parts
 
 
 def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Entries]:
+    """Return the matrices that a step wrote."""
+    by_element = "ELEMENT BY ELEMENT" in card.parameters
     files = {}
-    for what, letters in MATRICES.items():
-        if _PARAMETERS[what] in card.parameters:
-            file = facts.path.parent / f"{job}_{letters}{step}.mtx"
-            if not file.is_file():
-                near = suggest(file.name, sorted(p.name for p in file.parent.glob("*.mtx")))
-                raise card.error(
-                    f"*MATRIX GENERATE, {_PARAMETERS[what]} of step {step}: no file {file.name!r};"
-                    f" {near}"
-                )
-            files[what] = read_entries(file)
-            by_element = "ELEMENT BY ELEMENT" in card.parameters
-            if by_element != (files[what].elements is not None):
-                said, found = ("by element", "whole") if by_element else ("whole", "by element")
-                raise FormatError(
-                    f"the matrix is {found}, the deck says {said} (line {card.line})", file
-                )
+    for what, parameter in _PARAMETERS.items():
+        if parameter not in card.parameters:
+            continue
+        file = facts.path.parent / f"{job}_{MATRICES[what]}{step}.mtx"
+        if not file.is_file():
+            near = suggest(file.name, sorted(p.name for p in file.parent.glob("*.mtx")))
+            raise card.error(
+                f"*MATRIX GENERATE, {parameter} of step {step}: no file {file.name!r}; {near}"
+            )
+        files[what] = read_entries(file)
+        if by_element and files[what].elements is None:
+            raise FormatError(
+                f"the matrix is whole, the deck says by element (line {card.line})", file
+            )
+        if not by_element and files[what].elements is not None:
+            raise FormatError(
+                f"the matrix is by element, the deck says whole (line {card.line})", file
+            )
     if not files:
         raise card.error("*MATRIX GENERATE says neither STIFFNESS nor MASS")
     return files
@@ -247,14 +256,15 @@ def _by_material(facts: DeckFacts, card: Card, files: Mapping[str, Entries]) -> 
     for elset, material in facts.sections.items():
         if elset in sets:
             members.setdefault(material, []).append(sets[elset])
-    parts, seen = [], np.empty(0, dtype=np.int64)
+    parts = []
+    seen = np.empty(0, dtype=np.int64)
     for material, found in members.items():
         own = np.unique(np.concatenate(found))
-        chosen = {
-            what: f.of(own)
-            for what, f in files.items()
-            if f.elements is not None and np.isin(f.elements, own).any()
-        }
+        chosen = {}
+        for what, file in files.items():
+            of_material = file.of(own)
+            if of_material.values.size:
+                chosen[what] = of_material
         seen = np.union1d(seen, own)
         if chosen:
             parts.append(Part(facts.properties[material].name, chosen))
@@ -318,12 +328,14 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
         card.only(*_PARAMETERS.values())
         files = {}
         for what, parameter in _PARAMETERS.items():
-            if name := card.get(parameter):
-                if name.upper() not in known:
-                    raise card.error(
-                        f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}"
-                    )
-                files[what] = _input(known[name.upper()], facts.path.parent)
+            name = card.get(parameter)
+            if not name:
+                continue
+            if name.upper() not in known:
+                raise card.error(
+                    f"*MATRIX ASSEMBLE: no matrix {name!r}; {suggest(name.upper(), known)}"
+                )
+            files[what] = _input(known[name.upper()], facts.path.parent)
         if not files:
             raise card.error("*MATRIX ASSEMBLE names no matrix")
         parts.append(Part(_group_name(card), files))
@@ -331,8 +343,9 @@ def assembled_parts(facts: DeckFacts) -> list[Part]:
 
 
 def _group_name(card: Card) -> str:
-    """Return the name of the assembly's stiffness (else of its other matrices), without the K or M at its end."""
-    name = next(n for p in _PARAMETERS.values() if (n := card.get(p)))
+    """Return the name of the assembly's first matrix, without the ending that says what it is."""
+    named = [card.parameters[p] for p in _PARAMETERS.values() if card.get(p)]
+    name = named[0]
     for ending in ("_STIF", "_MASS", "_DMPV", "_DMPS"):
         if name.upper().endswith(ending) and len(name) > len(ending):
             return name[: -len(ending)]
@@ -400,9 +413,11 @@ def write_model(model: Model, path: str | Path) -> None:
     path = Path(path)
     _check(model, path)
     refuse_damping(model, path, *VALUES)
-    if folded := [
-        name for name, g in model.groups.items() if g.mass_damping or g.stiffness_damping
-    ]:
+    folded = []
+    for name, group in model.groups.items():
+        if group.mass_damping or group.stiffness_damping:
+            folded.append(name)
+    if folded:
         warnings.warn(
             f"{path}: Rayleigh damping of {', '.join(map(repr, folded[:6]))} is written as viscous"
             " matrices, which no longer follow mass and stiffness",
@@ -439,7 +454,8 @@ def _check(model: Model, path: Path) -> None:
             raise FormatError(
                 f"group {name!r}: a name in a deck has no quotes, commas and equals signs", path
             )
-        if (other := seen.setdefault(name.upper(), name)) != name:
+        other = seen.setdefault(name.upper(), name)
+        if other != name:
             raise FormatError(
                 f"groups {other!r} and {name!r} are one name in a deck, where case does not matter",
                 path,
@@ -459,21 +475,17 @@ def _nodes(geometry: Geometry | None, path: Path) -> list[str]:
             UpdynWarning,
             stacklevel=4,
         )
-    places = zip(geometry.nodes.tolist(), geometry.xyz.tolist(), strict=True)
-    known = [(node, xyz) for node, xyz in places if 0 < node <= _LARGEST]
-    return (
-        ["*NODE", *(f"{node}, {', '.join(short_number(x) for x in xyz)}" for node, xyz in known)]
-        if known
-        else []
-    )
+    lines = []
+    for node, xyz in zip(geometry.nodes.tolist(), geometry.xyz.tolist(), strict=True):
+        if 0 < node <= _LARGEST:
+            lines.append(f"{node}, {', '.join(map(short_number, xyz))}")
+    return ["*NODE", *lines] if lines else []
 
 
 def _matrices(group: Group) -> dict[str, Matrix | None]:
-    damped = (
-        None
-        if group.stiffness is None or not group.loss_factor
-        else group.stiffness * group.loss_factor
-    )
+    damped = None
+    if group.stiffness is not None and group.loss_factor:
+        damped = group.stiffness * group.loss_factor
     return {
         "stiffness": group.stiffness,
         "mass": group.mass,
@@ -485,11 +497,10 @@ def _matrices(group: Group) -> dict[str, Matrix | None]:
 def _write_matrix(matrix: Matrix, dofs: DofSet, path: Path) -> None:
     """Write the lower triangle: node, dof, node, dof, entry."""
     entry: Any = sp.coo_array(sp.tril(matrix))
-    node, direction = dofs.nodes.tolist(), (dofs.axes + 1).tolist()
+    labels = []
+    for node, axis in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True):
+        labels.append(f"{node},{axis + 1}")
+    rows = zip(entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True)
     with path.open("w", encoding="ascii") as file:
-        for i, j, value in zip(
-            entry.row.tolist(), entry.col.tolist(), entry.data.tolist(), strict=True
-        ):
-            file.write(
-                f"{node[i]},{direction[i]}, {node[j]},{direction[j]}, {short_number(value)}\n"
-            )
+        for i, j, value in rows:
+            file.write(f"{labels[i]}, {labels[j]}, {short_number(value)}\n")

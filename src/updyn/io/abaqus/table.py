@@ -1,4 +1,4 @@
-"""A TOML file whose groups name matrix files of Abaqus, as `updyn.io.matrix_market` describes it for its own.
+"""Models of a TOML file (`updyn.io.model_table`) whose groups name matrix files of Abaqus.
 
 ::
 
@@ -20,8 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from updyn.errors import FormatError, suggest
 from updyn.io.abaqus.deck import DeckFacts, read_facts
@@ -100,11 +98,10 @@ def _part(
 ) -> Part:
     table.only_known(group, _GROUP, "group", number)
     name = table.group_name(group, number)
-    files = {
-        what: read_entries(table.file(group, what, "group", number))
-        for what in MATRICES
-        if what in group
-    }
+    files = {}
+    for what in MATRICES:
+        if what in group:
+            files[what] = read_entries(table.file(group, what, "group", number))
     if "elset" in group:
         elset = table.text(group, "elset", "group", number)
         files = _of_set(files, elset, facts, table, number)
@@ -135,14 +132,15 @@ def _of_set(
             table.path,
             line,
         )
-    whole = next((f for f in files.values() if f.elements is None), None)
-    if whole is not None:
-        raise FormatError(
-            f"{whole.path.name} is not written element by element; leave elset out",
-            table.path,
-            line,
-        )
-    out = {what: f.of(np.asarray(sets[elset.upper()])) for what, f in files.items()}
-    if empty := next((f for f in out.values() if not f.values.size), None):
-        raise FormatError(f"{empty.path.name} has no element of set {elset!r}", table.path, line)
+    out = {}
+    for what, file in files.items():
+        if file.elements is None:
+            raise FormatError(
+                f"{file.path.name} is not written element by element; leave elset out",
+                table.path,
+                line,
+            )
+        out[what] = file.of(sets[elset.upper()])
+        if not out[what].values.size:
+            raise FormatError(f"{file.path.name} has no element of set {elset!r}", table.path, line)
     return out

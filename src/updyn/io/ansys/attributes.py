@@ -1,4 +1,4 @@
-"""Which element of an Ansys model is of which material, type, real constants, section and component; where nodes stand.
+"""Attributes of the elements of an Ansys model, and the positions of its nodes.
 
 Out of the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file of the model, through
 ansys-mapdl-reader.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,9 @@ from updyn.io.items import library, placed
 
 __all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
 
-BY = ("material", "type", "real", "section", "component")
+#: The first numbers in an element's row.
+_NUMBERS = ("material", "type", "real", "section")
+BY = (*_NUMBERS, "component")
 
 #: Elements whose matrices come from real constants or a matrix of their own, not from a material:
 #: COMBIN14, MASS21, MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
@@ -32,7 +33,7 @@ _EDGES: tuple[tuple[tuple[int, ...], int, tuple[tuple[int, int], ...]], ...] = (
     (
         (45, 95, 185, 186, 190),
         8,
-        (*_RING, *((a + 4, b + 4) for a, b in _RING), *((a, a + 4) for a in range(4))),
+        (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
     ),
     ((92, 187, 285), 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))),
     ((42, 63, 82, 93, 181, 182, 183, 281), 4, _RING),
@@ -78,28 +79,23 @@ class Attributes:
     angles: NDArray[np.float64]
 
     def geometry(self, length: float) -> Geometry:
-        """Return positions in m, edges of the elements, and nodal systems where a node has one of its own.
+        """Return positions in m, edges of the elements, and nodal systems where there are any.
 
         Parameters
         ----------
         length : float
             Unit of length of the deck in m.
         """
-        lines: set[tuple[int, int]] = set()
+        pairs = [np.empty((0, 2), dtype=np.int64)]
         for routine, corner in zip(self.routine.tolist(), self.nodes_of, strict=True):
             for routines, count, edges in _EDGES:
                 if routine in routines and len(corner) >= count:
-                    lines.update(
-                        (min(p), max(p))
-                        for p in ((int(corner[a]), int(corner[b])) for a, b in edges)
-                    )
-        known = set(self.nodes.tolist())
-        drawn = sorted((a, b) for a, b in lines if a != b and a in known and b in known)
+                    pairs.append(corner[np.array(edges)])
+        lines = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+        drawn = lines[np.isin(lines, self.nodes).all(axis=1) & (lines[:, 0] != lines[:, 1])]
         axes = _axes(self.angles) if np.any(self.angles) else None
         with placed(self.path):
-            return Geometry(
-                self.nodes, self.xyz * length, np.array(drawn, dtype=np.int64).reshape(-1, 2), axes
-            )
+            return Geometry(self.nodes, self.xyz * length, drawn, axes)
 
 
 def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -107,8 +103,10 @@ def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
     """
-    (cz, cx, cy), (sz, sx, sy) = np.cos(np.radians(angles.T)), np.sin(np.radians(angles.T))
-    zero, one = np.zeros_like(cz), np.ones_like(cz)
+    cz, cx, cy = np.cos(np.radians(angles.T))
+    sz, sx, sy = np.sin(np.radians(angles.T))
+    zero = np.zeros_like(cz)
+    one = np.ones_like(cz)
     about_z = np.array([[cz, -sz, zero], [sz, cz, zero], [zero, zero, one]])
     about_x = np.array([[one, zero, zero], [zero, cx, -sx], [zero, sx, cx]])
     about_y = np.array([[cy, zero, sy], [zero, one, zero], [-sy, zero, cy]])
@@ -143,26 +141,24 @@ def read_attributes(path: str | Path) -> Attributes:
         if not mesh.n_elem:
             raise FormatError("holds no elements (EBLOCK)", path)
         rows = [np.asarray(row, dtype=np.int64) for row in mesh.elem]
-        routines = {int(number): int(routine) for number, routine in np.asarray(mesh.ekey)[:, :2]}
-        angles = mesh.node_angles
+        numbers = np.array([row[: len(_NUMBERS)] for row in rows])
+        routines = dict(np.asarray(mesh.ekey)[:, :2].tolist())
+        components = {}
+        for name, part in mesh.element_components.items():
+            components[str(name)] = np.asarray(part, dtype=np.int64)
+        angles = np.zeros((mesh.n_node, 3))
+        if mesh.node_angles is not None:
+            angles = np.asarray(mesh.node_angles, dtype=np.float64)
         return Attributes(
             path,
             np.asarray(mesh.enum, dtype=np.int64),
-            {
-                "material": np.array([row[0] for row in rows]),
-                "type": np.array([row[1] for row in rows]),
-                "real": np.array([row[2] for row in rows]),
-                "section": np.array([row[3] for row in rows]),
-            },
-            np.array([routines.get(int(row[1]), 0) for row in rows]),
+            dict(zip(_NUMBERS, numbers.T, strict=True)),
+            np.array([routines.get(kind, 0) for kind in numbers[:, 1].tolist()]),
             [row[_FIRST_NODE:] for row in rows],
-            {
-                str(name): np.asarray(part, dtype=np.int64)
-                for name, part in mesh.element_components.items()
-            },
+            components,
             np.asarray(mesh.nnum, dtype=np.int64),
             np.asarray(mesh.nodes, dtype=np.float64),
-            np.zeros((mesh.n_node, 3)) if angles is None else np.asarray(angles, dtype=np.float64),
+            angles,
         )
 
 
@@ -217,18 +213,22 @@ def groups_of(
     if by == "component":
         if not attributes.components:
             raise FormatError("holds no component of elements (CM, ...,ELEM)", attributes.path)
-        there = {n: p[np.isin(p, elements)] for n, p in attributes.components.items()}
-        return _parted(elements, {n: p for n, p in there.items() if p.size}, "components", path)
-    at = {int(number): i for i, number in enumerate(attributes.elements)}
-    missing = [int(e) for e in elements if int(e) not in at]
-    if missing:
+        there = {}
+        for name, part in attributes.components.items():
+            own = part[np.isin(part, elements)]
+            if own.size:
+                there[name] = own
+        return _parted(elements, there, "components", path)
+    missing = elements[~np.isin(elements, attributes.elements)]
+    if missing.size:
         raise FormatError(
-            f"element {missing[0]} ({len(missing)} such) is not in {attributes.path.name}, which"
-            f" has {len(at)} elements; only its first EBLOCK is read: use the .rst file, or one"
-            " block (CDWRITE)",
+            f"element {missing[0]} ({missing.size} such) is not in {attributes.path.name}, which"
+            f" has {len(attributes.elements)} elements; only its first EBLOCK is read: use the .rst"
+            " file, or one block (CDWRITE)",
             path,
         )
-    index = np.array([at[int(e)] for e in elements])
+    order = np.argsort(attributes.elements, kind="stable")
+    index = order[np.searchsorted(attributes.elements, elements, sorter=order)]
     names = np.array([f"{by} {n}" for n in attributes.numbers[by][index]], dtype=object)
     if by == "material":
         springs = np.isin(attributes.routine[index], _NO_MATERIAL)
@@ -250,14 +250,13 @@ def _parted(
                 f"{what}: {name!r} names element {absent[0]} ({absent.size} such), which is not in"
                 f" {path}"
             )
-    numbers, counts = np.unique(
-        list(chain.from_iterable(set(p.tolist()) for p in parts.values())), return_counts=True
-    )
-    if (counts > 1).any():
-        twice = int(numbers[counts > 1][0])
-        names = [name for name, part in parts.items() if twice in part]
+    members = np.concatenate([np.unique(part) for part in parts.values()])
+    numbers, counts = np.unique(members, return_counts=True)
+    twice = numbers[counts > 1]
+    if twice.size:
+        names = [name for name, part in parts.items() if twice[0] in part]
         raise FormatError(
-            f"element {twice} ({int((counts > 1).sum())} such) is in"
+            f"element {twice[0]} ({twice.size} such) is in"
             f" {' and '.join(map(repr, names))}; an element belongs to one group: say which with"
             " groups=",
             path,
@@ -269,7 +268,7 @@ def _parted(
 
 
 def beside(path: str | Path, *suffixes: str) -> Path | None:
-    """Return the file of the same name with the first of the suffixes that is there: one job, one name."""
+    """Return the file of the same name with the first of the suffixes that exists."""
     for suffix in suffixes:
         for found in (Path(path).with_suffix(suffix), Path(path).with_suffix(suffix.upper())):
             if found.is_file():

@@ -29,16 +29,33 @@ _HEADER = 100  # words
 _PACKAGE = "ansys.mapdl.reader"
 #: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by
 #: leaving out zeros.
-_TYPE, _COMPRESSED = 0xC0, 0x3F
+_TYPE = 0xC0
+_COMPRESSED = 0x3F
 _TYPES = {0x80: "<i4", 0xC0: "<i2", 0x00: "<f8", 0x40: "<f4"}
 
 #: DOF reference numbers of Ansys (fdemat.inc, fdfull.inc); the first six are the directions of a
 #: `Dof`, in its order.
 DOF_NAMES: Mapping[int, str] = {
-    **dict(
-        enumerate(("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ", "AX", "AY", "AZ", "VX", "VY", "VZ"), 1)
-    ),
-    **dict(enumerate(("PRES", "TEMP", "VOLT", "MAG", "ENKE", "ENDS", "EMF", "CURR"), 19)),
+    1: "UX",
+    2: "UY",
+    3: "UZ",
+    4: "ROTX",
+    5: "ROTY",
+    6: "ROTZ",
+    7: "AX",
+    8: "AY",
+    9: "AZ",
+    10: "VX",
+    11: "VY",
+    12: "VZ",
+    19: "PRES",
+    20: "TEMP",
+    21: "VOLT",
+    22: "MAG",
+    23: "ENKE",
+    24: "ENDS",
+    25: "EMF",
+    26: "CURR",
 }
 
 _FILES = {2: ".emat", 4: ".full", 8: ".sub", 9: ".mode", 12: ".rst"}
@@ -62,7 +79,7 @@ def mapdl_reader(module: str = "") -> Any:
         If it is not installed or cannot be loaded; the message says what to install.
     """
     try:
-        return importlib.import_module(f"{_PACKAGE}.{module}" if module else _PACKAGE)
+        return importlib.import_module(f"{_PACKAGE}.{module}".rstrip("."))
     except (ImportError, OSError) as error:
         raise OptionError(
             ".cdb and .rst files are read through ansys-mapdl-reader, which cannot be loaded"
@@ -89,20 +106,17 @@ class BinaryFile:
     def __init__(self, path: str | Path, kind: int) -> None:
         self.path = Path(path)
         size = self.path.stat().st_size // _WORD
-        self._words = (
-            np.memmap(self.path, dtype="<i4", mode="r", shape=(size,))
-            if size
-            else np.empty(0, dtype="<i4")
-        )
-        if size < _HEADER + 3 or self._words[0] != _HEADER:
-            swapped = size and self._words[:1].view(">i4")[0] == _HEADER
-            why = (
-                "it is big-endian, of a machine that is not read"
-                if swapped
-                else "no complete header of Ansys"
+        self._words = np.empty(0, dtype="<i4")
+        if size:
+            self._words = np.memmap(self.path, dtype="<i4", mode="r", shape=(size,))
+        if size and self._words[:1].view(">i4")[0] == _HEADER:
+            raise FormatError(
+                "not a binary file of Ansys: it is big-endian, of a machine that is not read", path
             )
-            raise FormatError(f"not a binary file of Ansys: {why}", path)
-        kind_found, self._unit = int(self._words[2]), int(self._words[6])
+        if size < _HEADER + 3 or self._words[0] != _HEADER:
+            raise FormatError("not a binary file of Ansys: no complete header of Ansys", path)
+        kind_found = int(self._words[2])
+        self._unit = int(self._words[6])
         if kind_found != kind:
             found = _FILES.get(kind_found, f"type {kind_found}")
             raise FormatError(
@@ -197,20 +211,20 @@ class BinaryFile:
             If it is damaged or too short.
         """
         values, _ = self.record(_HEADER + 3, "header", "i")
-        last = max(max(at) if isinstance(at, tuple) else at for at in items.values())
+        last = int(max(np.max(at) for at in items.values()))
         if len(values) <= last:
             raise FormatError(
                 f"header: {len(values)} numbers, expected {last + 1}: a release before 14.5?",
                 self.path,
             )
-        return {
-            name: (
-                int(values[at])
-                if isinstance(at, int)
-                else (int(values[at[1]]) << 32) + (int(values[at[0]]) & _LOW)
-            )
-            for name, at in items.items()
-        }
+        found = {}
+        for name, at in items.items():
+            if isinstance(at, int):
+                found[name] = int(values[at])
+            else:
+                low, high = at
+                found[name] = (int(values[high]) << 32) + (int(values[low]) & _LOW)
+        return found
 
     def units(self, unit: str | None) -> System:
         """Return the units of the numbers: as stated, else as the header says, else SI.

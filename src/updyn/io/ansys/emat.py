@@ -34,7 +34,8 @@ __all__ = [
     "write_properties",
 ]
 
-_TOLERANCE = 1e-10  # of the largest entry of row and column, between the sum of the elements and the .full file
+#: Difference of the sum of the elements from the .full file, in largest entries of row and column.
+_TOLERANCE = 1e-10
 _CHUNK = 4_000_000  # entries that are gathered before they are added up
 _STRESS = "stress stiffness"
 _KEYS = 64  # more than there are DOF reference numbers: node and number as one number
@@ -110,26 +111,23 @@ def read_model(
     known = _attributes(path, attributes)
     names = groups_of(file.elements, known, by, groups, path)
     dofs = _all_dofs(file, known)
-    whole = {
-        name: {what: units.to_si(m, dofs) for what, m in parts.items()}
-        for name, parts in _sums(file, names, dofs).items()
-    }
+    sums = _sums(file, names, dofs)
+    whole: dict[str, dict[str, Matrix]] = {}
+    for name, matrices in sums.items():
+        whole[name] = {what: units.to_si(matrix, dofs) for what, matrix in matrices.items()}
     _say_stress_stiffness(whole, stress_stiffness, path)
     system = _system(path, full, unit) if supports is None else None
     keep = _kept(dofs, whole, system, supports, path, said=full is False)
-    parts = {
-        name: {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()}
-        for name, matrices in whole.items()
-    }
+    parts: dict[str, dict[str, Matrix]] = {}
+    for name, matrices in whole.items():
+        parts[name] = {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()}
     kept = dofs[keep]
     if system is not None:
         _check_sum(parts, system, kept, path)
+    geometry = None if known is None else known.geometry(units.length)
     with placed(path):
-        return Model.from_groups(
-            {n: g for n, p in parts.items() if (g := _group(p, loss_factor)) is not None},
-            kept,
-            geometry=None if known is None else known.geometry(units.length),
-        )
+        made = {name: _group(matrices, loss_factor) for name, matrices in parts.items() if matrices}
+        return Model.from_groups(made, kept, geometry=geometry)
 
 
 def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:
@@ -146,19 +144,22 @@ def _system(
         if full:
             raise OptionError("full=True: expected the path of a .full file, or False for none")
         return None
-    found = beside(path, ".full") if full is None else Path(path).parent / full
-    if found is not None and not found.is_file():
-        raise FormatError("full: no such file", found)
-    return None if found is None else read_system(found, unit)
+    if full is None:
+        found = beside(path, ".full")
+        return None if found is None else read_system(found, unit)
+    given = Path(path).parent / full
+    if not given.is_file():
+        raise FormatError("full: no such file", given)
+    return read_system(given, unit)
 
 
 # -- adding up ----------------------------------------------------------------------------------
 def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     """Return the degrees of freedom of all elements, sorted by node and direction."""
     path = file.binary.path
-    nodes_of = (
-        {} if known is None else dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
-    )
+    nodes_of = {}
+    if known is not None:
+        nodes_of = dict(zip(known.elements.tolist(), known.nodes_of, strict=True))
     found: list[NDArray[np.int64]] = []
     for element in file:
         own = nodes_of.get(element.number)
@@ -186,12 +187,19 @@ def _sums(
     for name, element in zip(names, file, strict=True):
         at = np.searchsorted(keys, element.nodes * _KEYS + element.dofs)
         for what, matrix in element.matrices.items():
-            group, kind = (_STRESS, "stiffness") if what == _STRESS else (str(name), what)
+            group = str(name)
+            kind = what
+            if what == _STRESS:
+                group = _STRESS
+                kind = "stiffness"
             if matrix.any():
                 sums.setdefault(group, {}).setdefault(kind, _Sum(len(dofs))).add(at, matrix)
     # In the order of their names, numbers by value: "material 2" before "material 10".
     order = sorted(sums, key=lambda n: (n == _STRESS, n == "remaining", *_by_number(n)))
-    return {name: {what: total.matrix() for what, total in sums[name].items()} for name in order}
+    out = {}
+    for name in order:
+        out[name] = {what: total.matrix() for what, total in sums[name].items()}
+    return out
 
 
 def _by_number(name: str) -> tuple[str, int]:
@@ -218,11 +226,11 @@ class _Sum:
 
     def matrix(self) -> Matrix:
         if self._pieces:
-            row, column, data = (np.concatenate(part) for part in zip(*self._pieces, strict=True))
-            self._total = self._total + sp.csr_array(
-                sp.coo_array((data, (row, column)), shape=self._total.shape)
-            )
-            self._pieces, self._count = [], 0
+            row, column, data = map(np.concatenate, zip(*self._pieces, strict=True))
+            added = sp.coo_array((data, (row, column)), shape=self._total.shape)
+            self._total = self._total + sp.csr_array(added)
+            self._pieces = []
+            self._count = 0
         return self._total
 
 
@@ -242,16 +250,11 @@ def _say_stress_stiffness(
         del parts[_STRESS]
 
 
-def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group | None:
-    if not parts:
-        return None
+def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group:
     stiffness = parts.get("stiffness")
-    return Group(
-        stiffness,
-        parts.get("mass"),
-        0.0 if stiffness is None else loss_factor,
-        parts.get("damping"),
-    )
+    if stiffness is None:
+        loss_factor = 0.0
+    return Group(stiffness, parts.get("mass"), loss_factor, parts.get("damping"))
 
 
 # -- supports, and the check --------------------------------------------------------------------
@@ -264,10 +267,11 @@ def _kept(
     *,
     said: bool,
 ) -> NDArray[np.intp]:
-    """Return the positions of the DOFs of the model: those that are neither constrained nor without any matrix."""
+    """Return the positions of the DOFs that have a matrix and are not constrained."""
     used = np.zeros(len(dofs), dtype=np.bool_)
-    for matrix in (m for p in parts.values() for m in p.values()):
-        used[matrix.indices[matrix.data != 0.0]] = True
+    for matrices in parts.values():
+        for matrix in matrices.values():
+            used[matrix.indices[matrix.data != 0.0]] = True
     keep = np.ones(len(dofs), dtype=np.bool_)
     if system is not None:
         missing = [d for d in system.dofs if d not in dofs]
@@ -320,8 +324,8 @@ def _check_sum(
         ("damping", system.viscous),
     ):
         own = [p[what] for p in parts.values() if what in p]
-        if total is None:
-            continue  # a static solution has no M, an undamped one no C: there is nothing to compare with
+        if total is None:  # a static solution has no M, an undamped one no C
+            continue
         expected = sp.csr_array(total)[at][:, at]
         left = sp.coo_array(sum(own, -expected))
         if not left.nnz:
@@ -330,7 +334,8 @@ def _check_sum(
         beyond = np.abs(left.data) - _TOLERANCE * np.maximum(scale[left.row], scale[left.col])
         worst = int(np.argmax(beyond))
         if beyond[worst] > 0.0:
-            i, j = int(left.row[worst]), int(left.col[worst])
+            i = int(left.row[worst])
+            j = int(left.col[worst])
             raise FormatError(
                 f"the element matrices do not add up to the .full file: {what} at {dofs[i]},"
                 f" {dofs[j]} is {left.data[worst]:.3g} off (largest entry there"
@@ -463,7 +468,7 @@ class ElementFile:
         return Element(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
 
     def _square(self, values: NDArray[np.float64], size: int, where: str) -> NDArray[np.float64]:
-        """Return a matrix from a record: its length says whether it is full, a triangle or a diagonal."""
+        """Return a full, triangular or diagonal matrix, as the length of the record says."""
         if not np.isfinite(values).all():
             raise FormatError(f"{where} holds numbers that are not finite", self.binary.path)
         if len(values) == size * size:
@@ -477,7 +482,8 @@ class ElementFile:
             return np.diag(values)
         if len(values) == size * (size + 1) // 2:
             out = np.zeros((size, size))
-            out[np.tril_indices(size) if self._by_rows else np.triu_indices(size)] = values
+            places = np.tril_indices(size) if self._by_rows else np.triu_indices(size)
+            out[places] = values
             return out + out.T - np.diag(out.diagonal())
         raise FormatError(
             f"{where}: {len(values)} numbers fit no matrix of {size} rows, full, triangular or"
@@ -494,15 +500,16 @@ class ElementFile:
         """
         left = []
         for by_rows in (True, False):
-            self._by_rows, rest = by_rows, 0.0
+            self._by_rows = by_rows
+            rest = 0.0
             for i in range(min(len(self.elements), _SAMPLE)):
                 element = self._read(i)
                 K = element.matrices.get("stiffness")
-                if K is not None and np.any(K):
-                    moved = sum(
-                        np.abs(K[:, element.dofs == number].sum(axis=1)).max()
-                        for number in (1, 2, 3)
-                    )
-                    rest += float(moved) / float(np.abs(K).max())
+                if K is None or not np.any(K):
+                    continue
+                moved = 0.0
+                for number in (1, 2, 3):
+                    moved += float(np.abs(K[:, element.dofs == number].sum(axis=1)).max())
+                rest += moved / float(np.abs(K).max())
             left.append(rest)
         return left[0] <= left[1]

@@ -128,7 +128,7 @@ def _by_difference(
     unit: str | None,
     loss_factor: float,
 ) -> dict[str, Group]:
-
+    """Return the groups of doubled properties."""
     if not isinstance(doubled, Mapping) or not doubled:
         raise OptionError(
             f"doubled: expected a mapping of group name to .full file, found {doubled!r}"
@@ -151,15 +151,15 @@ def _by_difference(
         return other.stiffness, other.mass
 
     parts = groups_by_difference(doubled, (system.stiffness, system.mass), of, system.dofs, path)
+    groups = {}
     for name, (stiffness, mass) in parts.items():
         if stiffness is None and mass is None:
             raise FormatError(
                 f"group {name!r}: {doubled[name]} has the same matrices; nothing was doubled", path
             )
-    return {
-        name: Group(stiffness, mass, 0.0 if stiffness is None else loss_factor)
-        for name, (stiffness, mass) in parts.items()
-    }
+        gamma = 0.0 if stiffness is None else loss_factor
+        groups[name] = Group(stiffness, mass, gamma)
+    return groups
 
 
 def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
@@ -246,9 +246,8 @@ def _dof_vector(
     binary: BinaryFile, header: Mapping[str, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return node and DOF reference number of each equation, negative where it is constrained."""
-    at = binary.after(
-        _FILE_HEADER, "header", 2
-    )  # and the degrees of freedom in use, of all nodes together
+    # The record behind the header holds the degrees of freedom in use, of all nodes together.
+    at = binary.after(_FILE_HEADER, "header", 2)
     nodes, _ = binary.record(at, "nodal equivalence table", "i")
     extent, at = binary.record(header["ptrDOF"], "nodal extent vector", "i")
     numbers, _ = binary.record(at, "DOF vector", "i")
@@ -269,7 +268,7 @@ def _dof_vector(
 def _matrix(
     binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int
 ) -> Matrix:
-    """Return the matrix whose rows start at a word, both triangles, with the rows and columns asked for."""
+    """Return the matrix whose rows start at a word, both triangles, in the order asked for."""
     columns: list[NDArray[Any]] = []
     entries: list[NDArray[Any]] = []
     for _ in range(size):
@@ -283,11 +282,9 @@ def _matrix(
             )
         columns.append(column)
         entries.append(entry)
-    row = np.repeat(np.arange(size), [len(c) for c in columns])
-    column, data = (
-        np.concatenate(columns).astype(np.int64) - 1,
-        np.concatenate(entries).astype(np.float64),
-    )
+    row = np.repeat(np.arange(size), list(map(len, columns)))
+    column = np.concatenate(columns).astype(np.int64) - 1
+    data = np.concatenate(entries).astype(np.float64)
     if len(column) != terms:
         raise FormatError(
             f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path
@@ -300,7 +297,6 @@ def _matrix(
         )
     if not np.isfinite(data).all():
         raise FormatError(f"{what}: holds numbers that are not finite", binary.path)
-    triangle = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))[order][
-        :, order
-    ]
+    whole = sp.csr_array(sp.coo_array((data, (row, column)), shape=(size, size)))
+    triangle = whole[order][:, order]
     return sp.csr_array(triangle + triangle.T - sp.diags_array(triangle.diagonal()))

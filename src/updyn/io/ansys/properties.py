@@ -38,9 +38,9 @@ _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
 }
 _NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
-_NO_DMPS = (
-    2020  # releases before 2020 R1, counted by years or as 15.0 to 19.5, are known to have none
-)
+#: First release with DMPS, 2020 R1; those before it are counted by years, or as 15.0 to 19.5.
+_WITH_DMPS = 2020
+_LAST_BEFORE_YEARS = 20
 
 
 def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, path: Path) -> None:
@@ -63,30 +63,23 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     """
     deck = _commands(deck)
     found = read_deck(deck)
-    names = [f"material {n}" for n in sorted(found.materials)] + [
-        f"real {n}" for n in sorted(found.reals)
-    ]
+    materials = {f"material {number}": number for number in sorted(found.materials)}
+    reals = {f"real {number}": number for number in sorted(found.reals)}
     blocks: list[str] = []
     for name, change in changes.items():
-        kind = re.fullmatch(r"(material|real) (\d+)", name)
-        if kind is None or name not in names:
-            hint = (
-                ""
-                if kind
-                else " (by component, type or section there is no one property: group by material)"
-            )
-            raise FormatError(f"the deck has no {name!r}{hint}; {suggest(name, names)}", deck)
-        _check(name, change, deck)
-        number = int(kind[2])
-        said = ", ".join(
-            f"{q} {'=' if q == 'loss_factor' else 'x'} {v!r}" for q, v in change.items()
-        )
-        blocks += ["!", f"! {name}: {said or 'unchanged'}"]
-        blocks += (
-            _material(found, number, change)
-            if kind[1] == "material"
-            else _real(found, number, change)
-        )
+        if name in materials:
+            lines = _material(found, materials[name], change, name)
+        elif name in reals:
+            lines = _real(found, reals[name], change, name)
+        else:
+            hint = ""
+            if re.fullmatch(r"(material|real) (\d+)", name) is None:
+                hint = (
+                    " (by component, type or section there is no one property: group by material)"
+                )
+            near = suggest(name, [*materials, *reals])
+            raise FormatError(f"the deck has no {name!r}{hint}; {near}", deck)
+        blocks += ["!", f"! {name}: {_described(change)}", *lines]
     heading = [
         f"! New properties for {deck.name}: {', '.join(changes)}.",
         f"! Read them in /PREP7 after the deck: /INPUT,{path.stem},{path.suffix.lstrip('.')}",
@@ -95,7 +88,16 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
         temporary.write_text("\n".join([*heading, *blocks]) + "\n", encoding="utf-8")
 
 
+def _described(change: Mapping[str, float]) -> str:
+    said = []
+    for quantity, value in change.items():
+        sign = "=" if quantity == "loss_factor" else "x"
+        said.append(f"{quantity} {sign} {value!r}")
+    return ", ".join(said) or "unchanged"
+
+
 def _commands(deck: Path) -> Path:
+    """Return the deck, for a binary file the one beside it."""
     if deck.suffix.lower() not in (".emat", ".full"):
         return deck
     found = beside(deck, ".cdb")
@@ -123,9 +125,13 @@ def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
 
 
 # -- materials ----------------------------------------------------------------------------------
-def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+def _material(deck: Deck, number: int, change: Mapping[str, float], name: str) -> list[str]:
+    """Return the commands for a material."""
+    _check(name, change, deck.path)
     has = deck.materials[number]
-    stiffness, mass, viscous = (change.get(q, 1.0) for q in ("stiffness", "mass", "viscous"))
+    stiffness = change.get("stiffness", 1.0)
+    mass = change.get("mass", 1.0)
+    viscous = change.get("viscous", 1.0)
     if number in deck.tables and (stiffness != 1.0 or viscous != 1.0 or "loss_factor" in change):
         raise FormatError(
             f"material {number} has a table (TB) of elasticity or damping, which is not changed;"
@@ -165,7 +171,7 @@ def _written(deck: Deck, number: int, label: str, old: Property, factor: float) 
     what = f"{label} of material {number}"
     before = [deck.number(v, old.line, what) for v in old.values]
     values = [repr(v * factor) for v in before]
-    out = [f"! old {label} (line {old.line}): {', '.join(repr(v) for v in before)}"]
+    out = [f"! old {label} (line {old.line}): {', '.join(map(repr, before))}"]
     if len(set(old.temperatures)) < 2:
         return [*out, f"MP,{label},{number},{','.join(values)}"]
     temperatures = [repr(deck.number(t, old.line, "MPTEMP")) for t in old.temperatures]
@@ -178,80 +184,76 @@ def _written(deck: Deck, number: int, label: str, old: Property, factor: float) 
 
 
 def _loss_factor(deck: Deck, number: int, has: Mapping[str, Property], gamma: float) -> list[str]:
-    label, factor = _damping_label(deck)
-    other = "DMPR" if label == "DMPS" else "DMPS"
-    out = [
-        f"! old {name} (line {has[name].line}): {', '.join(has[name].values)}"
-        for name in ("DMPR", "DMPS")
-        if name in has
-    ]
-    if label == "DMPS":
-        out.append(f"! in a release without DMPS: MP,DMPR,{number},{gamma / 2!r}")
-        if other in has:  # a damping ratio, which would come on top of it
-            out.append(f"MP,DMPR,{number},0.0")
-    return [*out, f"MP,{label},{number},{gamma * factor!r}"]
+    out = []
+    for name in ("DMPR", "DMPS"):
+        if name in has:
+            out.append(f"! old {name} (line {has[name].line}): {', '.join(has[name].values)}")
+    # DMPR is a damping ratio, half the loss factor.
+    if not _has_dmps(deck):
+        return [*out, f"MP,DMPR,{number},{gamma / 2!r}"]
+    out.append(f"! in a release without DMPS: MP,DMPR,{number},{gamma / 2!r}")
+    if "DMPR" in has:  # which would come on top of it
+        out.append(f"MP,DMPR,{number},0.0")
+    return [*out, f"MP,DMPS,{number},{gamma * 1.0!r}"]
 
 
-def _damping_label(deck: Deck) -> tuple[str, float]:
-    """Return the label of structural damping in the release of the deck, and its share of the loss factor."""
+def _has_dmps(deck: Deck) -> bool:
+    """Return whether the release of the deck has structural damping by the label DMPS."""
     if any("DMPS" in has for has in deck.materials.values()):
-        return "DMPS", 1.0
-    year = deck.release if deck.release is not None and deck.release > 1000 else None
-    number = deck.release if deck.release is not None and deck.release < 1000 else None
-    old = (year is not None and year < _NO_DMPS) or (number is not None and number < 20)
-    return ("DMPR", 0.5) if old else ("DMPS", 1.0)
+        return True
+    if deck.release is None:
+        return True
+    is_year = deck.release > 1000
+    return deck.release >= (_WITH_DMPS if is_year else _LAST_BEFORE_YEARS)
 
 
 # -- real constants -----------------------------------------------------------------------------
-def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+def _real(deck: Deck, number: int, change: Mapping[str, float], name: str) -> list[str]:
+    """Return the commands for a set of real constants."""
+    _check(name, change, deck.path)
     old = deck.reals[number]
     routine = _routine(deck, number, old)
+    element = _NAMES[routine]
     places = _REALS[routine]
     values = list(old.values)
     for quantity, factor in change.items():
         if quantity == "loss_factor":
             if factor:
                 raise FormatError(
-                    f"real {number}: {_NAMES[routine]} has no place for a loss factor",
-                    deck.path,
-                    old.line,
+                    f"real {number}: {element} has no place for a loss factor", deck.path, old.line
                 )
             continue
         if quantity not in places:
             if factor != 1.0:
                 raise FormatError(
-                    f"real {number}: {_NAMES[routine]} has no {quantity}", deck.path, old.line
+                    f"real {number}: {element} has no {quantity}", deck.path, old.line
                 )
             continue
+        is_there = False
         for place in places[quantity]:
             if place <= len(values) and values[place - 1]:
-                before = deck.number(
-                    values[place - 1], old.line, f"constant {place} of real {number}"
-                )
+                what = f"constant {place} of real {number}"
+                before = deck.number(values[place - 1], old.line, what)
                 values[place - 1] = repr(before * factor)
-        if factor != 1.0 and not any(
-            place <= len(values)
-            and values[place - 1]
-            and deck.number(values[place - 1], old.line, "constant")
-            for place in places[quantity]
-        ):
+                is_there = is_there or before != 0.0
+        if factor != 1.0 and not is_there:
             raise FormatError(
-                f"real {number}: {_NAMES[routine]} has no {quantity} to change", deck.path, old.line
+                f"real {number}: {element} has no {quantity} to change", deck.path, old.line
             )
-    out = [
-        f"! {_NAMES[routine]}, old constants (line {old.line}):"
-        f" {', '.join(v or '-' for v in old.values)}"
-    ]
-    out.append(f"R,{number},{','.join(values[:6])}")
-    out += [f"RMORE,{','.join(values[i : i + 6])}" for i in range(6, len(values), 6)]
+    shown = ", ".join(value or "-" for value in old.values)
+    out = [f"! {element}, old constants (line {old.line}): {shown}"]
+    command = f"R,{number}"
+    for start in range(0, max(len(values), 1), 6):
+        out.append(",".join([command, *values[start : start + 6]]))
+        command = "RMORE"
     return out
 
 
 def _routine(deck: Deck, number: int, old: RealSet) -> int:
-    """Return the element routine whose constants a set holds: that of its elements, or the only one of the deck."""
-    types = deck.users.get(number) or set(deck.types)
-    routines = {deck.types.get(t, 0) for t in types}
-    if not deck.users.get(number):
+    """Return the routine of the elements that use a set, or the only one of the deck."""
+    users = deck.users.get(number)
+    routines = {deck.types.get(t, 0) for t in users or deck.types}
+    if not users:
         routines &= set(_REALS)
     if len(routines) == 1 and routines <= set(_REALS):
         return routines.pop()
@@ -305,7 +307,7 @@ class RealSet:
 
 @dataclass(slots=True)
 class Deck:
-    """What a deck says.
+    """The properties and elements of a deck.
 
     Parameters
     ----------
@@ -376,7 +378,7 @@ def read_deck(path: str | Path) -> Deck:
     state = _Reading(deck)
     with path.open(encoding="latin-1") as file:
         lines = file.read().splitlines()
-    if any("\0" in line for line in lines[:50]):
+    if "\0" in "".join(lines[:50]):
         raise FormatError("is a binary file, expected a deck (.cdb, or commands)", path)
     at = 0
     while at < len(lines):
@@ -385,6 +387,8 @@ def read_deck(path: str | Path) -> Deck:
 
 
 class _Reading:
+    """The state of reading a deck: the table of temperatures and the last set of constants."""
+
     def __init__(self, deck: Deck) -> None:
         self.deck = deck
         self.temperatures: dict[int, str] = {}
@@ -412,35 +416,29 @@ class _Reading:
 
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
+        first = _whole(_at(fields, 0))
+        second = _whole(_at(fields, 1))
+        third = _whole(_at(fields, 2))
         if name == "MP":
-            self._material(
-                _at(fields, 0).upper()[:4],
-                _at(fields, 1) or "1",
-                [v for v in fields[2:] if v],
-                (),
-                line,
-            )
+            label = _at(fields, 0).upper()[:4]
+            self._material(label, _at(fields, 1) or "1", list(filter(None, fields[2:])), (), line)
         elif short == "MPTE" and name.startswith("MPTEMP"):
             self._temperatures(fields)
         elif short == "MPDA":
             self._data(fields, line)
-        elif (
-            name == "TB"
-            and fields
-            and fields[0].upper()[:4] in _TABLES
-            and _whole(_at(fields, 1) or "1") is not None
-        ):
-            self.deck.tables[_whole(_at(fields, 1) or "1") or 1] = line
-        elif name == "ET" and (number := _whole(_at(fields, 0))) is not None:
+        elif name == "TB" and _at(fields, 0).upper()[:4] in _TABLES:
+            material = _whole(_at(fields, 1) or "1")
+            if material is not None:
+                self.deck.tables[material or 1] = line
+        elif name == "ET" and first is not None:
             routine = re.search(r"(\d+)$", _at(fields, 1))
-            self.deck.types[number] = int(routine[1]) if routine else 0
-        elif short == "KEYO" and None not in (
-            numbers := [_whole(_at(fields, i)) for i in range(3)]
-        ):
-            self.deck.keys[numbers[0] or 0, numbers[1] or 0] = numbers[2] or 0
-        elif name == "R" and (number := _whole(_at(fields, 0))) is not None:
-            self.deck.reals[number] = RealSet(tuple(fields[1:7]), line)
-            self.last_real = number
+            self.deck.types[first] = int(routine[1]) if routine else 0
+        elif short == "KEYO":
+            if first is not None and second is not None and third is not None:
+                self.deck.keys[first, second] = third
+        elif name == "R" and first is not None:
+            self.deck.reals[first] = RealSet(tuple(fields[1:7]), line)
+            self.last_real = first
         elif short == "RMOR" and self.last_real is not None:
             old = self.deck.reals[self.last_real]
             filled = old.values + ("",) * (-len(old.values) % 6)
@@ -455,21 +453,22 @@ class _Reading:
             return
         if start == 1:
             self.temperatures = {}
-        self.temperatures.update({start + i: t for i, t in enumerate(fields[1:]) if t})
+        for place, temperature in enumerate(fields[1:], start):
+            if temperature:
+                self.temperatures[place] = temperature
 
     def _data(self, fields: list[str], line: int) -> None:
         if _at(fields, 0).upper().startswith("R5"):
             fields = fields[2:]
-        label, number, start = (
-            _at(fields, 0).upper()[:4],
-            _at(fields, 1) or "1",
-            _whole(_at(fields, 2)) or 1,
-        )
-        values = [v for v in fields[3:] if v]
+        label = _at(fields, 0).upper()[:4]
+        number = _at(fields, 1) or "1"
+        start = _whole(_at(fields, 2)) or 1
+        values = list(filter(None, fields[3:]))
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
         if start > 1 and old is not None and len(old.values) == start - 1:
             values = [*old.values, *values]
-        temperatures = tuple(self.temperatures.get(i + 1, "0.0") for i in range(len(values)))
+        places = range(1, len(values) + 1)
+        temperatures = tuple(self.temperatures.get(place, "0.0") for place in places)
         self._material(label, number, values, temperatures, line)
 
     def _material(
@@ -521,7 +520,8 @@ class _Reading:
         return numbers[8] - (len(numbers) - 11)
 
     def _real_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
-        """Read RLBLOCK: two lines of format, then each set with its number, how many constants, and these."""
+        """Read RLBLOCK and return its number of lines."""
+        # Two lines of format, then each set: its number, how many constants it has, and these.
         sets = _whole(_at(fields, 1)) or 0
         path = self.deck.path
         _, width = _width(lines, at + 1, path)
@@ -530,14 +530,16 @@ class _Reading:
             if row >= len(lines):
                 raise FormatError("RLBLOCK: ends before its last set", path, row)
             text = lines[row]
-            number, count = _whole(text[:width].strip()), _whole(text[width : 2 * width].strip())
+            number = _whole(text[:width].strip())
+            count = _whole(text[width : 2 * width].strip())
             if number is None or count is None:
                 raise FormatError(
                     f"RLBLOCK: expected the number of a set and of its constants, found {text!r}",
                     path,
                     row + 1,
                 )
-            values, start = _numbers(text[2 * width :]), row + 1
+            values = _numbers(text[2 * width :])
+            start = row + 1
             while len(values) < count and row + 1 < len(lines):
                 row += 1
                 values += _numbers(lines[row])
@@ -548,8 +550,9 @@ class _Reading:
 
 def _release(number: str, half: str | None) -> float:
     """Return 19.4 for "19.4", 2019.2 for "2019 R2"."""
-    parts = [p for p in number.split(".") if p] or ["0"]
-    return float(f"{parts[0]}.{half or (parts[1] if len(parts) > 1 else 0)}")
+    major, _, minor = number.strip(".").partition(".")
+    minor = minor.partition(".")[0]
+    return float(f"{major or 0}.{half or minor or 0}")
 
 
 def _numbers(text: str) -> list[str]:
@@ -557,14 +560,15 @@ def _numbers(text: str) -> list[str]:
 
 
 def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
-    """Return how many whole numbers a line of a block has and how wide each is, from its format, ``(19i10)``."""
-    found = re.match(r"\s*\(\s*([1-9]\d*)i([1-9]\d*)", lines[at] if at < len(lines) else "", re.I)
+    """Return number and width of the whole numbers on a line of a block, by its ``(19i10)``."""
+    found = re.match(r"\s*\(\s*([1-9]\d*)i([1-9]\d*)", _at(lines, at), re.I)
     if found is None:
         raise FormatError("a block without its format, such as (19i10)", path, at + 1)
     return int(found[1]), int(found[2])
 
 
 def _at(fields: Sequence[str], i: int) -> str:
+    """Return a field, empty where there is none."""
     return fields[i] if i < len(fields) else ""
 
 

@@ -1,4 +1,8 @@
-"""A deck of CalculiX as a model: materials as groups, by difference."""
+"""Decks of CalculiX: models, with materials as groups by difference, and updated properties.
+
+``ccx`` keeps the rotations of a rigid body as the translations of a node of their own; here they are
+rotations of its reference node.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,14 @@ from updyn.io.differences import groups_by_difference
 from updyn.io.items import placed
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, whole
 from updyn.io.keyword_deck.changes import write_changes
-from updyn.io.keyword_deck.structure import Deck, Property, edges, read_deck, read_properties
+from updyn.io.keyword_deck.structure import (
+    Deck,
+    Property,
+    edges,
+    heading_of,
+    read_deck,
+    read_properties,
+)
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -92,9 +103,8 @@ def read_model(
     rotations = read_rotations(model, path)
     program = find_program(ccx, timeout, path)
     materials = [p for p in parts.values() if p.kind == "material"]
-    check_materials(
-        [(p.name, p.first("stiffness"), p.first("mass")) for p in materials], units, path
-    )
+    moduli = [(p.name, p.first("stiffness"), p.first("mass")) for p in materials]
+    check_materials(moduli, units, path)
 
     def run(changed: Property | None = None) -> Matrices:
         return program.matrices([*_lines(model, changed), *step], remarks=changed is None)
@@ -110,27 +120,29 @@ def read_model(
             )
         return one.stiffness, one.mass
 
-    split = groups_by_difference(
-        parts, (total.stiffness, total.mass), doubled, dofs, path, _TOLERANCE
-    )
+    sums = total.stiffness, total.mass
+    split = groups_by_difference(parts, sums, doubled, dofs, path, _TOLERANCE)
     groups = {}
-    for name, (K, M) in split.items():
+    for key, (K, M) in split.items():
+        name = parts[key].name
         if K is None and M is None:
-            _warn(
-                path,
-                f"{parts[name].name!r} has neither stiffness nor mass at the free DOFs: left out",
-            )
+            _warn(path, f"{name!r} has neither stiffness nor mass at the free DOFs: left out")
             continue
-        K, M = (None if A is None else units.to_si(A, dofs) for A in (K, M))
-        viscous = [f * A for f, A in ((alpha, M), (beta, K)) if f and A is not None]
-        gamma = parts[name].damping("STRUCTURAL") if K is not None else 0.0
-        with placed(path, f"group {parts[name].name!r}"):
-            groups[parts[name].name] = Group(
-                K, M, loss_factor=gamma, viscous=sum(viscous) if viscous else None
-            )
-    heading = next(
-        (row.text for card in model if card.name == "HEADING" for row in card.rows[:1]), ""
-    )
+        gamma = 0.0
+        viscous = []
+        if M is not None:
+            M = units.to_si(M, dofs)
+            if alpha:
+                viscous.append(alpha * M)
+        if K is not None:
+            K = units.to_si(K, dofs)
+            gamma = parts[key].damping("STRUCTURAL")
+            if beta:
+                viscous.append(beta * K)
+        C = sum(viscous) if viscous else None
+        with placed(path, f"group {name!r}"):
+            groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
+    heading = heading_of(model)
     with placed(path):
         drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
         return Model.from_groups(groups, dofs, geometry=drawn, title=heading)
@@ -139,7 +151,9 @@ def read_model(
 def read_parts(
     path: Path, cards: Sequence[Card]
 ) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
-    """Return the cards of the model, the lines of the storing step, the structure, and its groups in capitals.
+    """Return the cards of the model, the lines of the storing step, the structure and its groups.
+
+    Groups are by name in capitals.
 
     Raises
     ------
@@ -149,12 +163,15 @@ def read_parts(
     model, step = storage_deck(cards)
     check_model(model)
     deck = read_deck(path, model)
-    types = {
-        name.upper(): block.type for block in deck.elements if (name := block.card.get("ELSET"))
-    }
+    types = {}
+    for block in deck.elements:
+        elset = block.card.get("ELSET")
+        if elset:
+            types[elset.upper()] = block.type
     found = read_properties(model, types, own_rayleigh=False)
     for part in found.values():
-        if bad := sorted(set(part.name) & set(".*?[]")):
+        bad = sorted(set(part.name) & set(".*?[]"))
+        if bad:
             raise part.cards[0].error(
                 f"{part.kind} {part.name!r} holds {bad[0]!r}: unknowns are called name.quantity and"
                 " chosen by glob; rename it in the deck"
@@ -185,11 +202,14 @@ def _lines(model: Sequence[Card], changed: Property | None) -> list[str]:
     cards = list(model)
     if changed is not None:
         cards[changed.at : changed.at + len(changed.cards)] = changed.scaled(2.0, 2.0)
-    return [line for card in cards for line in card.text()]
+    lines = []
+    for card in cards:
+        lines += card.text()
+    return lines
 
 
 def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
-    """Return ALPHA (1/s) and BETA (s) of the deck; ccx takes them for the whole, wherever they stand.
+    """Return ALPHA (1/s) and BETA (s), which ccx applies to the whole deck wherever they stand.
 
     Raises
     ------
@@ -204,7 +224,9 @@ def read_rayleigh(model: Sequence[Card]) -> tuple[float, float]:
     if not found:
         return 0.0, 0.0
     card = found[0]
-    alpha, beta = (number(card.get(k) or "0.", card, Row(card.line, "")) for k in ("ALPHA", "BETA"))
+    row = Row(card.line, "")
+    alpha = number(card.get("ALPHA") or "0.", card, row)
+    beta = number(card.get("BETA") or "0.", card, row)
     return alpha, beta
 
 
@@ -214,7 +236,7 @@ def _warn(path: Path, message: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Rotations:
-    """Which node holds whose rotations.
+    """The nodes that hold the rotations of rigid bodies.
 
     Parameters
     ----------
@@ -254,7 +276,10 @@ class Rotations:
         made = np.setdiff1d(dofs.nodes, deck.nodes)
         # C3D8I has three generalised displacements of its own, which ccx keeps (with mass) as
         # nodes.
-        inner = 3 * sum(block.numbers.size for block in deck.elements if block.type == "C3D8I")
+        inner = 0
+        for block in deck.elements:
+            if block.type == "C3D8I":
+                inner += 3 * block.numbers.size
         if len(made) != inner + len(self.unnamed) or (inner and self.unnamed):
             raise FormatError(
                 f"ccx makes {len(made)} nodes that the deck does not have, {inner} of them inside"
@@ -262,16 +287,20 @@ class Rotations:
                 " node for their rotations: give each *RIGID BODY a ROT NODE",
                 self.path,
             )
-        bodies = zip(made.tolist(), self.unnamed, strict=True) if not inner else ()
-        nodes, axes = dofs.nodes.copy(), dofs.axes.astype(np.int64)
-        for rotation, reference in (*self.named, *bodies):
+        bodies = list(self.named)
+        if not inner:
+            bodies += zip(made.tolist(), self.unnamed, strict=True)
+        nodes = dofs.nodes.copy()
+        axes = dofs.axes.astype(np.int64)
+        for rotation, reference in bodies:
             own = dofs.nodes == rotation
-            nodes[own], axes[own] = reference, axes[own] + 3
+            nodes[own] = reference
+            axes[own] += 3
         return DofSet.from_arrays(nodes, axes)
 
 
 def read_rotations(model: Sequence[Card], path: Path) -> Rotations:
-    """Look for rigid bodies and couplings.
+    """Return the rotation nodes of rigid bodies and couplings.
 
     Parameters
     ----------
@@ -289,12 +318,14 @@ def read_rotations(model: Sequence[Card], path: Path) -> Rotations:
     FormatError
         If a node is no whole number.
     """
-    named, unnamed = [], []
+    named = []
+    unnamed = []
     for card in model:
         if card.name in ("RIGID BODY", "COUPLING"):
             row = Row(card.line, "")
             reference = whole(card.need("REF NODE"), card, row)
-            if rotation := card.get("ROT NODE"):
+            rotation = card.get("ROT NODE")
+            if rotation:
                 named.append((whole(rotation, card, row), reference))
             else:
                 unnamed.append(reference)

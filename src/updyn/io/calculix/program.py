@@ -76,7 +76,7 @@ class Program:
     path: Path
 
     def matrices(self, lines: Sequence[str], *, remarks: bool = True) -> Matrices:
-        """Run a deck, whose last step stores the matrices, in a folder of its own that is removed afterwards.
+        """Run a deck, whose last step stores the matrices, in a temporary folder.
 
         Parameters
         ----------
@@ -130,23 +130,32 @@ class Program:
 
     def _judge(self, said: str, code: int, folder: Path) -> list[str]:
         """Refuse what went wrong; return what is worth a remark."""
-        errors, remarks = _messages(said, "ERROR"), _messages(said, "WARNING")
-        errors += [m for m in remarks if "Card image" in m]  # what ccx would pass over
+        errors = _messages(said, "ERROR")
+        remarks = []
+        for message in _messages(said, "WARNING"):
+            if "Card image" in message:  # a card that ccx would pass over
+                errors.append(message)
+            elif not any(known in message for known in _HARMLESS):
+                remarks.append(message)
         if errors:
-            more = f" ({len(errors)} in all)" if len(errors) > _SHOWN else ""
-            raise FormatError(f"ccx says: {'; '.join(errors[:_SHOWN])}{more}", self.path)
-        if code or not all((folder / f"{_JOB}.{end}").is_file() for end in ("sti", "mas", "dof")):
-            last = " / ".join(line.strip() for line in said.splitlines() if line.strip())[-300:]
+            shown = "; ".join(errors[:_SHOWN])
+            if len(errors) > _SHOWN:
+                shown += f" ({len(errors)} in all)"
+            raise FormatError(f"ccx says: {shown}", self.path)
+        written = {file.name for file in folder.iterdir()}
+        if code or not {f"{_JOB}.sti", f"{_JOB}.mas", f"{_JOB}.dof"} <= written:
+            last = " / ".join(line.strip() for line in said.splitlines() if line.strip())
             raise FormatError(
-                f"ccx ended with code {code} and wrote no matrices; its last words: {last}",
+                f"ccx ended with code {code} and wrote no matrices; its last words: {last[-300:]}",
                 self.path,
             )
-        return list(dict.fromkeys(m for m in remarks if not any(known in m for known in _HARMLESS)))
+        return list(dict.fromkeys(remarks))
 
     def _read(self, folder: Path) -> Matrices:
         dofs = _dofs((folder / f"{_JOB}.dof").read_text(encoding="ascii"), self.path)
         with library(self.path, "matrix file of ccx"):
-            K, M = (_matrix(folder / f"{_JOB}.{end}", len(dofs)) for end in ("sti", "mas"))
+            K = _matrix(folder / f"{_JOB}.sti", len(dofs))
+            M = _matrix(folder / f"{_JOB}.mas", len(dofs))
         if not (np.isfinite(K.data).all() and np.isfinite(M.data).all()):
             raise FormatError(
                 "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)",
@@ -198,29 +207,30 @@ def _messages(said: str, kind: str) -> list[str]:
 
 def _dofs(text: str, path: Path) -> DofSet:
     """Read ``node.direction``, one a line."""
-    pairs = [line.split(".") for line in text.split()]
-    directions = {pair[1] for pair in pairs if len(pair) == 2}
-    if any(len(pair) != 2 for pair in pairs) or not directions <= {"1", "2", "3"}:
-        odd = sorted(directions - {"1", "2", "3"})
-        raise FormatError(
-            f"ccx writes degrees of freedom of direction {odd}; expected 1, 2 and 3", path
-        )
-    if not pairs:
+    nodes = []
+    axes = []
+    for label in text.split():
+        node, _, direction = label.partition(".")
+        if direction not in ("1", "2", "3"):
+            raise FormatError(
+                f"ccx writes the degree of freedom {label!r}; expected directions 1, 2 and 3", path
+            )
+        nodes.append(int(node))
+        axes.append(int(direction) - 1)
+    if not nodes:
         raise FormatError("no degree of freedom is free: everything is held", path)
-    return DofSet.from_arrays(
-        [int(node) for node, _ in pairs], [int(direction) - 1 for _, direction in pairs]
-    )
+    return DofSet.from_arrays(nodes, axes)
 
 
 def _matrix(path: Path, n: int) -> Matrix:
     """Read ``row column value``, one triangle."""
     table: NDArray[np.float64] = np.loadtxt(path, ndmin=2)
-    row, column = (table[:, k].astype(np.int64) - 1 for k in (0, 1))
+    row = table[:, 0].astype(np.int64) - 1
+    column = table[:, 1].astype(np.int64) - 1
     off = row != column
-    at = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
-    out = sp.csr_array(
-        sp.coo_array((np.concatenate([table[:, 2], table[off, 2]]), at), shape=(n, n))
-    )
+    values = np.concatenate([table[:, 2], table[off, 2]])
+    at = (np.concatenate([row, column[off]]), np.concatenate([column, row[off]]))
+    out = sp.csr_array(sp.coo_array((values, at), shape=(n, n)))
     out.eliminate_zeros()
     return out
 
@@ -324,7 +334,7 @@ def _check_boundary(card: Card) -> None:
 
 
 def storage_deck(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
-    """Return the cards of the model, and the lines of the step that has ``ccx`` write its matrices.
+    """Return the cards of the model, and the lines of the step in which ``ccx`` writes matrices.
 
     Supports that stand in the deck's first ``*FREQUENCY`` step, or in its first step if it has no
     such, are taken along; all else that stands in steps (loads, output) has no part in the
@@ -345,9 +355,11 @@ def storage_deck(cards: Sequence[Card]) -> tuple[list[Card], list[str]]:
         If that step builds on another (preload), or a support is not one.
     """
     model, steps = split_steps(cards)
-    chosen = next(
-        (s for s in steps if any(c.name == "FREQUENCY" for c in s)), steps[0] if steps else []
-    )
+    chosen = steps[0] if steps else []
+    for step in steps:
+        if any(card.name == "FREQUENCY" for card in step):
+            chosen = step
+            break
     if chosen and chosen is not steps[0] and "PERTURBATION" in chosen[0].parameters:
         raise chosen[0].error(
             "*STEP, PERTURBATION after another step: stiffness by preload belongs to no material;"

@@ -46,9 +46,11 @@ class Row:
 
     @property
     def fields(self) -> list[str]:
-        """The texts between the commas, without blanks at their ends; none after a comma that ends the line."""
+        """The texts between the commas, stripped; a comma at the end starts no further one."""
         found = [part.strip() for part in self.text.split(",")]
-        return found[:-1] if len(found) > 1 and not found[-1] else found
+        if len(found) > 1 and not found[-1]:
+            found.pop()
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,10 @@ class Card:
             If it is not, or has no value.
         """
         if not self.parameters.get(parameter):
-            near = f"; {suggest(parameter, self.parameters)}" if self.parameters else ""
-            raise self.error(f"*{self.name} has no {parameter}={near}")
+            message = f"*{self.name} has no {parameter}="
+            if self.parameters:
+                message += f"; {suggest(parameter, self.parameters)}"
+            raise self.error(message)
         return self.parameters[parameter]
 
     def only(self, *known: str) -> None:
@@ -114,8 +118,10 @@ class Card:
 
     def text(self) -> list[str]:
         """Return the card as lines of a deck."""
-        parts = [f"*{self.name}", *(f"{k}={v}" if v else k for k, v in self.parameters.items())]
-        return [", ".join(parts), *(row.text for row in self.rows)]
+        head = f"*{self.name}"
+        for name, value in self.parameters.items():
+            head += f", {name}={value}" if value else f", {name}"
+        return [head, *(row.text for row in self.rows)]
 
 
 def read_cards(path: str | Path) -> list[Card]:
@@ -142,8 +148,12 @@ def read_cards(path: str | Path) -> list[Card]:
 
 
 def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple[Path, int, str]]:
-    """Yield file, line number and text of every line that is no comment; includes in place, keyword lines joined."""
-    joined, start = "", 0
+    """Yield file, line number and text of every line that is no comment.
+
+    Included files stand in their place, and keyword lines that continue are joined.
+    """
+    joined = ""
+    start = 0
     for at, line in enumerate(_source(path).splitlines(), 1):
         text = line.strip()
         if not text or text.startswith("**"):
@@ -157,10 +167,11 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple
             continue
         if joined.endswith(","):
             continue
-        whole_line, joined = joined, ""
-        name, given = _name(whole_line), _parameters(whole_line).get("INPUT", "")
+        name = _name(joined)
+        given = _parameters(joined).get("INPUT", "")
         if name != "INCLUDE":
-            yield path, start, whole_line
+            yield path, start, joined
+        joined = ""
         if name == "INCLUDE" or (given and name in _DATA_ELSEWHERE):
             inner = _included(name, given, path, start, folder)
             chain = (*within, path)
@@ -205,7 +216,8 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
         if text.startswith("*"):
             if head is not None:
                 cards.append(_card(head, rows))
-            head, rows = (path, at, text), []
+            head = (path, at, text)
+            rows = []
         elif head is None:
             raise FormatError(
                 f"found {text[:40]!r} before the first keyword; expected a line that starts with *",
@@ -221,7 +233,8 @@ def _grouped(lines: Iterator[tuple[Path, int, str]], deck: Path) -> list[Card]:
 
 def _card(head: tuple[Path, int, str], rows: list[Row]) -> Card:
     path, at, text = head
-    name, parameters = _name(text), _parameters(text)
+    name = _name(text)
+    parameters = _parameters(text)
     if name in _DATA_ELSEWHERE:
         parameters.pop("INPUT", None)  # whose lines are here now
     return Card(name, MappingProxyType(parameters), tuple(rows), path, at)
@@ -281,10 +294,16 @@ def whole(text: str, card: Card, row: Row) -> int:
 
 def short_number(value: float) -> str:
     """Write a number in at most twenty characters and with a decimal point, as exactly as fits."""
-    candidates = [repr(float(value)), *(f"{value:.{digits}g}" for digits in range(17, 9, -1))]
-    return next(text for c in candidates if len(text := _with_point(c)) <= FIELD_WIDTH)
+    text = _with_point(repr(float(value)))
+    digits = 17
+    while len(text) > FIELD_WIDTH:
+        text = _with_point(f"{value:.{digits}g}")
+        digits -= 1
+    return text
 
 
 def _with_point(text: str) -> str:
     mantissa, e, exponent = text.upper().partition("E")
-    return mantissa + ("" if "." in mantissa else ".") + e + exponent
+    if "." not in mantissa:
+        mantissa += "."
+    return mantissa + e + exponent

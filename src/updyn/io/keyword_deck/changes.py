@@ -46,28 +46,27 @@ def write_changes(
     FormatError
         If a group or a quantity is not there, or a number is not usable.
     """
-    blocks = []
+    lines: list[str] = []
+    changed = []
     for name, change in changes.items():
         part = parts.get(name.upper())
         if part is None:
             near = suggest(name, [p.name for p in parts.values()])
             raise FormatError(f"the deck has no material, spring or mass {name!r}; {near}", deck)
         _check(part, change, deck, own_rayleigh)
-        blocks.append(_block(part, change, _changed(part, change, own_rayleigh)))
-    names = ", ".join(parts[name.upper()].name for name in changes)
+        changed.append(part.name)
+        lines += _block(part, change, _changed(part, change, own_rayleigh))
     heading = [
-        f"** New properties for {deck.name}: {names}.",
+        f"** New properties for {deck.name}: {', '.join(changed)}.",
         (
             "** They take the place of the cards of the same names there: delete those, and where"
             " the first stood write"
         ),
         f"** *INCLUDE, INPUT={path.name}",
-        *(f"** {remark}" for remark in remarks),
     ]
+    heading += [f"** {remark}" for remark in remarks]
     with atomic_path(path) as temporary:
-        temporary.write_text(
-            "\n".join([*heading, *(line for b in blocks for line in b)]) + "\n", encoding="utf-8"
-        )
+        temporary.write_text("\n".join([*heading, *lines, ""]), encoding="utf-8")
 
 
 def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh: bool) -> None:
@@ -84,8 +83,9 @@ def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh
                 f"{where}: {quantity} {value!r}; expected a finite number {wanted}", deck
             )
         if quantity in ("stiffness", "mass") and value != 1.0 and not part.values(quantity):
-            has = "*ELASTIC" if quantity == "stiffness" else "*DENSITY"
-            lacks = has if part.kind == "material" else quantity
+            lacks = quantity
+            if part.kind == "material":
+                lacks = "*ELASTIC" if quantity == "stiffness" else "*DENSITY"
             raise part.cards[0].error(f"{where} has no {lacks} to change")
     if change.get("loss_factor") and part.kind != "material":
         raise part.cards[0].error(f"{where}: *{part.cards[0].name} has no place for a loss factor")
@@ -100,31 +100,40 @@ def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh
 
 
 def _changed(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> tuple[Card, ...]:
-    stiffness, mass, viscous = (change.get(k, 1.0) for k in ("stiffness", "mass", "viscous"))
+    stiffness = change.get("stiffness", 1.0)
+    mass = change.get("mass", 1.0)
+    viscous = change.get("viscous", 1.0)
     cards = part.scaled(stiffness, mass)
+    if part.kind != "material":
+        return cards
     values = {}
     # A material without damping needs no card that says so.
     gamma = change.get("loss_factor")
-    if part.kind == "material" and gamma is not None and (gamma or part.damping("STRUCTURAL")):
+    if gamma is not None and (gamma or part.damping("STRUCTURAL")):
         values["STRUCTURAL"] = float(gamma)
     # C = ALPHA M + BETA K of the new M and K, and is to be the factor times the old C.
     for name, factor in (("ALPHA", viscous / mass), ("BETA", viscous / stiffness)):
         if own_rayleigh and part.damping(name) and factor != 1.0:
             values[name] = part.damping(name) * factor
-    return part.damped(cards, values) if part.kind == "material" else cards
+    return part.damped(cards, values)
 
 
 def _block(part: Property, change: Mapping[str, float], cards: tuple[Card, ...]) -> list[str]:
-    said = ", ".join(
-        f"{q} {'=' if q == 'loss_factor' else 'x'} {short_number(v)}" for q, v in change.items()
-    )
-    out = ["**", f"** {part.kind} {part.name}: {said or 'unchanged'}"]
+    """Return the lines of a part: its change and its old values as comments, its new cards."""
+    said = []
+    for quantity, value in change.items():
+        sign = "=" if quantity == "loss_factor" else "x"
+        said.append(f"{quantity} {sign} {short_number(value)}")
+    out = ["**", f"** {part.kind} {part.name}: {', '.join(said) or 'unchanged'}"]
     for what, label in (("stiffness", "modulus"), ("mass", "density")):
-        if old := part.values(what):
+        old = part.values(what)
+        if old:
             word = label if part.kind == "material" else what
-            out.append(f"** old {word}: {', '.join(short_number(v) for v in old[:9])}")
-    if (damping := part.card("DAMPING")) is not None:
-        out.append(
-            "** old damping: " + ", ".join(f"{k}={v}" for k, v in damping.parameters.items())
-        )
-    return [*out, *(line for card in cards for line in card.text())]
+            out.append(f"** old {word}: {', '.join(map(short_number, old[:9]))}")
+    damping = part.card("DAMPING")
+    if damping is not None:
+        shown = ", ".join(f"{name}={value}" for name, value in damping.parameters.items())
+        out.append(f"** old damping: {shown}")
+    for card in cards:
+        out += card.text()
+    return out

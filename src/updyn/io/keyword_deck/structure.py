@@ -1,14 +1,14 @@
-"""What an input deck of CalculiX or Abaqus says of a structure: nodes, elements, sets, and who is made of what.
+"""The structure in an input deck of CalculiX or Abaqus: nodes, elements, sets, sections, properties.
 
 Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only
-what stands before the first ``*STEP`` is looked at.
+the cards before the first ``*STEP`` are read. Properties are what can be scaled: materials, springs
+and point masses, each a group of the model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,6 +24,7 @@ __all__ = [
     "Property",
     "Section",
     "edges",
+    "heading_of",
     "read_deck",
     "read_members",
     "read_nodes",
@@ -142,15 +143,29 @@ class Deck:
     def elements_of(self, material: str) -> NDArray[np.int64]:
         """Return the numbers of the elements that are made of a material, ascending."""
         own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
-        return np.unique(np.concatenate(own)) if own else np.empty(0, dtype=np.int64)
+        return np.unique(_joined(own))
 
 
 def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
-    """Return the cards of the model, and those of each step (``*STEP`` first, ``*END STEP`` left out)."""
-    starts = [i for i, card in enumerate(cards) if card.name == "STEP"]
-    bounds = [*starts, len(cards)]
-    steps = [[c for c in cards[a:b] if c.name != "END STEP"] for a, b in pairwise(bounds)]
-    return list(cards[: bounds[0]]), steps
+    """Return the cards of the model, and those of each step, ``*STEP`` first."""
+    model: list[Card] = []
+    steps: list[list[Card]] = []
+    for card in cards:
+        if card.name == "STEP":
+            steps.append([card])
+        elif not steps:
+            model.append(card)
+        elif card.name != "END STEP":
+            steps[-1].append(card)
+    return model, steps
+
+
+def heading_of(model: Sequence[Card]) -> str:
+    """Return the first line of the heading; empty where there is none."""
+    for card in model:
+        if card.name == "HEADING" and card.rows:
+            return card.rows[0].text
+    return ""
 
 
 def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
@@ -177,7 +192,10 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
     path = Path(path)
     nsets: dict[str, list[NDArray[np.int64]]] = {}
     elsets: dict[str, list[NDArray[np.int64]]] = {}
-    numbers, places, blocks, sections = [], [], [], []
+    numbers: list[NDArray[np.int64]] = []
+    places: list[NDArray[np.float64]] = []
+    blocks: list[Elements] = []
+    sections: list[Section] = []
     for card in model:
         if card.name == "NODE":
             own, xyz = read_nodes(card)
@@ -192,9 +210,8 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
             sets = nsets if card.name == "NSET" else elsets
             _add(sets, card.need(card.name), read_members(card, sets))
         elif card.name == "SOLID SECTION":
-            sections.append(
-                Section(card.need("ELSET").upper(), card.need("MATERIAL").upper(), card)
-            )
+            elset = card.need("ELSET").upper()
+            sections.append(Section(elset, card.need("MATERIAL").upper(), card))
     if not numbers:
         raise FormatError("the deck has no *NODE", path)
     deck = Deck(
@@ -202,8 +219,8 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
         np.concatenate(numbers),
         np.concatenate(places),
         tuple(blocks),
-        {name: np.unique(np.concatenate(parts)) for name, parts in nsets.items()},
-        {name: np.unique(np.concatenate(parts)) for name, parts in elsets.items()},
+        {name: np.unique(_joined(parts)) for name, parts in nsets.items()},
+        {name: np.unique(_joined(parts)) for name, parts in elsets.items()},
         tuple(sections),
     )
     _check_nodes(deck)
@@ -224,13 +241,12 @@ def edges(deck: Deck) -> NDArray[np.int64]:
     ndarray of int, shape (m, 2)
         Pairs of node numbers.
     """
-    pairs = [
-        block.nodes[:, np.array(_EDGES[SOLIDS[block.type][1]])].reshape(-1, 2)
-        for block in deck.elements
-        if block.type in SOLIDS
-    ]
-    if not pairs:
-        return np.empty((0, 2), dtype=np.int64)
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    for block in deck.elements:
+        if block.type in SOLIDS:
+            _, shape = SOLIDS[block.type]
+            corners = np.array(_EDGES[shape])
+            pairs.append(block.nodes[:, corners].reshape(-1, 2))
     return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
 
 
@@ -244,35 +260,41 @@ def read_nodes(card: Card) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         If a line is not as expected, or the positions are in a system of their own.
     """
     card.only("NSET")
-    numbers, places = [], []
-    for row in card.rows:
+    numbers = np.zeros(len(card.rows), dtype=np.int64)
+    places = np.zeros((len(card.rows), 3))
+    for i, row in enumerate(card.rows):
         fields = row.fields
         if not 2 <= len(fields) <= 4:
             raise card.error(f"*NODE: found {row.text!r}; expected node, x, y, z", row)
-        numbers.append(whole(fields[0], card, row))
-        given = [number(f, card, row) if f else 0.0 for f in fields[1:]]
-        places.append(given + [0.0] * (3 - len(given)))
-    return np.array(numbers, dtype=np.int64), np.array(places, dtype=np.float64).reshape(-1, 3)
+        numbers[i] = whole(fields[0], card, row)
+        for k, field in enumerate(fields[1:]):
+            if field:
+                places[i, k] = number(field, card, row)
+    return numbers, places
 
 
 def _elements(card: Card) -> Elements:
     card.only("TYPE", "ELSET")
     kind = card.need("TYPE").upper()
-    known = {**{name: n for name, (n, _) in SOLIDS.items()}, **POINTS}
-    if kind not in known:
+    if kind in SOLIDS:
+        n_nodes, _ = SOLIDS[kind]
+    elif kind in POINTS:
+        n_nodes = POINTS[kind]
+    else:
         raise card.error(_why_not(kind))
-    wanted, rows, row = known[kind] + 1, [], None
-    pending: list[int] = []
+    found: list[list[int]] = []
+    pending: list[int] = []  # an element may take several lines
+    row = None
     for row in card.rows:
-        pending += [whole(f, card, row) for f in row.fields]
-        if len(pending) > wanted:
-            raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
-        if len(pending) == wanted:
-            rows.append(pending)
+        pending += [whole(field, card, row) for field in row.fields]
+        if len(pending) > n_nodes + 1:
+            break
+        if len(pending) == n_nodes + 1:
+            found.append(pending)
             pending = []
     if pending:
-        raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {wanted - 1}", row)
-    table = np.array(rows, dtype=np.int64).reshape(-1, wanted)
+        raise card.error(f"*ELEMENT: {len(pending) - 1} nodes; {kind} has {n_nodes}", row)
+    table = np.array(found, dtype=np.int64).reshape(-1, n_nodes + 1)
     return Elements(kind, table[:, 0], table[:, 1:], card)
 
 
@@ -300,7 +322,7 @@ def _why_not(kind: str) -> str:
 
 
 def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """Return the members of an ``*NSET`` or ``*ELSET`` card, which may name sets that stand above it.
+    """Return the members of an ``*NSET`` or ``*ELSET`` card, which may name sets above it.
 
     Raises
     ------
@@ -316,14 +338,15 @@ def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDA
                 raise card.error(
                     f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row
                 )
-            first, last, step = (*(whole(f, card, row) for f in fields), 1)[:3]
+            first, last, *given = [whole(field, card, row) for field in fields]
+            step = given[0] if given else 1
             if step < 1 or last < first:
                 raise card.error(
                     f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row
                 )
             found.append(np.arange(first, last + 1, step, dtype=np.int64))
             continue
-        for text in (f for f in fields if f):
+        for text in filter(None, fields):
             if text.lstrip("-").isdecimal():
                 found.append(np.array([whole(text, card, row)], dtype=np.int64))
             elif text.upper() in sets:
@@ -332,7 +355,12 @@ def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDA
                 raise card.error(
                     f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row
                 )
-    return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+    return _joined(found)
+
+
+def _joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Return arrays end to end, which may be none."""
+    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
 
 
 def _add(
@@ -344,33 +372,37 @@ def _add(
 
 # -- checks -------------------------------------------------------------------------------------
 def _check_nodes(deck: Deck) -> None:
-    if (twice := _twice(deck.nodes)) is not None:
+    twice = _twice(deck.nodes)
+    if twice is not None:
         raise FormatError(f"*NODE: node {twice} stands twice", deck.path)
     for block in deck.elements:
         bad = ~np.isin(block.nodes, deck.nodes)
         if bad.any():
             at = int(np.flatnonzero(bad.any(axis=1))[0])
             raise block.card.error(
-                f"*ELEMENT: element {block.numbers[at]} names node {block.nodes[at][bad[at]][0]}, "
-                "which is not in the deck",
+                f"*ELEMENT: element {block.numbers[at]} names node {block.nodes[at][bad[at]][0]},"
+                " which is not in the deck",
                 _row_of(block.card, int(block.numbers[at])),
             )
-    numbers = np.concatenate(
-        [np.empty(0, dtype=np.int64), *(block.numbers for block in deck.elements)]
-    )
-    if (twice := _twice(numbers)) is not None:
+    twice = _twice(_joined([block.numbers for block in deck.elements]))
+    if twice is not None:
         last = [block.card for block in deck.elements if twice in block.numbers][-1]
         raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
 
 
 def _twice(numbers: NDArray[np.int64]) -> int | None:
+    """Return the least number that stands twice, None where there is none."""
     values, counts = np.unique(numbers, return_counts=True)
-    return int(values[counts > 1][0]) if (counts > 1).any() else None
+    again = values[counts > 1]
+    return int(again[0]) if len(again) else None
 
 
 def _row_of(card: Card, element: int) -> Row | None:
-    own = [row for row in card.rows if row.fields[0] == str(element)]
-    return own[-1] if own else None
+    """Return the last line that starts with the number of an element."""
+    for row in reversed(card.rows):
+        if row.fields[0] == str(element):
+            return row
+    return None
 
 
 def _check_sections(deck: Deck) -> None:
@@ -382,9 +414,10 @@ def _check_sections(deck: Deck) -> None:
                 f" {suggest(section.elset, deck.elsets)}"
             )
         members.append(deck.elsets[section.elset])
-    taken = np.concatenate([np.empty(0, dtype=np.int64), *members])
-    if (twice := _twice(taken)) is not None:
-        *_, one, two = [s for s, own in zip(deck.sections, members, strict=True) if twice in own]
+    taken = _joined(members)
+    twice = _twice(taken)
+    if twice is not None:
+        *_, one, two = [s for s in deck.sections if twice in deck.elsets[s.elset]]
         raise two.card.error(
             f"*SOLID SECTION: element {twice} is of {one.elset!r} (line {one.card.line}) and of"
             f" {two.elset!r}; an element has one section"
@@ -464,7 +497,10 @@ class Property:
 
     def card(self, name: str) -> Card | None:
         """Return the card of a name, or None."""
-        return next((card for card in self.cards if card.name == name), None)
+        for card in self.cards:
+            if card.name == name:
+                return card
+        return None
 
     def damping(self, parameter: str) -> float:
         """Return STRUCTURAL, ALPHA or BETA of the material's ``*DAMPING``, 0 where it has none.
@@ -475,32 +511,36 @@ class Property:
             If it is not a number of at least 0.
         """
         card = self.card("DAMPING")
-        text = None if card is None else card.get(parameter)
-        if card is None or text is None:
+        if card is None or card.get(parameter) is None:
             return 0.0
+        text = card.parameters[parameter]
         value = number(text, card, Row(card.line, text))
         if value < 0:
             raise card.error(f"*DAMPING: {parameter}={text}; expected at least 0")
         return value
 
     def values(self, what: str) -> list[float]:
-        """Return the moduli ("stiffness") or densities ("mass") in order; empty where there are none.
+        """Return the moduli ("stiffness") or the densities ("mass") in order.
 
         Raises
         ------
         FormatError
             If one is not a number.
         """
-        return [
-            number(card.rows[i].fields[j], card, card.rows[i]) for card, i, j in self._places(what)
-        ]
+        found = []
+        for card, i, j in self._places(what):
+            row = card.rows[i]
+            found.append(number(row.fields[j], card, row))
+        return found
 
     def first(self, what: str) -> float | None:
         """Return the first modulus or density, None where there is none."""
         return next(iter(self.values(what)), None)
 
     def scaled(self, stiffness: float = 1.0, mass: float = 1.0) -> tuple[Card, ...]:
-        """Return the cards with all moduli and all densities multiplied; numbers that stay are left as written.
+        """Return the cards with all moduli and all densities multiplied.
+
+        Numbers that do not change are left as written.
 
         Parameters
         ----------
@@ -531,7 +571,10 @@ class Property:
         return tuple(out[id(card)] for card in self.cards)
 
     def damped(self, cards: Sequence[Card], values: Mapping[str, float]) -> tuple[Card, ...]:
-        """Return cards of this material with parameters of ``*DAMPING`` set, the card added where there is none."""
+        """Return cards of this material with parameters of ``*DAMPING`` set.
+
+        Where there is no such card, one is added.
+        """
         if not values:
             return tuple(cards)
         texts = {name: short_number(value) for name, value in values.items()}
@@ -540,25 +583,20 @@ class Property:
             last = cards[-1]
             return (*cards, Card("DAMPING", MappingProxyType(texts), (), last.path, last.line))
         both = MappingProxyType({**own.parameters, **texts})
-        return tuple(
-            replace(card, parameters=both) if card.name == "DAMPING" else card for card in cards
-        )
+        out = []
+        for card in cards:
+            if card.name == "DAMPING":
+                card = replace(card, parameters=both)
+            out.append(card)
+        return tuple(out)
 
     def _places(self, what: str) -> list[tuple[Card, int, int]]:
         """Return card, line and field of every number of a quantity."""
-        if self.kind == "mass":
-            return (
-                [(self.cards[0], i, 0) for i in range(len(self.cards[0].rows))]
-                if what == "mass"
-                else []
-            )
-        if self.kind == "spring":
+        if self.kind != "material":
             own = self.cards[0]
-            return (
-                [(own, i, 0) for i in range(self.start, len(own.rows))]
-                if what == "stiffness"
-                else []
-            )
+            scaled = "mass" if self.kind == "mass" else "stiffness"
+            lines = range(self.start, len(own.rows)) if what == scaled else ()
+            return [(own, i, 0) for i in lines]
         card = self.card("ELASTIC" if what == "stiffness" else "DENSITY")
         if card is None:
             return []
@@ -621,11 +659,8 @@ def read_properties(
             stop = at + 1
             while stop < len(model) and model[stop].name in (*LINEAR, *NONLINEAR, *_OTHER):
                 stop += 1
-            while (
-                not own_rayleigh
-                and model[stop - 1].name == "DAMPING"
-                and not model[stop - 1].get("STRUCTURAL")
-            ):
+            # ALPHA and BETA of the deck may stand right behind a material.
+            while not own_rayleigh and _is_rayleigh(model[stop - 1]):
                 stop -= 1
             found = Property(card.need("NAME"), "material", at, tuple(model[at:stop]))
         elif card.name == "SPRING":
@@ -648,7 +683,12 @@ def read_properties(
 def _first_constant(card: Card, kind: str | None) -> int:
     if not card.rows:
         raise card.error("*SPRING has no spring constant")
-    has_directions = (
-        all(f.isdecimal() for f in card.rows[0].fields if f) if kind is None else kind != "SPRINGA"
-    )
+    if kind is None:
+        has_directions = all(field.isdecimal() for field in card.rows[0].fields if field)
+    else:
+        has_directions = kind != "SPRINGA"
     return 1 if has_directions and len(card.rows) > 1 else 0
+
+
+def _is_rayleigh(card: Card) -> bool:
+    return card.name == "DAMPING" and not card.get("STRUCTURAL")
