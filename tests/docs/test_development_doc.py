@@ -10,7 +10,8 @@ from typing import Any
 
 from updyn.registry import Registry
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "contract")]
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(1, str(Path(__file__).parents[1] / "contract"))
 
 from pages import ROOT, blocks
 from rooms import ORDER, SRC, files, module_of
@@ -101,4 +102,3 @@ def test_commands_of_make_exist() -> None:
     made = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in re.findall(r"`make ([\w-]+)", TEXT):
         assert re.search(rf"^{target}:", made, re.MULTILINE), target
-
