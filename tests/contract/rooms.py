@@ -31,6 +31,9 @@ ORDER = (
     ("matching",),
     ("elements",),
     ("io",),
+    ("updating.problem",),
+    ("updating.fit",),
+    ("updating.judge",),
     ("updating",),
     ("comparison", "uncertainty"),
     ("store",),
@@ -99,6 +102,9 @@ def room_of(module: str) -> str | None:
     parts = module.split(".")
     if len(parts) == 1:
         return None
+    inner = ".".join(parts[1:3])
+    if inner in LEVEL:
+        return inner
     return PRIVATE.get(parts[1], parts[1])
 
 
@@ -145,7 +151,8 @@ def used_rooms(
         if parts[0] != package:
             continue
         if len(parts) > 1:
-            yield line, PRIVATE.get(parts[1], parts[1])
+            inner = f"{target}.{name}"
+            yield line, str(room_of(inner if inner in modules() else target))
         elif name is None or name in FACADE:
             if name is None:
                 yield line, ""

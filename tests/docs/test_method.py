@@ -128,4 +128,4 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
     assert "Four times its largest value" in section
     assert reduction.SAFETY == 4.0
-    assert f"no further than {100 * reducing._LEASH:.0f} % of a factor" in section
+    assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section

@@ -100,7 +100,7 @@ def test_pure_noise_seldom_raises_an_alarm(absolute):
     found = [look(noise(seed), absolute=absolute) for seed in range(200)]
     assert sum(not a.adequate for a in found) <= 10  # 5 % of runs; the level is 2 %
     assert {a.verdict for a in found if a.adequate} == {
-        "What is left cannot be told from noise"
+        "The residual cannot be distinguished from noise"
         + ("." if absolute else ", whose size was taken from it.")
     }
     assert all(a.worst == () and a.p_value > LEVEL for a in found if a.adequate)
@@ -143,7 +143,7 @@ def test_a_planted_misfit_is_named_with_place_size_and_length():
         f"The model cannot explain channel 3:Z (force 4:-Z) near {worst.near:.4g} Hz: misfit "
     )
     assert (
-        f"misfit {worst.misfit:.2g} times the noise, alike over {worst.alike:.0f} lines"
+        f"misfit {worst.misfit:.2g} times the noise, serially correlated over {worst.alike:.0f} lines"
         in found.verdict
     )
     at = np.argwhere(found.bands[:, 0] == worst.low)[0, 0]
@@ -190,7 +190,7 @@ def test_a_noisy_sensor_is_not_called_an_error_of_the_model():
     found = look(e)
     assert found.outcome == "excess"
     assert "More noise than expected, or outliers, in channel 2:Z" in found.verdict
-    assert "not alike from line to line" in found.verdict
+    assert "not serially correlated" in found.verdict
     assert {m.response for m in found.worst} == {"2:Z"}
 
 

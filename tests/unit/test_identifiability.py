@@ -43,7 +43,7 @@ def test_unknown_without_effect():
     assert list(found.involved) == [False, True, False]
     assert found.report.condition == np.inf
     assert found.report.determined_directions == []
-    assert np.abs(found.open[:, 0]) == pytest.approx([0, 1, 0], abs=1e-12)
+    assert np.abs(found.null_space[:, 0]) == pytest.approx([0, 1, 0], abs=1e-12)
 
 
 def test_combination_open_by_arithmetic():
@@ -140,7 +140,7 @@ def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_r
     assert per_y6 == pytest.approx(exact, rel=2e-5)
     unseen = null_space(local.R)
     assert unseen.shape == (18, 1)
-    assert abs(unseen[:, 0] @ four.open[:, 0]) == pytest.approx(1.0, abs=1e-9)
+    assert abs(unseen[:, 0] @ four.null_space[:, 0]) == pytest.approx(1.0, abs=1e-9)
     assert {n for n, i in zip(unknowns.names, four.involved, strict=True) if i} == set(exact)
     five, _ = analysed([10, 20, 50, 100, 150])
     assert five.report.rank == 18

@@ -181,7 +181,7 @@ def test_what_is_said_wrongly(
 ) -> None:
     with pytest.raises(MatchError, match=message) as caught:
         match(structure(), data(["11:X", "12:Y"], ["13:Y"]), table=table, directions=directions)
-    assert caught.value.place == place
+    assert caught.value.key == place
     assert isinstance(caught.value, DofError)
 
 
@@ -418,7 +418,7 @@ def test_directions_that_cannot_all_be_dofs(directions: Any, message: str | None
         return
     with pytest.raises(MatchError, match=message) as caught:
         match(structure(), frf, directions=directions)
-    assert caught.value.place == ("directions",)
+    assert caught.value.key == ("directions",)
 
 
 def test_a_fourth_direction_at_a_node_is_refused() -> None:
@@ -578,7 +578,7 @@ def test_a_unit_is_asked_for_and_applied_only_when_stated(
         MatchError, match=f"look like {unit}: then all 8 nodes .* state it: unit = '{unit}'"
     ) as caught:
         match(block(), frf, by="coordinates", alignment=alignment)
-    assert caught.value.place == ("unit",)
+    assert caught.value.key == ("unit",)
     found = match(block(), frf, by="coordinates", alignment=alignment, unit=unit)
     check_nodes(found)
     assert f"positions in {unit}" in str(found)

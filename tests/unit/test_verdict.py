@@ -55,7 +55,7 @@ def test_other_ends(reason, status):
 def test_model_error_shows_in_chi_square_and_along_lines():
     message = say(SURE, chi_square=9.0, correlation_length=4.0)[1]
     assert "3 times what the noise explains" in message
-    assert "about 4 neighbouring lines" in message
+    assert "serially correlated over about 4 lines" in message
     assert "widened 2 times" in message
 
 

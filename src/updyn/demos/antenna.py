@@ -1,22 +1,23 @@
-"""A 4 m antenna with its two drives, tested with its rotors locked and free; data made from a hidden truth, with noise.
+"""A 4 m antenna with two drives, rotors locked and free: data of a hidden truth, with noise.
 
-The model is generated (`updyn.demos.antenna_model`). The hidden truth makes the data and is
-compared with at the end; the update sees neither. Where there is no unknown the truth is as the
-drawings have it.
+The model is generated (`updyn.demos.antenna_model`). The hidden truth makes the data, and the
+results are compared with it at the end; the update has no access to it. Properties that are not
+unknowns are the same in the truth and in the drawings.
 
-What is not among the unknowns, and why (checked by freeing it, at the truth):
+Properties that are not among the unknowns, and why (checked by adding them, at the truth):
 
-- The stages of a gearbox act in series, far below their own modes: 20 of 21 unknowns would be
+- The stages of a gearbox act in series, far below their own modes: of 21 unknowns 20 would be
   determined. One factor stands for a gearbox with its shafts.
 - The elevation pinion cannot be reached by a sensor. Mesh and gearbox, in series too, would be
   known to 7 and 4 % only, their sum to 0.03 %: one factor for all. On the azimuth drive a sensor on
-  the pinion tells them apart.
-- Chords, webs and hoops of the truss could be told apart, but are of one steel: one modulus.
+  the pinion separates them.
+- Chords, webs and hoops of the truss could be separated, but are of one steel: one modulus.
 - Pedestal, torque tube, hub and feed legs are as drawn and weighed.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +65,7 @@ MOTORS = (f"{AZIMUTH['motor']}:RZ", f"{ELEVATION['motor']}:RZ")
 
 _GEARBOX = ("input shaft", "stage 1", "stage 2", "pinion shaft")
 _DRIVE = (*_GEARBOX, "mesh")
-_SPRINGS = ("foundation", "azimuth bearing", "elevation bearings", "yoke", "azimuth mesh")
+_TRUSS = ("truss chords", "truss webs", "truss hoops")
 _THICKER = 1.15
 
 #: What made the data: factors on stiffness, mass and viscous damping, and loss factors.
@@ -81,10 +82,7 @@ TRUTH: dict[str, dict[str, float]] = {
     "elevation motor": {"mass": 0.93},
     "azimuth drag": {"viscous": 1.6},
     "elevation drag": {"viscous": 0.7},
-    **{
-        f"truss {part}": {"stiffness": 0.93, "loss_factor": 0.016}
-        for part in ("chords", "webs", "hoops")
-    },
+    **{name: {"stiffness": 0.93, "loss_factor": 0.016} for name in _TRUSS},
     "reflector": {"stiffness": _THICKER, "mass": _THICKER},
     "reflector bending": {"stiffness": _THICKER**3},
 }
@@ -122,59 +120,58 @@ validation = ["463:Z"]
 
 
 def _plain(groups: Sequence[str], quantity: str, low: float, high: float) -> str:
-    listed = ", ".join(f'"{g}"' for g in groups)
+    """Return the text of unknowns, one a group."""
     return (
-        f'[[parameter]]\ngroups = [{listed}]\nquantity = "{quantity}"\nbounds = [{low}, {high}]\n'
+        f"[[parameter]]\ngroups = {_toml_array(groups)}\n"
+        f'quantity = "{quantity}"\nbounds = [{low}, {high}]\n'
     )
 
 
 def _linked(name: str, drives: Mapping[str, float], low: float, high: float, more: str = "") -> str:
+    """Return the text of an unknown that drives several quantities, each with a power."""
     table = ", ".join(f'"{drive}" = {power:g}' for drive, power in drives.items())
     return (
         f'[[parameter]]\nname = "{name}"\ndrives = {{ {table} }}\nbounds = [{low}, {high}]\n{more}'
     )
 
 
-def _unknowns() -> str:
-    def ones(axis: str, parts: Sequence[str], quantity: str) -> dict[str, float]:
-        return {f"{axis} {part}.{quantity}": 1.0 for part in parts}
+def _toml_array(texts: Sequence[str]) -> str:
+    return "[" + ", ".join(f'"{text}"' for text in texts) + "]"
 
-    return "\n".join(
-        [
-            _plain(
-                ["foundation", "azimuth bearing", "elevation bearings", "yoke", "azimuth mesh"],
-                "stiffness",
-                0.3,
-                3,
-            ),
-            _linked("azimuth gearbox.stiffness", ones("azimuth", _GEARBOX, "stiffness"), 0.3, 3.0),
-            _linked("elevation drive.stiffness", ones("elevation", _DRIVE, "stiffness"), 0.3, 3.0),
-            _plain(["foundation", "azimuth bearing", "yoke"], "loss_factor", 0.0, 0.3),
-            _linked("azimuth drive.loss", ones("azimuth", _DRIVE, "loss_factor"), 0.0, 0.2),
-            _linked("elevation drive.loss", ones("elevation", _DRIVE, "loss_factor"), 0.0, 0.2),
-            _plain(["azimuth motor", "elevation motor", "counterweight"], "mass", 0.5, 2.0),
-            _plain(["azimuth drag", "elevation drag"], "viscous", 0.05, 20.0),
-            _linked(
-                "truss.E",
-                {"truss *.stiffness": 1},
-                0.5,
-                2.0,
-                f'nominal = {STEEL["E"]:g}\nunit = "Pa"\n',
-            ),
-            _linked("truss.loss", {"truss *.loss_factor": 1}, 0.0, 0.2),
-            _linked(
-                "reflector.thickness",
-                {"reflector.stiffness": 1, "reflector bending.stiffness": 3, "reflector.mass": 1},
-                0.5,
-                2.0,
-                f'nominal = {SKIN:g}\nunit = "m"\n',
-            ),
-        ]
-    )
+
+def _parts(axis: str, names: Sequence[str], quantity: str) -> dict[str, float]:
+    """Return the quantities of parts of a drive, each with the power 1."""
+    return dict.fromkeys([f"{axis} {name}.{quantity}" for name in names], 1.0)
+
+
+def _unknowns() -> str:
+    """Return the text of all unknowns."""
+    thickness = {"reflector.stiffness": 1, "reflector bending.stiffness": 3, "reflector.mass": 1}
+    modulus = f'nominal = {STEEL["E"]:g}\nunit = "Pa"\n'
+    skin = f'nominal = {SKIN:g}\nunit = "m"\n'
+    springs = ["foundation", "azimuth bearing", "elevation bearings", "yoke", "azimuth mesh"]
+    gearbox = _parts("azimuth", _GEARBOX, "stiffness")
+    elevation = _parts("elevation", _DRIVE, "stiffness")
+    azimuth_loss = _parts("azimuth", _DRIVE, "loss_factor")
+    elevation_loss = _parts("elevation", _DRIVE, "loss_factor")
+    unknowns = [
+        _plain(springs, "stiffness", 0.3, 3),
+        _linked("azimuth gearbox.stiffness", gearbox, 0.3, 3.0),
+        _linked("elevation drive.stiffness", elevation, 0.3, 3.0),
+        _plain(["foundation", "azimuth bearing", "yoke"], "loss_factor", 0.0, 0.3),
+        _linked("azimuth drive.loss", azimuth_loss, 0.0, 0.2),
+        _linked("elevation drive.loss", elevation_loss, 0.0, 0.2),
+        _plain(["azimuth motor", "elevation motor", "counterweight"], "mass", 0.5, 2.0),
+        _plain(["azimuth drag", "elevation drag"], "viscous", 0.05, 20.0),
+        _linked("truss.E", {"truss *.stiffness": 1}, 0.5, 2.0, modulus),
+        _linked("truss.loss", {"truss *.loss_factor": 1}, 0.0, 0.2),
+        _linked("reflector.thickness", thickness, 0.5, 2.0, skin),
+    ]
+    return "\n".join(unknowns)
 
 
 def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) -> FRF:
-    """Return what sensors and analyser would give on a model.
+    """Simulate the measurement of a model.
 
     Parameters
     ----------
@@ -183,32 +180,33 @@ def measure(model: Model, seed: int, *, torques: bool, n_lines: int = _LINES) ->
     seed : int
         Of the noise.
     torques : bool
-        Whether the rotors are free, so that the encoders move and torques of the motors are
-        references too.
+        Whether the rotors are free: then the encoders are responses, and the torques of the motors
+        references.
     n_lines : int
-        Lines, evenly over `BAND`.
+        Frequency lines, evenly over `BAND`.
 
     Returns
     -------
     FRF
-        Accelerances with noise, and the coherence of n averages that goes with it, from which
-        E|dH|^2 is estimated as
-        |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data, 2010).
+        Accelerances with noise, and the coherence gamma^2 of n averages, from which the variance
+        of H is estimated as |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)) (Bendat & Piersol, Random Data,
+        2010).
     """
-    sensors = [label for labels in SENSORS.values() for label in labels] + (
-        list(MOTORS) if torques else []
-    )
-    forces = [*HAMMER, *(MOTORS if torques else ())]
+    sensors = list(itertools.chain.from_iterable(SENSORS.values()))
+    forces = list(HAMMER)
+    if torques:
+        sensors += MOTORS
+        forces += MOTORS
     exact = response(model, np.linspace(*BAND, n_lines), sensors, forces, quantity="accelerance")
     H = exact.values
     rms = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
     variance = (_NOISE["relative"] * np.abs(H)) ** 2 + (_NOISE["floor"] * rms) ** 2
     draw = np.random.default_rng(seed).normal(size=(2, *H.shape)) / np.sqrt(2.0)
     values = H + np.sqrt(variance) * (draw[0] + 1j * draw[1])
-    # What the spectra leave unexplained belongs to these very values: n averages less the one
-    # number that was fitted.
+    # The unexplained power has n - 1 degrees of freedom: n averages less the one fitted number.
     unexplained = variance * np.random.default_rng((seed, 1)).gamma(_AVERAGES - 1, size=H.shape)
-    coherence: NDArray[np.float64] = np.abs(values) ** 2 / (np.abs(values) ** 2 + unexplained)
+    power = np.abs(values) ** 2
+    coherence: NDArray[np.float64] = power / (power + unexplained)
     return FRF(
         exact.freq,
         values,
@@ -229,14 +227,13 @@ def write_inputs(folder: Path, n_lines: int = _LINES) -> Path:
     write_model(model, folder / "model.h5")
     write_frf(measure(locked(true), _SEED, torques=False, n_lines=n_lines), folder / "locked.uff")
     write_frf(measure(true, _SEED + 1, torques=True, n_lines=n_lines), folder / "free.uff")
-    motors = "[" + ", ".join(f'"{m}"' for m in MOTORS) + "]"
     job = folder / "job.toml"
-    text = _JOB.format(averages=_AVERAGES, motors=motors, unknowns=_unknowns())
+    text = _JOB.format(averages=_AVERAGES, motors=_toml_array(MOTORS), unknowns=_unknowns())
     job.write_text(text, encoding="utf-8")
     return job
 
 
-# -- what it comes to --------------------------------------------------------------------------------------
+# -- results
 def true_values(parameters: Sequence[Any]) -> dict[str, float]:
     """Return the true value of each unknown."""
     out = {}
@@ -262,16 +259,16 @@ def epilogue(results: Sequence[JointResult], folder: Path) -> str:
 
 
 def _frequencies(result: JointResult) -> str:
+    """Return a table of the first natural frequencies of both tests."""
     lines = ["First frequencies in Hz:", f"{'':<26}{'drawings':>10}{'updated':>10}{'true':>10}"]
+    largest = max(one.model.n_dofs for one in result.results.values())
     for name, one in result.results.items():
-        free = one.model.n_dofs == max(r.model.n_dofs for r in result.results.values())
-        skip = len(MOTORS) if free else 0  # both axes turn freely
-        three = [
-            modes(m, skip + 4).frequency[skip:]
-            for m in (one.start, one.model, one.start.scaled(TRUTH))
-        ]
-        lines += [
-            f"{name + f', {number}':<26}" + "".join(f"{f:>10.3f}" for f in row)
-            for number, row in enumerate(zip(*three, strict=True), 1)
-        ]
+        is_free = one.model.n_dofs == largest
+        rigid = len(MOTORS) if is_free else 0  # both axes rotate freely
+        columns = []
+        for model in (one.start, one.model, one.start.scaled(TRUTH)):
+            columns.append(modes(model, rigid + 4).frequency[rigid:])
+        for number, row in enumerate(np.transpose(columns), 1):
+            cells = "".join(f"{f:>10.3f}" for f in row)
+            lines.append(f"{name + f', {number}':<26}{cells}")
     return "\n".join(lines)

@@ -1,32 +1,32 @@
-"""A 4 m antenna, generated: shell pedestal, yoke, backup truss, reflector, and two drive trains with motors.
+"""A 4 m antenna, generated: pedestal, yoke, truss, reflector, and two drive trains with motors.
 
 Everything is in SI units. X points where the dish looks at the horizon, Y along the elevation axis,
-Z up; the dish stands at 45 degrees of elevation.
+Z up; the elevation of the dish is 45 degrees.
 
 Dimensions and weights are of a common design, 4 m of aluminium skin on a welded truss of steel
-tubes, 0.87 t above the pedestal; no built antenna was copied. What holds the frequencies to what is
-usual: with its drives held a dish of D metres has its first mode at some 20 D^-0.7 Hz (W.
-Gawronski, Modeling and Control of Antennas and Telescopes, Springer
-2008), here 7.6; this one has 7.1. Stiffnesses of bearings, foundation and gears were chosen, each so that it matters in
-some mode. That of a mesh has bearings and carrier of its pinion in it; the teeth alone would be ten
-times as stiff.
+tubes, 0.87 t above the pedestal; no built antenna was copied. Its frequencies are usual: with its
+drives held a dish of D metres has its first mode at some 20 D^-0.7 Hz (W. Gawronski, Modeling and
+Control of Antennas and Telescopes, Springer 2008), here 7.6; this one has 7.1. Stiffnesses of
+bearings, foundation and gears were chosen, each so that it matters in some mode. That of a gear
+mesh includes bearings and carrier of its pinion; the teeth alone would be ten times as stiff.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from updyn.elements.constraints import Equation, constrain, join
-from updyn.elements.drivetrain import GearPair, Inertia, Motor, Shaft, drivetrain, mounted
+from updyn.elements.drivetrain import GearPair, Inertia, Motor, Part, Shaft, drivetrain, mounted
 from updyn.elements.structure import (
     Beam,
+    Element,
     PointMass,
     RigidLink,
     Section,
@@ -42,19 +42,20 @@ __all__ = ["AZIMUTH", "ELEVATION", "NODES", "antenna", "locked", "trains"]
 
 STEEL = {"E": 210e9, "rho": 7850.0, "nu": 0.3}
 ALUMINIUM = {"E": 70e9, "rho": 2700.0, "nu": 0.33}
-DIAMETER, FOCUS = 4.0, 1.5
+DIAMETER = 4.0  # m
+FOCUS = 1.5  # m
 SKIN = 0.0015  # m, thickness of the reflector
-_AXIS_HEIGHT, _HALF_WIDTH = 2.9, 0.75  # of the elevation axis; half the width of the yoke
+_AXIS_HEIGHT = 2.9  # of the elevation axis
+_HALF_WIDTH = 0.75  # of the yoke
 _RADII = np.array([0.45, 0.76, 1.07, 1.38, 1.69, 2.0])  # rings of the reflector
 _RIBS = 12
 _AROUND = 24  # nodes around each ring of the reflector
 _VERTEX = 0.55  # of the paraboloid, in front of the elevation axis
 
-#: Nodes with a place in the text: what is measured, struck or driven.
+#: Nodes that are measured, struck or driven.
 NODES = {"foundation": 1, "pedestal top": 2, "turntable": 3, "hub": 4, "feed": 5, "tube": 200}
 
-#: Nodes of the drive trains: rotor against its housing, rotor, first stage, second stage, pinion,
-#: ring, housing.
+#: Nodes of the azimuth drive; "motor" is the rotation of the rotor relative to its housing.
 AZIMUTH = {
     "motor": 2001,
     "rotor": 2002,
@@ -62,52 +63,50 @@ AZIMUTH = {
     "stage 1": 2004,
     "stage 2": 2005,
     "pinion": 2006,
+    "ring": 2007,
+    "housing": 2008,
 }
-AZIMUTH |= {"ring": 2007, "housing": 2008}
 ELEVATION = {name: node + 1000 for name, node in AZIMUTH.items()}
-_RATIO = 800.0  # of both drives: two stages of 10, pinion on ring 8
+_TRAINS = {"azimuth": AZIMUTH, "elevation": ELEVATION}
 
 
 def antenna() -> Model:
-    """Return the antenna as the drawings have it, rotors free.
+    """Return the antenna of the drawings, rotors free.
 
     Returns
     -------
     Model
-        The rotation of a motor (nodes 2001 and 3001) is that of its rotor against its housing: what
-        its encoder reads and its torque acts on, so that a rotor is locked by holding this DOF.
+        The rotation of a motor (nodes 2001 and 3001) is that of its rotor relative to its housing,
+        which its encoder measures and its torque drives. Holding this DOF locks the rotor.
     """
     body = _split(_structure(SKIN), _structure(2.0 * SKIN))
-    y, z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-    model = body
-    for train, name, ring, housing, axis in (
-        (AZIMUTH, "azimuth", NODES["turntable"], NODES["pedestal top"], z),
-        (ELEVATION, "elevation", NODES["tube"] + 6, _yoke_top(1), y),
-    ):
-        drive = drivetrain(trains(name))
-        model = mounted(
-            drive, model, {train["ring"]: (ring, axis), train["housing"]: (housing, axis)}
-        )
-        drag = Model.from_groups(
-            {f"{name} drag": Group(viscous=[[2e-3]])}, [f"{train['motor']}:RZ"]
-        )
-        turning = {f"{train['motor']}:RZ": 1.0, f"{housing}:R{'YZ'[axis == z]}": 1.0}
-        model = constrain(
-            join([model, drag], title="Antenna of 4 m"), [Equation(f"{train['rotor']}:RZ", turning)]
-        )
     assert body.geometry is not None
-    return Model.from_groups(
-        model.groups, model.dofs, geometry=_with_drives(body.geometry), title=model.title
-    )
+    model = _with_drive(body, "azimuth", NODES["turntable"], NODES["pedestal top"], "Z")
+    model = _with_drive(model, "elevation", NODES["tube"] + 6, _yoke_top(1), "Y")
+    geometry = _geometry_with_drives(body.geometry)
+    return Model.from_groups(model.groups, model.dofs, geometry=geometry, title=model.title)
+
+
+def _with_drive(model: Model, name: str, ring: int, housing: int, axis: str) -> Model:
+    """Mount a drive train between two nodes of the structure, with a drag on its motor."""
+    train = _TRAINS[name]
+    vector = np.eye(3)["XYZ".index(axis)].tolist()
+    places = {train["ring"]: (ring, vector), train["housing"]: (housing, vector)}
+    mounted_model = mounted(drivetrain(trains(name)), model, places)
+    motor = f"{train['motor']}:RZ"
+    drag = Model.from_groups({f"{name} drag": Group(viscous=[[2e-3]])}, [motor])
+    joined = join([mounted_model, drag], title="Antenna of 4 m")
+    rotor = Equation(f"{train['rotor']}:RZ", {motor: 1.0, f"{housing}:R{axis}": 1.0})
+    return constrain(joined, [rotor])
 
 
 def locked(model: Model) -> Model:
-    """Return the antenna with both rotors held against their housings."""
-    return constrain(model, grounded=[f"{train['motor']}:RZ" for train in (AZIMUTH, ELEVATION)])
+    """Return the antenna with both rotors locked to their housings."""
+    return constrain(model, grounded=[f"{AZIMUTH['motor']}:RZ", f"{ELEVATION['motor']}:RZ"])
 
 
-# -- drives ------------------------------------------------------------------------------------------------
-def trains(which: str) -> list[Any]:
+# -- drives
+def trains(which: str) -> list[Part]:
     """Return the parts of a drive train.
 
     Parameters
@@ -117,10 +116,10 @@ def trains(which: str) -> list[Any]:
 
     Returns
     -------
-    list of part
+    list of Part
         Motor, input shaft, two stages of 10, pinion shaft, pinion on ring of ratio 8.
     """
-    at = AZIMUTH if which == "azimuth" else ELEVATION
+    at = _TRAINS[which]
     loss: dict[str, Any] = {"loss_factor": 0.03, "housing": at["housing"]}
     stage: dict[str, Any] = {"ratio": 10.0, "inertia_a": 2e-4, "inertia_b": 2e-3} | loss
     return [
@@ -145,76 +144,72 @@ def trains(which: str) -> list[Any]:
     ]
 
 
-def _with_drives(geometry: Geometry) -> Geometry:
-    """Return the geometry with the drives beside what they turn, to be seen."""
-    nodes, xyz, lines = [geometry.nodes], [geometry.xyz], [geometry.lines]
+def _geometry_with_drives(geometry: Geometry) -> Geometry:
+    """Return the geometry with the nodes of the drives beside the structure, to be drawn."""
     azimuth = np.array(
         [[0.75, 0.0, 1.0], [0.75, 0.0, 1.2], [0.75, 0.0, 1.4], [0.75, 0.0, 1.6], [0.45, 0.0, 1.85]]
     )
     start = np.array([-0.55, 1.15, _AXIS_HEIGHT - 0.55])
     elevation = start + np.outer([0.0, 0.25, 0.5, 0.75, 1.0], [0.4, -0.35, 0.5])
-    for train, places, ring in (
-        (AZIMUTH, azimuth, NODES["turntable"]),
-        (ELEVATION, elevation, NODES["tube"] + 6),
-    ):
-        chain = [train[name] for name in ("motor", "input", "stage 1", "stage 2", "pinion")]
-        nodes.append(np.array(chain))
-        xyz.append(places)
-        lines.append(np.array(list(pairwise([*chain, ring]))))
-    axes = np.tile(np.eye(3), (sum(len(some) for some in nodes), 1, 1))
-    axes[-len(elevation) :] = [
-        [0, 0, 1],
-        [1, 0, 0],
-        [0, 1, 0],
-    ]  # its shafts turn about Y: that is their RZ
-    return Geometry(np.concatenate(nodes), np.concatenate(xyz), np.concatenate(lines), axes)
+    names = ("motor", "input", "stage 1", "stage 2", "pinion")
+    nodes = [*geometry.nodes.tolist()]
+    lines = [*geometry.lines.tolist()]
+    for train, ring in ((AZIMUTH, NODES["turntable"]), (ELEVATION, NODES["tube"] + 6)):
+        own = [train[name] for name in names]
+        nodes += own
+        lines += pairwise([*own, ring])
+    axes = np.tile(np.eye(3), (len(nodes), 1, 1))
+    # The shafts of the elevation drive rotate about Y, which is their RZ.
+    axes[-len(elevation) :] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
+    return Geometry(nodes, np.concatenate([geometry.xyz, azimuth, elevation]), lines, axes)
 
 
-# -- structure ---------------------------------------------------------------------------------------------
-class _Nodes:
-    """Positions by node number, given out in order."""
+# -- structure
+class _Body:
+    """Nodes, parts and rigid links of the structure, collected part by part."""
 
     def __init__(self) -> None:
         self.xyz: dict[int, NDArray[np.float64]] = {}
+        self.parts: list[Element] = []
+        self.links: list[RigidLink] = []
 
-    def row(self, first: int, points: Iterable[Any]) -> list[int]:
-        """Place points at numbers from `first` on; return the numbers."""
-        out = []
+    def place(self, first: int, points: Iterable[ArrayLike]) -> list[int]:
+        """Place nodes at points, numbered from `first` on; return the numbers."""
+        numbers = []
         for number, point in enumerate(points, first):
             self.xyz[number] = np.asarray(point, dtype=np.float64)
-            out.append(number)
-        return out
+            numbers.append(number)
+        return numbers
+
+    def line(self, name: str, nodes: Sequence[int], section: Section, **more: Any) -> None:
+        """Add steel beams between successive nodes."""
+        pairs = list(pairwise(nodes))
+        self.parts.append(Beam(name, pairs, section=section, loss_factor=0.01, **STEEL, **more))
 
 
 def _structure(thickness: float) -> Model:
-    nodes = _Nodes()
-    for name, place in {
-        "foundation": (0, 0, 0),
-        "pedestal top": (0, 0, 1.8),
-        "turntable": (0, 0, 1.9),
-        "hub": _dish(0.2),
-        "feed": _dish(_VERTEX + FOCUS - 0.05),
-    }.items():
-        nodes.row(NODES[name], [place])
-    made = [
-        *_pedestal(nodes),
-        *_yoke(nodes),
-        *_tube(nodes),
-        *_reflector(nodes, thickness),
-        *_feed(nodes),
-    ]
-    links = [part for part in made if isinstance(part, RigidLink)]
-    parts = [part for part in made if not isinstance(part, RigidLink)]
-    return structure(nodes.xyz, parts, links=links, title="Antenna of 4 m")
+    body = _Body()
+    body.place(NODES["foundation"], [(0, 0, 0)])
+    body.place(NODES["pedestal top"], [(0, 0, 1.8)])
+    body.place(NODES["turntable"], [(0, 0, 1.9)])
+    body.place(NODES["hub"], [_dish(0.2)])
+    body.place(NODES["feed"], [_dish(_VERTEX + FOCUS - 0.05)])
+    _add_pedestal(body)
+    _add_yoke(body)
+    _add_tube(body)
+    _add_reflector(body, thickness)
+    _add_feed(body)
+    return structure(body.xyz, body.parts, links=body.links, title="Antenna of 4 m")
 
 
 def _split(single: Model, double: Model) -> Model:
-    """Return the model with the bending of the reflector in a group of its own.
+    """Return the model with the bending of the reflector as a separate group.
 
-    With t its thickness K = t A + t^3 B, and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear go with
-    t, bending with its cube.
+    With t its thickness K = t A + t^3 B, and K(2 t) - 2 K(t) = 6 t^3 B: membrane and shear are
+    proportional to t, bending to its cube.
     """
-    skin, thick = single.group("reflector"), double.group("reflector")
+    skin = single.group("reflector")
+    thick = double.group("reflector")
     assert skin.stiffness is not None
     assert thick.stiffness is not None
     bending = sp.csr_array(thick.stiffness - 2.0 * skin.stiffness) / 6.0
@@ -227,156 +222,154 @@ def _split(single: Model, double: Model) -> Model:
 
 def _box(height: float, width: float, wall: float) -> Section:
     """Return a thin-walled box; J by Bredt's formula, 4 A_m^2 t / s."""
-    h, b = height - wall, width - wall
+    h = height - wall
+    b = width - wall
     Iyy = (height * width**3 - (height - 2 * wall) * (width - 2 * wall) ** 3) / 12
     Izz = (width * height**3 - (width - 2 * wall) * (height - 2 * wall) ** 3) / 12
     A = height * width - (height - 2 * wall) * (width - 2 * wall)
-    return Section(
-        A, Iyy, Izz, 2 * (h * b) ** 2 * wall / (h + b), h / (2 * (h + b)) * 2, b / (2 * (h + b)) * 2
-    )
+    J = 2 * (h * b) ** 2 * wall / (h + b)
+    return Section(A, Iyy, Izz, J, h / (2 * (h + b)) * 2, b / (2 * (h + b)) * 2)
 
 
-def _pedestal(nodes: _Nodes) -> Iterator[Any]:
-    around, up = 16, np.linspace(0.0, 1.8, 7)
+def _add_pedestal(body: _Body) -> None:
+    around = 16
     angle = 2 * np.pi * np.arange(around) / around
     circle = 0.35 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    rings = [nodes.row(1001 + 20 * i, circle + np.array([0.0, 0.0, z])) for i, z in enumerate(up)]
-    yield Shell("pedestal", _quads(rings), thickness=0.008, loss_factor=0.01, **STEEL)
-    yield RigidLink(NODES["foundation"], rings[0])
-    yield RigidLink(NODES["pedestal top"], rings[-1])
-    yield Spring(
+    rings = []
+    for i, z in enumerate(np.linspace(0.0, 1.8, 7)):
+        rings.append(body.place(1001 + 20 * i, circle + np.array([0.0, 0.0, z])))
+    shell = Shell("pedestal", _quads(rings), thickness=0.008, loss_factor=0.01, **STEEL)
+    foundation = Spring(
         "foundation",
         NODES["foundation"],
         stiffness=[6e8, 6e8, 1.2e9, 1.5e8, 1.5e8, 1.5e8],
         loss_factor=0.04,
     )
-    yield Spring(
+    bearing = Spring(
         "azimuth bearing",
         NODES["pedestal top"],
         NODES["turntable"],
         stiffness=[8e8, 8e8, 1.6e9, 2.5e7, 2.5e7, 0],
         loss_factor=0.03,
     )
+    body.parts += [shell, foundation, bearing]
+    body.links.append(RigidLink(NODES["foundation"], rings[0]))
+    body.links.append(RigidLink(NODES["pedestal top"], rings[-1]))
 
 
 def _yoke_top(side: int) -> int:
     return 108 if side > 0 else 118
 
 
-def _yoke(nodes: _Nodes) -> Iterator[Any]:
+def _add_yoke(body: _Body) -> None:
+    heights = np.linspace(1.9, _AXIS_HEIGHT, 6)[1:]
     for side in (1, -1):
-        first = 101 if side > 0 else 111
-        out = [(0, side * _HALF_WIDTH * s, 1.9) for s in (1 / 3, 2 / 3, 1)]
-        up = [(0, side * _HALF_WIDTH, z) for z in np.linspace(1.9, _AXIS_HEIGHT, 6)[1:]]
-        line = [NODES["turntable"], *nodes.row(first, [*out, *up])]
-        yield Beam(
-            "yoke",
-            list(pairwise(line)),
-            section=_box(0.28, 0.22, 0.008),
-            orientation=[1, 0, 0],
-            loss_factor=0.01,
-            **STEEL,
-        )
+        points = []
+        for share in (1 / 3, 2 / 3, 1):
+            points.append((0, side * _HALF_WIDTH * share, 1.9))
+        for z in heights:
+            points.append((0, side * _HALF_WIDTH, z))
+        first = _yoke_top(side) - len(points) + 1
+        nodes = [NODES["turntable"], *body.place(first, points)]
+        body.line("yoke", nodes, _box(0.28, 0.22, 0.008), orientation=[1, 0, 0])
 
 
-def _tube(nodes: _Nodes) -> Iterator[Any]:
-    """Torque tube on its bearings, counterweight, hub carrier."""
-    first = NODES["tube"]
-    line = nodes.row(first, [(0, y, _AXIS_HEIGHT) for y in np.linspace(-0.66, 0.66, 7)])
-    yield Beam("tube", list(pairwise(line)), section=tube(0.27, 0.25), loss_factor=0.01, **STEEL)
-    for side, end, along in (
-        (1, line[-1], 3e8),
-        (-1, line[0], 0.0),
-    ):  # the other end floats along the axis
+def _add_tube(body: _Body) -> None:
+    """Add the torque tube on its bearings, the counterweights and the hub carrier."""
+    points = np.zeros((7, 3))
+    points[:, 1] = np.linspace(-0.66, 0.66, 7)
+    points[:, 2] = _AXIS_HEIGHT
+    nodes = body.place(NODES["tube"], points)
+    body.line("tube", nodes, tube(0.27, 0.25))
+    # One bearing is fixed along the axis, the other is not.
+    for side, end, along in ((1, nodes[-1], 3e8), (-1, nodes[0], 0.0)):
         stiffness = [1.5e8, along, 1.5e8, 0, 0, 0]
-        yield Spring(
+        bearing = Spring(
             "elevation bearings", _yoke_top(side), end, stiffness=stiffness, loss_factor=0.03
         )
-    for start, at in ((211, line[1]), (221, line[-2])):
-        y = float(nodes.xyz[at][1])
-        arm = nodes.row(start, [_dish(-s, 0.0, y) for s in (0.3, 0.6, 0.9)])
-        yield Beam(
-            "counterweight arms",
-            list(pairwise([at, *arm])),
-            section=_box(0.16, 0.10, 0.006),
-            orientation=[0, 1, 0],
-            loss_factor=0.01,
-            **STEEL,
-        )
-        yield PointMass("counterweight", arm[-1], 130.0, inertia=[2.0, 2.0, 2.0])
-    for at in line[2:5]:
-        yield Beam(
-            "hub carrier",
-            [[at, NODES["hub"]]],
-            section=tube(0.16, 0.14),
-            loss_factor=0.01,
-            **STEEL,
-        )
+        body.parts.append(bearing)
+    for first, at in ((211, nodes[1]), (221, nodes[-2])):
+        y = float(body.xyz[at][1])
+        arm = body.place(first, map(_dish, (-0.3, -0.6, -0.9), [0.0] * 3, [y] * 3))
+        section = _box(0.16, 0.10, 0.006)
+        body.line("counterweight arms", [at, *arm], section, orientation=[0, 1, 0])
+        body.parts.append(PointMass("counterweight", arm[-1], 130.0, inertia=[2.0, 2.0, 2.0]))
+    for at in nodes[2:5]:
+        body.line("hub carrier", [at, NODES["hub"]], tube(0.16, 0.14))
 
 
 def _dish(along: float, up: float = 0.0, across: float = 0.0) -> NDArray[np.float64]:
-    """Return a point `along` the axis of the dish, `up` and `across` from it; the elevation is 45 degrees."""
+    """Return a point `along` the axis of the dish, `up` and `across` from it; the elevation is 45 deg."""
     s = math.sqrt(0.5)
     return np.array([s * along - s * up, across, _AXIS_HEIGHT + s * along + s * up])
 
 
 def _paraboloid(r: float) -> float:
+    """Return where the paraboloid is along the axis of the dish, at a radius."""
     return _VERTEX + r**2 / (4 * FOCUS)
 
 
-def _ring(r: float, along: float) -> list[NDArray[np.float64]]:
-    angle = 2 * np.pi * np.arange(_AROUND) / _AROUND
-    return [_dish(along, r * math.cos(a), r * math.sin(a)) for a in angle]
+def _ring(r: float, along: float) -> Iterator[NDArray[np.float64]]:
+    for angle in 2 * np.pi * np.arange(_AROUND) / _AROUND:
+        yield _dish(along, r * math.cos(angle), r * math.sin(angle))
 
 
-def _reflector(nodes: _Nodes, thickness: float) -> Iterator[Any]:
-    rings = [nodes.row(301 + 30 * i, _ring(r, _paraboloid(r))) for i, r in enumerate(_RADII)]
-    inner = _RADII[0]
-    drum = [nodes.row(501 + 30 * i, _ring(inner, a)) for i, a in enumerate((0.2, 0.33, 0.46))]
-    yield Shell("reflector", _quads(rings), thickness=thickness, loss_factor=0.01, **ALUMINIUM)
-    yield Shell("hub drum", _quads([*drum, rings[0]]), thickness=0.005, loss_factor=0.01, **STEEL)
-    yield RigidLink(NODES["hub"], drum[0])
-    chords, webs, bottoms = [], [], []
+def _add_reflector(body: _Body, thickness: float) -> None:
+    rings = []
+    for i, r in enumerate(_RADII):
+        rings.append(body.place(301 + 30 * i, _ring(r, _paraboloid(r))))
+    drum = []
+    for i, along in enumerate((0.2, 0.33, 0.46)):
+        drum.append(body.place(501 + 30 * i, _ring(_RADII[0], along)))
+    skin = Shell("reflector", _quads(rings), thickness=thickness, loss_factor=0.01, **ALUMINIUM)
+    drum_quads = _quads([*drum, rings[0]])
+    body.parts.append(skin)
+    body.parts.append(Shell("hub drum", drum_quads, thickness=0.005, loss_factor=0.01, **STEEL))
+    body.links.append(RigidLink(NODES["hub"], drum[0]))
+    _add_truss(body, rings, drum[0])
+
+
+def _add_truss(body: _Body, rings: Sequence[Sequence[int]], inner: Sequence[int]) -> None:
+    """Add the ribs and hoops behind the reflector, from the inner ring of the drum outwards."""
+    chords: list[tuple[int, int]] = []
+    webs: list[tuple[int, int]] = []
+    hoops: list[tuple[int, int]] = []
+    bottoms = []
     for rib in range(_RIBS):
         i = rib * _AROUND // _RIBS
+        angle = 2 * np.pi * i / _AROUND
         top = [ring[i] for ring in rings]
-        a = 2 * np.pi * i / _AROUND
-        places = [
-            _dish(_paraboloid(r) - depth, r * math.cos(a), r * math.sin(a))
-            for r, depth in zip(_RADII[1:], np.linspace(0.20, 0.06, 5), strict=True)
-        ]
-        bottom = [drum[0][i], *nodes.row(601 + 10 * rib, places)]
+        points = []
+        for r, depth in zip(_RADII[1:], np.linspace(0.20, 0.06, 5), strict=True):
+            along = _paraboloid(r) - depth
+            points.append(_dish(along, r * math.cos(angle), r * math.sin(angle)))
+        bottom = [inner[i], *body.place(601 + 10 * rib, points)]
         bottoms.append(bottom)
         chords += [*pairwise(top), *pairwise(bottom)]
         webs += [*zip(top[1:], bottom[1:], strict=True), *zip(top[:-1], bottom[1:], strict=True)]
-    hoops = [pair for ring in (rings[2], rings[5]) for pair in pairwise([*ring, ring[0]])]
-    for level in (2, 4):
-        around = [bottom[level] for bottom in bottoms]
-        hoops += list(pairwise([*around, around[0]]))
+    for ring in (rings[2], rings[5], [b[2] for b in bottoms], [b[4] for b in bottoms]):
+        hoops += pairwise([*ring, ring[0]])
     for name, pairs, section in (
         ("truss chords", chords, tube(0.030, 0.026)),
         ("truss webs", webs, tube(0.020, 0.017)),
         ("truss hoops", hoops, tube(0.025, 0.022)),
     ):
-        yield Beam(name, pairs, section=section, loss_factor=0.01, **STEEL)
+        body.parts.append(Beam(name, pairs, section=section, loss_factor=0.01, **STEEL))
 
 
-def _feed(nodes: _Nodes) -> Iterator[Any]:
+def _add_feed(body: _Body) -> None:
     for leg in range(4):
         foot = 361 + 3 + 6 * leg  # on the third ring, between its supports at 45 degrees
-        to = nodes.xyz[NODES["feed"]] - nodes.xyz[foot]
-        inside = nodes.row(801 + 10 * leg, [nodes.xyz[foot] + s * to for s in (1 / 3, 2 / 3)])
-        line = [foot, *inside, NODES["feed"]]
-        yield Beam(
-            "feed legs", list(pairwise(line)), section=tube(0.045, 0.040), loss_factor=0.01, **STEEL
-        )
-    yield PointMass("feed", NODES["feed"], 18.0, inertia=[0.4, 0.4, 0.4])
+        start = body.xyz[foot]
+        to_feed = body.xyz[NODES["feed"]] - start
+        inner = body.place(801 + 10 * leg, (start + 1 / 3 * to_feed, start + 2 / 3 * to_feed))
+        body.line("feed legs", [foot, *inner, NODES["feed"]], tube(0.045, 0.040))
+    body.parts.append(PointMass("feed", NODES["feed"], 18.0, inertia=[0.4, 0.4, 0.4]))
 
 
-def _quads(rings: list[list[int]]) -> list[list[int]]:
-    """Return the quadrilaterals between closed rings of as many nodes each."""
-    return [
-        [low[i], low[(i + 1) % len(low)], high[(i + 1) % len(high)], high[i]]
-        for low, high in pairwise(rings)
-        for i in range(len(low))
-    ]
+def _quads(rings: Sequence[Sequence[int]]) -> NDArray[np.int64]:
+    """Return the quadrilaterals between closed rings of equally many nodes, shape (m, 4)."""
+    low = np.array(rings[:-1])
+    high = np.array(rings[1:])
+    corners = [low, np.roll(low, -1, axis=1), np.roll(high, -1, axis=1), high]
+    return np.stack(corners, axis=2).reshape(-1, 4)

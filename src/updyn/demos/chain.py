@@ -1,7 +1,8 @@
 """A chain of twelve masses and springs in four groups, with data made from known true values.
 
 Five masses carry sensors, two of them are struck. The data hold 1 % noise from a fixed seed. The
-true values make the data and are compared with at the end; the update sees neither.
+true values make the data, and the results are compared with them at the end; the update has no
+access to them.
 """
 
 from __future__ import annotations
@@ -69,10 +70,11 @@ validation = ["7:X"]
 
 
 def build() -> Model:
-    """Return the chain as the update starts: fixed - k1 - m1 - k2 - m2 - ... - m12, three of each a group."""
+    """Return the chain before the update: fixed - k1 - m1 - ... - k12 - m12, three of each a group."""
     groups = {}
     for number in range(4):
-        K, M = np.zeros((12, 12)), np.zeros((12, 12))
+        K = np.zeros((12, 12))
+        M = np.zeros((12, 12))
         for i in range(3 * number, 3 * number + 3):
             M[i, i] += _MASS
             K[i, i] += _STIFFNESS[i]
@@ -115,8 +117,9 @@ def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
     lines = [f"{'unknown':<18} {'true':>6} {'found':>10} {'std':>8} {'error / std':>12}"]
     result = results[-1]
     for p in result.parameters:
-        true, value, std = TRUTH[p.group][p.quantity], result.values[p.name], result.std[p.name]
-        lines.append(
-            f"{p.name:<18} {true:>6g} {value:>10.5g} {std:>8.2g} {(value - true) / std:>+12.1f}"
-        )
+        true = TRUTH[p.group][p.quantity]
+        value = result.values[p.name]
+        std = result.std[p.name]
+        error = (value - true) / std
+        lines.append(f"{p.name:<18} {true:>6g} {value:>10.5g} {std:>8.2g} {error:>+12.1f}")
     return "Against the values that made the data:\n" + "\n".join(lines)

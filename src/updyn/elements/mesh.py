@@ -1,4 +1,4 @@
-"""Meshes of Gmsh, Abaqus, VTK and others, read by meshio: each physical group becomes a part of a structure.
+"""Meshes of Gmsh, Abaqus, VTK and others, read by meshio: groups become parts of a structure.
 
 meshio drops the node numbers of a file and reads some Abaqus decks wrongly: node numbers are read
 here, and such decks are refused.
@@ -36,17 +36,25 @@ from updyn.model import Model
 
 __all__ = [
     "Mesh",
-    "numbers_in",
     "read_mesh",
     "structure_from_mesh",
 ]
 
 #: Metres in a unit of length.
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
-_SOLIDS = ("tetra", "tetra10", "hexahedron", "hexahedron20")
-_SHELLS = ("triangle", "quad")
-_LINES = ("line",)
-_POINTS = ("vertex",)
+#: Elements by kind of cell; lines are `Beam` where their material has a section.
+_ELEMENTS: Mapping[str, type[Any]] = {
+    "vertex": PointMass,
+    "line": Truss,
+    "triangle": Shell,
+    "quad": Shell,
+    "tetra": Solid,
+    "tetra10": Solid,
+    "hexahedron": Solid,
+    "hexahedron20": Solid,
+}
+_KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")  # of an Abaqus deck
+_ELSET = re.compile(r"ELSET\s*=\s*([^,\s]+)", re.IGNORECASE)
 #: What meshio raises for damaged files.
 _FAILURES = (
     ArithmeticError,
@@ -67,7 +75,7 @@ class Mesh:
     Attributes
     ----------
     path : str
-        Where it was read.
+        Its file.
     nodes : ndarray of int, shape (n,)
         Node numbers of the file; 1, 2, ... of formats that have none.
     xyz : ndarray of float, shape (n, 3)
@@ -108,9 +116,8 @@ class Mesh:
         if name in self.node_sets:
             return np.unique(self.node_sets[name])
         if name in self.groups:
-            return np.unique(
-                np.concatenate([cells.ravel() for cells in self.groups[name].values()])
-            )
+            cells = map(np.ravel, self.groups[name].values())
+            return np.unique(np.concatenate(list(cells)))
         raise FormatError(
             f"no group {name!r}; {suggest(name, [*self.groups, *self.node_sets])}", self.path
         )
@@ -142,75 +149,80 @@ class Mesh:
             If a field is missing or unknown, or a value out of range.
         """
         omitted = set(leave_out)
-        for name in [*materials, *omitted]:
-            if name not in self.groups and not (name in omitted and name in self.node_sets):
-                raise FormatError(
-                    f"no group {name!r}; {suggest(str(name), self.groups)}", self.path
-                )
-        for name in self.groups:
+        self._check_names(materials, omitted)
+        self._check_once(materials)
+        out: list[Element] = []
+        for name, given in materials.items():
+            for kind, cells in self.groups[name].items():
+                out += _elements(self.path, name, kind, cells, given)
+        return out
+
+    def _check_names(self, materials: Iterable[str], omitted: Iterable[str]) -> None:
+        for name in materials:
+            if name not in self.groups:
+                raise self._unknown(name)
+        for name in omitted:
+            if name not in self.groups and name not in self.node_sets:
+                raise self._unknown(name)
+        for name, group in self.groups.items():
             if name not in materials and name not in omitted:
-                kinds = ", ".join(f"{len(c)} {kind}" for kind, c in self.groups[name].items())
+                kinds = ", ".join(f"{len(cells)} {kind}" for kind, cells in group.items())
                 raise FormatError(
                     f"group {name!r} ({kinds}) has no material; give it one, or leave the"
                     " group out",
                     self.path,
                 )
-        self._check_once(materials)
-        out: list[Element] = []
-        for name, given in materials.items():
-            for kind, cells in self.groups[name].items():
-                out += _parts(self.path, name, kind, cells, given)
-        return out
 
-    def _check_once(self, materials: Iterable[str]) -> None:
-        chosen = list(materials)
-        for kind in {k for name in chosen for k in self.groups[name]}:
-            own = [(name, self.groups[name][kind]) for name in chosen if kind in self.groups[name]]
-            cells = np.sort(np.concatenate([c for _, c in own]), axis=1)
-            group = np.repeat(np.arange(len(own)), [len(c) for _, c in own])
+    def _unknown(self, name: str) -> FormatError:
+        return FormatError(f"no group {name!r}; {suggest(str(name), self.groups)}", self.path)
+
+    def _check_once(self, names: Iterable[str]) -> None:
+        """Raise an error for a cell that is in two of the groups."""
+        owners: dict[str, list[str]] = {}
+        for name in names:
+            for kind, cells in self.groups[name].items():
+                owners.setdefault(kind, []).extend([name] * len(cells))
+        for kind, owner in owners.items():
+            blocks = []
+            for name in dict.fromkeys(owner):
+                blocks.append(self.groups[name][kind])
+            cells = np.sort(np.concatenate(blocks), axis=1)
             _, first, place = np.unique(cells, axis=0, return_index=True, return_inverse=True)
-            twice = np.flatnonzero(first[place.ravel()] != np.arange(len(cells)))
+            original = first[place.ravel()]
+            twice = np.flatnonzero(original != np.arange(len(cells)))
             if twice.size:
                 at = int(twice[0])
-                names = own[group[first[place.ravel()[at]]]][0], own[group[at]][0]
                 raise FormatError(
-                    f"the {kind} of nodes {cells[at].tolist()} stands twice: in group {names[0]!r}"
-                    f" and in {names[1]!r}",
+                    f"the {kind} of nodes {cells[at].tolist()} stands twice: in group"
+                    f" {owner[original[at]]!r} and in {owner[at]!r}",
                     self.path,
                 )
 
 
-def _parts(
+def _elements(
     path: str, name: str, kind: str, cells: NDArray[np.int64], given: Mapping[str, Any]
 ) -> list[Element]:
+    """Return the elements of the cells of one kind in a group."""
     what = f"material of group {name!r}"
     if not isinstance(given, Mapping):
         raise ModelError(f"{what}: {given!r}; expected a mapping of field to value")
-    part: Any
-    if kind in _SOLIDS:
-        part = Solid
-    elif kind in _SHELLS:
-        part = Shell
-    elif kind in _LINES:
-        part = Beam if "section" in given else Truss
-    elif kind in _POINTS:
-        part = PointMass
-    else:
-        known = (*_POINTS, *_LINES, *_SHELLS, *_SOLIDS)
+    if kind not in _ELEMENTS:
         raise FormatError(
-            f"group {name!r} has {len(cells)} cells of kind {kind!r}; {suggest(kind, known)}", path
+            f"group {name!r} has {len(cells)} cells of kind {kind!r}; {suggest(kind, _ELEMENTS)}",
+            path,
         )
-    names, required = field_names(part)
-    left_out = ("name", "connectivity", "node")
-    check_keys(
-        f"{what}, a {part.__name__}",
-        given,
-        [name for name in required if name not in left_out],
-        [name for name in names if name not in left_out],
-    )
-    if kind in _POINTS:
-        return [PointMass(name, int(node), **given) for node in cells.ravel()]
-    return [part(name, cells, **given)]
+    element = _ELEMENTS[kind]
+    if kind == "line" and "section" in given:
+        element = Beam
+    names, required = field_names(element)
+    for field in ("name", "connectivity", "node"):  # from the mesh
+        if field in names:
+            names.remove(field)
+            required.remove(field)
+    check_keys(f"{what}, a {element.__name__}", given, required, names)
+    if element is PointMass:
+        return [PointMass(name, node, **given) for node in cells.ravel().tolist()]
+    return [element(name, cells, **given)]
 
 
 def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
@@ -222,7 +234,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
         ``.msh`` of Gmsh (text), ``.inp`` of Abaqus, ``.vtu``, ``.med`` or whatever else meshio
         reads.
     unit : {"m", "mm", "cm", "in"}
-        Of the positions in the file; no format says it.
+        Of the positions in the file, which no format states.
 
     Returns
     -------
@@ -242,7 +254,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     path = Path(path)
     if not path.is_file():
         raise FormatError("no such file; expected a mesh", path)
-    numbers = numbers_in(path)
+    numbers = _node_numbers(path)
     found = _read(path)
     xyz = np.zeros((len(found.points), 3))
     xyz[:, : found.points.shape[1]] = found.points
@@ -253,7 +265,9 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     if len(numbers) != len(xyz):
         raise FormatError(f"found {len(numbers)} node numbers for {len(xyz)} positions", path)
     groups, ungrouped = _groups(path, found, numbers)
-    sets = {str(k): numbers[np.asarray(v, dtype=np.intp)] for k, v in found.point_sets.items()}
+    sets = {}
+    for name, members in found.point_sets.items():
+        sets[str(name)] = numbers[np.asarray(members, dtype=np.intp)]
     return Mesh(str(path), numbers, xyz * UNITS[unit], groups, sets, ungrouped)
 
 
@@ -262,79 +276,79 @@ def _read(path: Path) -> Any:
         import meshio
     except ImportError as error:
         raise ModelError('mesh files need meshio: pip install "updyn[mesh]"') from error
-    said = io.StringIO()
+    printed = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             return meshio.read(path)
-    except (
-        meshio.ReadError,
-        SystemExit,
-        *_FAILURES,
-    ) as error:  # meshio ends the process on some bad files
-        lines = [
-            line
-            for line in (*said.getvalue().splitlines(), str(error))
-            if line.strip() and line.strip() != "1"
-        ]
-        raise FormatError(
-            f"not a mesh that can be read ({lines[0].strip() if lines else error!r})", path
-        ) from error
+    # meshio ends the process on some bad files.
+    except (meshio.ReadError, SystemExit, *_FAILURES) as error:
+        reason = repr(error)
+        for line in (*printed.getvalue().splitlines(), str(error)):
+            if line.strip() not in ("", "1"):
+                reason = line.strip()
+                break
+        raise FormatError(f"not a mesh that can be read ({reason})", path) from error
 
 
 def _groups(
     path: Path, found: Any, numbers: NDArray[np.int64]
 ) -> tuple[dict[str, dict[str, NDArray[np.int64]]], dict[str, int]]:
-    """Return the cells of each group by kind, and how many are in none."""
+    """Return the cells of each group by kind, and the number of cells in no group by kind."""
+    chosen = _members_of_groups(path, found)
+    groups: dict[str, dict[str, NDArray[np.int64]]] = {}
+    ungrouped: dict[str, int] = {}
+    for block, cells in enumerate(found.cells):
+        grouped = np.zeros(len(cells.data), dtype=np.bool_)
+        for name, members in chosen.items():
+            at = members[block]
+            grouped[at] = True
+            if len(at):
+                kinds = groups.setdefault(name, {})
+                own = numbers[np.asarray(cells.data)[at]]
+                if cells.type in kinds:
+                    own = np.concatenate([kinds[cells.type], own])
+                kinds[cells.type] = own
+        free = int((~grouped).sum())
+        if free:
+            ungrouped[cells.type] = ungrouped.get(cells.type, 0) + free
+    return {name: groups[name] for name in chosen if name in groups}, ungrouped
+
+
+def _members_of_groups(path: Path, found: Any) -> dict[str, list[NDArray[np.intp]]]:
+    """Return the positions of the cells of each group in each block of cells."""
     chosen: dict[str, list[NDArray[np.intp]]] = {}
     for name, members in found.cell_sets.items():
         if not name.startswith("gmsh:"):
             chosen[str(name)] = _members(path, str(name), members, found.cells)
-    physical = found.cell_data.get("gmsh:physical", [])
-    for block, tags in enumerate(physical):
+    for block, tags in enumerate(found.cell_data.get("gmsh:physical", [])):
         for tag in np.unique(tags).tolist():
             name = _physical(found, tag, found.cells[block].dim)
             if tag == 0 or name in found.cell_sets:
                 continue
-            own = chosen.setdefault(name, [np.empty(0, dtype=np.intp) for _ in found.cells])
-            own[block] = np.flatnonzero(np.asarray(tags) == tag)
+            if name not in chosen:
+                chosen[name] = [np.empty(0, dtype=np.intp)] * len(found.cells)
+            chosen[name][block] = np.flatnonzero(np.asarray(tags) == tag)
     if not chosen:
         chosen["all"] = [np.arange(len(cells.data)) for cells in found.cells]
-    groups: dict[str, dict[str, NDArray[np.int64]]] = {}
-    for name, lists in chosen.items():
-        for cells, at in zip(found.cells, lists, strict=True):
-            if len(at):
-                kinds = groups.setdefault(name, {})
-                more = numbers[np.asarray(cells.data)[at]]
-                kinds[cells.type] = (
-                    np.concatenate([kinds[cells.type], more]) if cells.type in kinds else more
-                )
-    none: dict[str, int] = {}
-    for block, cells in enumerate(found.cells):
-        free = len(cells.data) - len(
-            np.unique(np.concatenate([lists[block] for lists in chosen.values()]))
-        )
-        if free:
-            none[cells.type] = none.get(cells.type, 0) + free
-    return groups, none
+    return chosen
 
 
 def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np.intp]]:
-    if len(members) != len(cells) or any(
-        m is not None and np.ndim(m) != 1 for m in map(_array, members)
-    ):
+    """Return the members of a set of cells in each block; None among them is an empty array."""
+    out = []
+    for positions in members:
+        try:
+            array = np.asarray([] if positions is None else positions, dtype=np.intp)
+        except (TypeError, ValueError):  # lists of other groups
+            array = np.empty((0, 0), dtype=np.intp)
+        out.append(array)
+    if len(members) != len(cells) or any(array.ndim != 1 for array in out):
         raise FormatError(
             f"group {name!r} is made of other groups in a way that cannot be told apart; name its"
             " elements themselves",
             path,
         )
-    return [np.asarray([] if m is None else m, dtype=np.intp) for m in members]
-
-
-def _array(members: Any) -> Any:
-    try:
-        return None if members is None else np.asarray(members, dtype=np.intp)
-    except (TypeError, ValueError):
-        return np.empty((0, 0))  # a list of lists of other groups
+    return out
 
 
 def _physical(found: Any, tag: int, dim: int) -> str:
@@ -371,9 +385,9 @@ def structure_from_mesh(
     leave_out : iterable of str
         Groups that are no parts. Those in `grounded` need not be named again.
     ungrouped : {"error", "leave out"}
-        What becomes of cells in no group.
+        Whether cells in no group are an error or left out.
     more : iterable of Element
-        Parts that the mesh does not have: springs, masses.
+        Parts that are not in the mesh: springs, masses.
     links, equations
         As for `structure`.
     grounded : iterable of str, Dof or int
@@ -400,28 +414,25 @@ def structure_from_mesh(
         )
     mesh = read_mesh(path, unit=unit)
     held: list[str | Dof | int] = []
-    named: list[str] = []
+    left_out = list(leave_out)
     for item in grounded:
-        if isinstance(item, str) and (item in mesh.groups or item in mesh.node_sets):
-            named.append(item)
-            held += mesh.nodes_of(item).tolist()
-        elif isinstance(item, str) and ":" not in item:
-            raise FormatError(
-                f"grounded: no group {item!r}; {suggest(item, [*mesh.groups, *mesh.node_sets])}",
-                path,
-            )
-        else:
+        if not isinstance(item, str) or ":" in item:
             held.append(item)
+        elif item in mesh.groups or item in mesh.node_sets:
+            held += mesh.nodes_of(item).tolist()
+            if item not in materials:
+                left_out.append(item)
+        else:
+            known = [*mesh.groups, *mesh.node_sets]
+            raise FormatError(f"grounded: no group {item!r}; {suggest(item, known)}", path)
     if mesh.ungrouped and ungrouped == "error":
         kinds = ", ".join(f"{count} {kind}" for kind, count in mesh.ungrouped.items())
         raise FormatError(
             f"cells in no group: {kinds}; put them into one, or say ungrouped='leave out'", path
         )
-    parts = mesh.parts(materials, [*leave_out, *(n for n in named if n not in materials)])
-    nodes = dict(zip(mesh.nodes.tolist(), mesh.xyz, strict=True))
     return structure(
-        nodes,
-        [*parts, *more],
+        dict(zip(mesh.nodes.tolist(), mesh.xyz, strict=True)),
+        [*mesh.parts(materials, left_out), *more],
         links=links,
         equations=equations,
         grounded=list(dict.fromkeys(held)),
@@ -429,33 +440,34 @@ def structure_from_mesh(
     )
 
 
-_KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")
+# -- node numbers
 
 
-def numbers_in(path: Path) -> NDArray[np.int64] | None:
+def _node_numbers(path: Path) -> NDArray[np.int64] | None:
     """Return the node numbers of a mesh file, in its order; None where the format has none.
 
     Raises
     ------
     FormatError
-        If the numbers are not there, or meshio would take the groups of an Abaqus deck for others:
+        If the numbers are missing, or meshio would mistake the groups of an Abaqus deck:
         element blocks without a set beside some with one, one set in two blocks, several blocks of
         nodes, parts and includes.
     """
     suffix = path.suffix.lower()
-    if suffix == ".msh":
-        with path.open("rb") as file:
-            head = file.read(200)
-        if not head.startswith(b"$MeshFormat"):
-            return None  # the same suffix is used by others
-        words = head.split()
-        if len(words) < 3 or words[2] != b"0":
-            raise FormatError(
-                "a binary .msh: its node numbers are not read; save it as text (Mesh.Binary = 0)",
-                path,
-            )
-        return _gmsh(path, _lines(path), words[1].decode(errors="replace"))
-    return _abaqus(path, _lines(path)) if suffix == ".inp" else None
+    if suffix == ".inp":
+        return _abaqus_numbers(path, _lines(path))
+    if suffix != ".msh":
+        return None
+    with path.open("rb") as file:
+        head = file.read(200)
+    if not head.startswith(b"$MeshFormat"):
+        return None  # another format of the same suffix
+    words = head.split()
+    if len(words) < 3 or words[2] != b"0":
+        raise FormatError(
+            "a binary .msh: its node numbers are not read; save it as text (Mesh.Binary = 0)", path
+        )
+    return _gmsh_numbers(path, _lines(path), words[1].decode(errors="replace"))
 
 
 def _lines(path: Path) -> list[str]:
@@ -467,74 +479,79 @@ def _lines(path: Path) -> list[str]:
         ) from error
 
 
-def _gmsh(path: Path, lines: list[str], version: str) -> NDArray[np.int64]:
+def _gmsh_numbers(path: Path, lines: list[str], version: str) -> NDArray[np.int64]:
+    out: list[int] = []
     try:
         at = lines.index("$Nodes") + 1
-        out: list[int] = []
         if version.startswith("2"):
             count = int(lines[at])
-            out = [int(line.split(maxsplit=1)[0]) for line in lines[at + 1 : at + 1 + count]]
+            for line in lines[at + 1 : at + 1 + count]:
+                out.append(int(line.split(maxsplit=1)[0]))
         else:
-            blocks, at = int(lines[at].split()[0]), at + 1
+            blocks = int(lines[at].split()[0])
+            at += 1
             for _ in range(blocks):
                 count = int(lines[at].split()[3])
-                out += [int(line) for line in lines[at + 1 : at + 1 + count]]
-                at += 1 + 2 * count
+                out += map(int, lines[at + 1 : at + 1 + count])
+                at += 1 + 2 * count  # numbers, then positions
     except (ValueError, IndexError) as error:
         raise FormatError(f"the nodes cannot be read ({error})", path) from error
     return np.array(out, dtype=np.int64)
 
 
-def _abaqus(path: Path, lines: list[str]) -> NDArray[np.int64]:
-    out: list[int] = []
-    sets: dict[str, int] = {}
-    without: int | None = None
-    blocks, inside = 0, False
+def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:
+    numbers: list[int] = []
+    set_lines: dict[str, int] = {}
+    without_set: int | None = None
+    n_node_blocks = 0
+    in_nodes = False
     for number, line in enumerate(lines, 1):
         if line.startswith("**"):
             continue
         found = _KEYWORD.match(line)
         if found is None:
-            if inside and line.strip():
-                out.append(_first(path, number, line))
+            if in_nodes and line.strip():
+                numbers.append(_first_number(path, number, line))
             continue
-        word = found[1].strip().upper()
-        inside = word == "NODE"
-        if word in ("PART", "INSTANCE", "INCLUDE"):
+        keyword = found[1].strip().upper()
+        in_nodes = keyword == "NODE"
+        if keyword in ("PART", "INSTANCE", "INCLUDE"):
             raise FormatError(
-                f"*{word}: only flat decks are read; expected *NODE, *ELEMENT and sets",
+                f"*{keyword}: only flat decks are read; expected *NODE, *ELEMENT and sets",
                 path,
                 number,
             )
-        if inside:
-            blocks += 1
-            if blocks > 1:
+        if in_nodes:
+            n_node_blocks += 1
+            if n_node_blocks > 1:
                 raise FormatError(
                     "a second *NODE block, of which the first would be lost; join them",
                     path,
                     number,
                 )
-        if word == "ELEMENT":
-            own = re.search(r"ELSET\s*=\s*([^,\s]+)", line, re.IGNORECASE)
+        if keyword == "ELEMENT":
+            own = _ELSET.search(line)
             if own is None:
-                without = without or number
-            elif own[1] in sets:
+                without_set = without_set or number
+            elif own[1] in set_lines:
                 raise FormatError(
-                    f"*ELEMENT with ELSET={own[1]}, as on line {sets[own[1]]}, which would be lost;"
-                    " use two names",
+                    f"*ELEMENT with ELSET={own[1]}, as on line {set_lines[own[1]]}, which would be"
+                    " lost; use two names",
                     path,
                     number,
                 )
             else:
-                sets[own[1]] = number
-    if sets and without is not None:
+                set_lines[own[1]] = number
+    if set_lines and without_set is not None:
         raise FormatError(
-            "*ELEMENT without ELSET beside others with one; give each block its own", path, without
+            "*ELEMENT without ELSET beside others with one; give each block its own",
+            path,
+            without_set,
         )
-    return np.array(out, dtype=np.int64)
+    return np.array(numbers, dtype=np.int64)
 
 
-def _first(path: Path, number: int, line: str) -> int:
+def _first_number(path: Path, number: int, line: str) -> int:
     try:
         return int(line.split(",", maxsplit=1)[0])
     except ValueError as error:

@@ -213,7 +213,7 @@ def _covariance(
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
     found = analyse(local.R, part.coordinates.parameters.names)
-    return found.covariance, found.open
+    return found.covariance, found.null_space
 
 
 def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:

@@ -78,7 +78,7 @@ class UpdateResult:
     title : str
         For the record.
     adequacy : Adequacy or None
-        Whether what is left is noise, or what the model cannot follow, and what would explain it;
+        Whether the residual is noise, or what the model cannot follow, and what would explain it;
         None where it was not tested: the fit did not settle, rounding is seen, or the record is an
         old one.
     """
@@ -175,7 +175,8 @@ class UpdateResult:
             error = self.options["error"]
             shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
             lines.append(
-                f"Solved in a reduced model of {self.options['basis']} motions; its error: {shown}."
+                f"Solved in a reduced model of {self.options['basis']} basis vectors; its error:"
+                f" {shown}."
             )
         if self.adequacy is not None:
             lines += _left_over(self.adequacy, self.message)
@@ -285,7 +286,9 @@ def _left_over(found: Adequacy | None, message: str) -> list[str]:
     lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
-        over = f", alike over {place.alike:.0f} lines" if place.kind == "structure" else ""
+        over = ""
+        if place.kind == "structure":
+            over = f", serially correlated over {place.alike:.0f} lines"
         where = (
             f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
         )

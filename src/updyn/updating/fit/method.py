@@ -35,11 +35,12 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: How often the spread of a residual is looked at again.
+#: How often the spread of a residual is estimated again.
 _SCALES = 8
-#: How often a fit with open directions is pulled back towards the start; and a cost a value that is
-#: rounding.
-_PULLS, _EXACT = 4, 1e-20
+#: How often a fit with undetermined directions is pulled back towards the start.
+_PULLS = 4
+#: Cost of a value that is rounding.
+_EXACT = 1e-20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +92,9 @@ class Fit:
         unknowns.
     pull : Pull or None
         What regularisation added.
-    cure : str
-        What would cure open unknowns where the method fits something else than FRFs; empty: found
-        among lines and sensors that could be added.
+    advice : str
+        Experiment advice on undetermined unknowns where the method fits something else than FRFs;
+        empty: found among lines and sensors that could be added.
     """
 
     x: _Vector
@@ -104,7 +105,7 @@ class Fit:
     local: Local | None = None
     unit: float = 1.0
     pull: Pull | None = None
-    cure: str = ""
+    advice: str = ""
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
@@ -213,9 +214,9 @@ def descend(
     """Minimise one residual from x, priors included, and record every step.
 
     With `relax`, loss factors may turn negative on the way (`Coordinates.relaxed_lower`); where
-    they end so, the descent goes on from the nearest point within the bounds. Where the data leave
-    combinations of unknowns open, of all points that fit as well the one nearest to the unknowns'
-    start is sought.
+    they end so, the descent goes on from the nearest point within the bounds. Where combinations of
+    unknowns are undetermined, of all points that fit as well the one nearest to the unknowns' start
+    is sought.
 
     Raises
     ------

@@ -1,14 +1,14 @@
-"""Fitting inside a reduced model that is proved where the fit ends.
+"""Fit inside a reduced model whose error is certified where the fit ends.
 
-A basis made at one point answers exactly there, and worse the further the unknowns move. So the fit
-is made inside the basis of its start, and not too far from there; where it ends, the full residual
-says whether the basis still holds; if not, a new one is made there and the fit goes on. As values
-and slopes are those of the whole model at the point of the basis, few rounds suffice.
+A reduced model is exact at the point of its basis, and less accurate the further the unknowns move.
+The fit therefore stays within a trust radius about that point. Where it ends, the full residual
+certifies the basis; if that fails, a new basis is built there and the fit goes on. As values and
+slopes at the point of the basis are those of the full model, few rounds suffice.
 
-A search goes further than that, and what it finds in the basis of the start can be far off. Where
-the fit does not settle from there, the search is made again, through a wider basis with a few
-motions at points around the start: nowhere exact, but good enough to find the basin by
-(benchmarks/accuracy.py --tier reduced).
+A search moves further, and its result in the basis of the start can be inaccurate. Where the fit
+does not converge from there, the search is repeated in a wider basis with vectors from points
+around the start: nowhere exact, but accurate enough to find the basin (benchmarks/accuracy.py
+--tier reduced).
 """
 
 from __future__ import annotations
@@ -39,19 +39,26 @@ _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
 _DOFS, _LINES = 20_000, 40
-#: A fit may go so far from the point of its basis (logarithms of factors; loss factors, those or
-#: half their value), and make so many steps while it has not yet arrived.
-_LEASH, _LOSS, _BRIEF = 0.2, 0.05, 12
+#: Trust radius of a basis for logarithms of factors.
+_TRUST_RADIUS = 0.2
+#: Trust radius for loss factors: this, or half their value if that is larger.
+_LOSS_RADIUS = 0.05
+#: Largest number of steps of a round that leaves the trust radius.
+_MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
-#: A basis from within this share of that is enriched; from further off a new one is smaller.
+#: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
 _NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
-#: A second search looks through motions at so many further points, so far from the start in the
-#: logarithms of factors, at no more than so many lines; unless that makes a basis that is too large
-#: to search in.
-_POINTS, _AWAY, _SEARCHED, _WIDEST = 8, 0.8, 200, 450
-#: So many DOFs without a sensor are kept track of, for advice.
+#: Points about the start that add vectors to the basis of a second search.
+_POINTS = 8
+#: Their distance from the start, in logarithms of factors.
+_AWAY = 0.8
+#: Largest number of lines of a second search.
+_SEARCHED = 200
+#: Largest size of the basis of a second search.
+_WIDEST = 450
+#: Number of DOFs without a sensor whose error counts too, for the experiment advice.
 _ELSEWHERE = 200
 
 
@@ -141,7 +148,7 @@ class _Part:
 
 @dataclass(slots=True, eq=False)
 class Reducing:
-    """The reduced models of a run, one after the other; of several tests, one of each at a time.
+    """The reduced models of a run, one for each test, renewed as the fit moves.
 
     Parameters
     ----------
@@ -152,13 +159,13 @@ class Reducing:
 
     Attributes
     ----------
-    proved : bool
-        Whether the latest proof is about the point where the fit ended.
+    certified : bool
+        Whether the latest certificate is that of the point where the fit ended.
     """
 
     exact: Problem
     accuracy: float
-    proved: bool = field(default=False, init=False)
+    certified: bool = field(default=False, init=False)
     _parts: list[_Part] = field(init=False)
     _x: _Vector = field(init=False)
     _made: int = field(default=0, init=False)
@@ -177,17 +184,17 @@ class Reducing:
 
     @property
     def error(self) -> float | None:
-        """The largest error of the latest proofs."""
+        """The largest error of the latest certificates."""
         found = [part.certificate.error for part in self._parts if part.certificate is not None]
         return max(found) if found else None
 
     def restart(self, exact: Problem) -> None:
-        """Forget what was made, for the same problem with other starts."""
+        """Discard the reduced models, for the same problem with other starts."""
         self.exact = exact
         self.__post_init__()
 
     def begin(self) -> None:
-        """Make the reduced model of the start.
+        """Build the reduced models of the start.
 
         Raises
         ------
@@ -260,7 +267,7 @@ class Reducing:
         return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
 
     def _around(self, problem: Problem) -> Problem:
-        """Return a problem with reduced models that hold, roughly, around the start."""
+        """Return a problem with reduced models that hold approximately around the start."""
         far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
         points = np.clip(
             scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds
@@ -294,7 +301,10 @@ class Reducing:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
                 boxed = problem.with_box(box)
-                before, steps = len(monitor.history), left if near else min(left, _BRIEF)
+                before, steps = (
+                    len(monitor.history),
+                    left if near else min(left, _MAX_STEPS_PER_ROUND),
+                )
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 left = max(left - (len(monitor.history) - before), 0)
                 near, x, ready = not _outside(fit.x, box), fit.x, False
@@ -304,14 +314,14 @@ class Reducing:
                     with monitor.stage("reduce"):
                         if left == 0 or _outside(x, self._box(_NEAR)):
                             self._check(x)
-                        else:  # one factorisation proves the basis, or mends it
-                            ready = self._mend(x)
-                    if self.proved or left == 0:
+                        else:  # one factorisation certifies the basis, or enriches it
+                            ready = self._enrich_or_certify(x)
+                    if self.certified or left == 0:
                         break
             else:
                 with monitor.stage("reduce"):
                     self._check(x)
-        except Stopped:  # the values are kept, without their proof
+        except Stopped:  # the values are kept, without a certificate
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
@@ -325,17 +335,18 @@ class Reducing:
         return self._home
 
     def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
-        """Return how far the unknowns may go in this basis."""
+        """Return the box of the trust radius about the point of the basis."""
         factor = self.exact.coordinates.parameters.is_factor
-        leash = share * np.where(factor, _LEASH, np.maximum(_LOSS, 0.5 * np.abs(self._x)))
-        return self._x - leash, self._x + leash
+        loss = np.maximum(_LOSS_RADIUS, 0.5 * np.abs(self._x))
+        radius = share * np.where(factor, _TRUST_RADIUS, loss)
+        return self._x - radius, self._x + radius
 
     def _noted(self, fit: Fit) -> Fit:
         error = self.error
-        if error is None or self.proved or fit.reason in ("stopped", "failed"):
+        if error is None or self.certified or fit.reason in ("stopped", "failed"):
             return fit
         note = (
-            "The reduced model could not be proved where the fit ended: its error there may be"
+            "The reduced model could not be certified where the fit ended: its error there may be"
             f" {error:.1g} of the largest receptance of a line, not {self.accuracy:g}."
         )
         reason = "max-iterations" if fit.reason == "converged" else fit.reason
@@ -354,7 +365,7 @@ class Reducing:
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
             "error": (
-                max(c.error for c in found) if self.proved else "not checked where the fit ended"
+                max(c.error for c in found) if self.certified else "not checked where the fit ended"
             ),
             "lines checked": sum(len(c.lines) for c in found),
             "factorisations": sum(c.factorisations for c in found),
@@ -362,7 +373,7 @@ class Reducing:
         }
 
     def _make(self, x: _Vector) -> None:
-        """Make reduced models at x: good as a rule, but not proved."""
+        """Build reduced models at x, not certified."""
         for part in self._parts:
             part.build(x)
         self._use(x)
@@ -373,7 +384,7 @@ class Reducing:
             part.certify(x, enrich=True)
         self._use(x)
 
-    def _mend(self, x: _Vector) -> bool:
+    def _enrich_or_certify(self, x: _Vector) -> bool:
         """Add what the bases lack at x, and return whether that was anything; else certify them."""
         before = [part.reduction.basis.size for part in self._parts]
         for part in self._parts:
@@ -382,12 +393,12 @@ class Reducing:
             self._use(x)
             return True
         error = self.error
-        self.proved = error is not None and error <= self.accuracy
+        self.certified = error is not None and error <= self.accuracy
         return False
 
     def _use(self, x: _Vector) -> None:
         self._made += 1
-        self._x, self.proved = x, False
+        self._x, self.certified = x, False
         for part in self._parts:
             part.solver = part.reduction.solver(f"reduced {self._made}")
 
@@ -395,11 +406,11 @@ class Reducing:
         for part in self._parts:
             part.certify(x, enrich=False)
         error = self.error
-        self.proved = error is not None and error <= self.accuracy
+        self.certified = error is not None and error <= self.accuracy
 
 
 def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
-    """Return, for the record, who solved what the backend could not; nothing where it always could.
+    """Return the record of solves by another backend than the chosen one; empty without any.
 
     Parameters
     ----------
@@ -418,6 +429,6 @@ def _log_cost(problem: Problem, x: _Vector) -> float:
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:
-    """Whether a point lies outside a box, or on one of its walls."""
+    """Whether a point lies outside a box, or on its boundary."""
     margin = 1e-6 * (box[1] - box[0])
     return bool(((x <= box[0] + margin) | (x >= box[1] - margin)).any())

@@ -267,7 +267,7 @@ class Misfit:
     alike : float
         Over how many lines it is alike: 1 for noise.
     chi_square_p, whiteness_p : float
-        How likely noise is to be as large, and as much alike from line to line; adjusted for the
+        How likely noise is to be as large, and as serially correlated; adjusted for the
         number of tests.
     kind : {"structure", "excess"}
         Alike from line to line, or only too large.
@@ -295,12 +295,12 @@ class Suspect:
         Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
         group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
-        Share of what is left beyond the noise that this one change would take away, by a step of
+        Share of the residual beyond the noise that this one change would remove, by a step of
         first order, all unknowns of the fit adapting to it. Errors that the channels cannot tell
         apart have nearly the same share.
     change : float
-        That step, which would cure it: of the logarithm of a factor, or of a loss factor. Its sign
-        can be trusted more than its size.
+        That step, which would remove it, of the logarithm of a factor or of a loss factor. Its sign
+        is more reliable than its size.
     energy : float
         Share of the energy of the error in the constitutive relations that lies in this matrix, at
         the worst places.
@@ -325,15 +325,15 @@ class Adequacy:
     Attributes
     ----------
     outcome : str
-        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, alike from line to line, or
+        One of `OUTCOMES`: ``"noise"``, nothing found; ``"structure"``, serially correlated, or
         explained by an error of the model; ``"excess"``, only larger than the noise; ``"exact"``,
         nothing left; ``"untested"``, too few values.
     verdict : str
         The same in a sentence or two.
     absolute : bool
         Whether the size of the noise is known from elsewhere. Where it was estimated from the
-        residual itself, the size of a misfit is told against the rest of the data; likeness from
-        line to line needs no size.
+        residual itself, the size of a misfit is compared with the rest of the data; serial
+        correlation needs no size.
     chi_square : float
         Squared misfit over that of the noise, per degree of freedom; near 1 by construction where
         not `absolute`.
@@ -465,15 +465,19 @@ def assess(
             verdict="The model answers the data exactly; nothing is left to test.",
         )
     if freedom <= 0 or n_values < 2:
-        text = "There are too few measured numbers to tell whether what is left is noise."
+        text = "There are too few measured numbers to test whether the residual is noise."
         return replace(found, verdict=text)
     against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
     large, white, families = _tested(square, count, white, against)
     found = replace(found, chi_square_p=large, whiteness_p=white)
     worst = _worst(found, whitened, freq, cut)
-    by_likeness = min([float(white.min()), *(p for p, of_likeness in families if of_likeness)])
-    p_value = min([by_likeness, float(large.min()), *(p for p, _ in families)])
-    outcome = "structure" if by_likeness <= level else "excess" if p_value <= level else "noise"
+    serial_p_value = min([float(white.min()), *(p for p, serial in families if serial)])
+    p_value = min([serial_p_value, float(large.min()), *(p for p, _ in families)])
+    outcome = "noise"
+    if serial_p_value <= level:
+        outcome = "structure"
+    elif p_value <= level:
+        outcome = "excess"
     found = replace(
         found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ()
     )
@@ -484,7 +488,7 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """Return the assessment with what would explain it, said in its verdict.
 
     What an error of the model explains is structure, though the lines may lie too far apart for it
-    to look alike.
+    to be serially correlated.
 
     Parameters
     ----------
@@ -644,25 +648,24 @@ def _place(
 def _words(found: Adequacy) -> str:
     if found.outcome == "noise":
         known = "" if found.absolute else ", whose size was taken from it"
-        return f"What is left cannot be told from noise{known}."
+        return f"The residual cannot be distinguished from noise{known}."
     first = found.worst[0]
     where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
-    size = (
-        f"misfit {first.misfit:.2g} times {'the noise' if found.absolute else 'the typical misfit'}"
-    )
+    unit = "the noise" if found.absolute else "the typical misfit"
+    size = f"misfit {first.misfit:.2g} times {unit}"
     number = int(np.sum(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level))
     if number == 0:
-        how = "alike from line to line" if found.outcome == "structure" else "larger than the noise"
-        return f"What is left is {how} over many channels, though none stands out; most in {where}."
-    over = (
-        f"alike over {first.alike:.0f} lines"
-        if first.kind == "structure"
-        else "not alike from line to line"
-    )
-    start = (
-        "The model cannot explain"
-        if found.outcome == "structure"
-        else "More noise than expected, or outliers, in"
-    )
-    more = f"; and {number - 1} more place{'s' if number > 2 else ''}" if number > 1 else ""
+        how = "larger than the noise"
+        if found.outcome == "structure":
+            how = "serially correlated"
+        return f"The residual is {how} over many channels, though none stands out; most in {where}."
+    start = "More noise than expected, or outliers, in"
+    if found.outcome == "structure":
+        start = "The model cannot explain"
+    over = "not serially correlated"
+    if first.kind == "structure":
+        over = f"serially correlated over {first.alike:.0f} lines"
+    more = ""
+    if number > 1:
+        more = f"; and {number - 1} more place{'s' if number > 2 else ''}"
     return f"{start} {where}: {size}, {over}{more}."

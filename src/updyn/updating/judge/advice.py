@@ -28,7 +28,7 @@ _NOISY = 1e-3
 
 
 def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: float = 0.0) -> str:
-    """Say in words what is open and what would cure it.
+    """Return the undetermined combinations and what would determine them, in sentences.
 
     Parameters
     ----------
@@ -58,7 +58,9 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
         return ""
     parts = []
     silent = [
-        n for n, d in zip(names, np.linalg.norm(analysis.open, axis=1), strict=True) if d > 1 - 1e-6
+        n
+        for n, d in zip(names, np.linalg.norm(analysis.null_space, axis=1), strict=True)
+        if d > 1 - 1e-6
     ]
     if silent:
         parts.append(f"The data do not see {_list(silent)} at all.")
@@ -74,7 +76,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
             f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}."
         )
     if len(parts) == bool(silent):
-        k = analysis.open.shape[1]
+        k = analysis.null_space.shape[1]
         parts.append("No single further line or sensor on this model would determine all unknowns.")
         if noise > _NOISY:
             parts.append(
@@ -123,7 +125,7 @@ def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[
     low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
     candidates = replace(part, frf=_blank(part, lines))
-    items = [(x, analysis.open, block) for block in candidates.partition()]
+    items = [(x, analysis.null_space, block) for block in candidates.partition()]
     try:
         seen = np.concatenate(list(candidates.each(_seen_at_lines, items)))
     except SolverError:
@@ -160,7 +162,7 @@ def _best_sensor(
     except SolverError:
         return None
     H, dH = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts], axis=1)
-    seen = [_sees(dH[:, :, i], H[:, i], analysis.open) for i in range(len(others))]
+    seen = [_sees(dH[:, :, i], H[:, i], analysis.null_space) for i in range(len(others))]
     best = int(np.argmax(seen))
     return str(system.dofs[int(others[best])]), seen[best]
 

@@ -55,7 +55,7 @@ class Judgement:
     covariance : ndarray of float, shape (n, n)
         Of the values, from data and priors; inf for unknowns that both leave open.
     advice : str
-        What would cure open unknowns.
+        Experiment advice on undetermined unknowns.
     misfit : float
         Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
     at_bound : dict of str to str
@@ -64,7 +64,7 @@ class Judgement:
         For each part of the problem, figures of agreement before and after; empty where they are
         not known.
     adequacy : tuple of Adequacy or None
-        For each part, whether what is left is noise; None where it is not known, or rounding is
+        For each part, whether the residual is noise; None where it is not known, or rounding is
         seen.
     rounding : Rounding or None
         Where rounding moves the model's answer by what matters.
@@ -125,8 +125,8 @@ def judge(
     else:
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
         misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
-        if fit.cure and not analysis.report.complete:
-            advice = fit.cure
+        if fit.advice and not analysis.report.complete:
+            advice = fit.advice
         else:
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
     solvers = firsts or [part.solver for part in problem.parts]

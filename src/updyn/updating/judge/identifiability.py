@@ -27,17 +27,17 @@ class Analysis:
     ----------
     report : Identifiability
         For the user.
-    open : ndarray of float, shape (n, k)
-        Orthonormal basis of the open directions, in the optimiser's coordinates.
+    null_space : ndarray of float, shape (n, k)
+        Orthonormal basis of the undetermined directions, in the optimiser's coordinates.
     covariance : ndarray of float, shape (n, n)
         Of the optimiser's coordinates, over the directions that are not open by arithmetic.
     involved : ndarray of bool, shape (n,)
-        Unknowns that are left open: they take part in a direction that is open by arithmetic, or
-        lead one that is open by noise.
+        Undetermined unknowns: they take part in a direction that arithmetic does not determine,
+        or lead one that noise does not.
     """
 
     report: Identifiability
-    open: _Matrix
+    null_space: _Matrix
     covariance: _Matrix
     involved: NDArray[np.bool_]
 
@@ -62,8 +62,8 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
 
     Notes
     -----
-    Two things make a direction open: arithmetic (a singular value of the Jacobian with unit columns
-    below `RANK_TOLERANCE`), and noise (a standard deviation along it above `WIDEST`). The
+    A direction is undetermined by arithmetic (a singular value of the Jacobian with unit columns
+    below `RANK_TOLERANCE`) or by noise (a standard deviation along it above `WIDEST`). The
     collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
     all unknowns together.
     """
@@ -75,7 +75,7 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
         n_parameters=n,
         condition=1.0 / smallest if found.full_rank else np.inf,
         singular_values=tuple(float(v) for v in s),
-        null_directions=[_words(d, names) for d in _readable(found.null_space)],
+        null_directions=[_weights(d, names) for d in _readable(found.null_space)],
         determined_directions=_determined(found.null_space, found.involved, names),
         collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
         advice=advice,
@@ -93,19 +93,19 @@ def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
     return [d / d[np.argmax(np.abs(d))] for d in reduced]
 
 
-def _words(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
+def _weights(direction: NDArray[np.float64], names: list[str]) -> dict[str, float]:
     return {name: float(w) for name, w in zip(names, direction, strict=True) if abs(w) > VISIBLE}
 
 
 def _determined(
-    blind: _Matrix, involved: NDArray[np.bool_], names: list[str]
+    null_space: _Matrix, involved: NDArray[np.bool_], names: list[str]
 ) -> list[dict[str, float]]:
     """Return the combinations of the involved unknowns that are constant along the null space."""
-    k = blind.shape[1]
+    k = null_space.shape[1]
     if k == 0:
         return []
-    pivots = scipy.linalg.qr(blind.T, mode="r", pivoting=True)[1][:k]
-    share = np.linalg.solve(blind[pivots].T, blind.T).T
+    pivots = scipy.linalg.qr(null_space.T, mode="r", pivoting=True)[1][:k]
+    share = np.linalg.solve(null_space[pivots].T, null_space.T).T
     out = []
     for i in np.flatnonzero(involved):
         if i in pivots:

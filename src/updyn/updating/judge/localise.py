@@ -119,7 +119,7 @@ def localise(
         For each part, the residual there over its standard deviation; NaN for what is not there.
     beyond : float or None
         How much of the sum of squares the noise does not explain; None: not known, and told from
-        how much is alike from line to line.
+        its serial correlation.
 
     Returns
     -------

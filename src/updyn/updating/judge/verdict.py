@@ -14,7 +14,7 @@ from updyn.updating.judge.rounding import REMEDY, Rounding
 __all__ = ["verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
-_ALIKE = 3.0
+_CORRELATED = 3.0
 #: A standard deviation (of a logarithm for a factor, of the value for a loss factor) that is called
 #: weak.
 _WEAK = 0.3
@@ -37,7 +37,7 @@ def verdict(
     adequacy: Mapping[str, Adequacy | None] | None = None,
     rounding: Rounding | None = None,
 ) -> tuple[str, str, str]:
-    """Say how a fit ended.
+    """Return status, message and remedy of a fit.
 
     Parameters
     ----------
@@ -48,11 +48,11 @@ def verdict(
     names : list of str
         The unknowns.
     advice : str
-        What would cure open unknowns.
+        Experiment advice on undetermined unknowns.
     misfit : float
         Median of |H - H_X| / |H_X|.
     adequacy : mapping of str to Adequacy, optional
-        Whether what is left is noise, by the names of the tests.
+        Whether the residual is noise, by the names of the tests.
     rounding : Rounding, optional
         Where rounding is seen in the model's answer.
 
@@ -63,15 +63,15 @@ def verdict(
     """
     status, message, remedy = _ended(fit, analysis, names, advice, misfit)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
-        told = {
-            k: a
-            for k, a in (adequacy or {}).items()
-            if a is not None and a.outcome in ("structure", "excess")
-        }
-        for name, found in told.items():
-            message += f" {f'Test {name!r}: ' if name else ''}{found.verdict}"
-        if status == "converged" and told:
-            remedy = f"{_free(list(told.values()))} {remedy or _LOOK}".strip()
+        inadequate = []
+        for name, found in (adequacy or {}).items():
+            if found is None or found.outcome not in ("structure", "excess"):
+                continue
+            test = f"Test {name!r}: " if name else ""
+            message += f" {test}{found.verdict}"
+            inadequate.append(found)
+        if status == "converged" and inadequate:
+            remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
     if rounding is not None:
         message = f"{message} {rounding.message}"
         remedy = REMEDY if status in ("converged", "stalled") else f"{remedy} {REMEDY}".strip()
@@ -105,16 +105,16 @@ def _ended(
         message = "The largest number of steps was reached before convergence."
         if analysis.report.complete:
             return "max-iterations", message, "Raise max_iterations."
-        return "max-iterations", f"{message} Besides, {_open(analysis, names)}", advice
+        return "max-iterations", f"{message} Besides, {_undetermined(analysis, names)}", advice
     if not analysis.report.complete:
-        return "not-identifiable", f"The fit ended, but {_open(analysis, names)}", advice
+        return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
     if fit.reason == "stalled":
         message = "No step lowers the misfit although its gradient is not zero."
         return "stalled", message, "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)
 
 
-def _open(analysis: Analysis, names: list[str]) -> str:
+def _undetermined(analysis: Analysis, names: list[str]) -> str:
     report = analysis.report
     involved = [n for n, i in zip(names, analysis.involved, strict=True) if i]
     blind = np.isinf(report.condition)
@@ -135,10 +135,11 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
     # Of several tests: the same for all but the kind of their noise.
     noise = fit.noise[0] if fit.noise else {}
     length = float(noise.get("correlation_length", 1.0))
-    if length > _ALIKE:
+    if length > _CORRELATED:
         message += (
-            f" What is left is alike over about {length:.0f} neighbouring lines: model error rather"
-            f" than noise; the standard deviations were widened {np.sqrt(length):.2g} times for it."
+            f" The residual is serially correlated over about {length:.0f} lines: model error"
+            f" rather than noise; the standard deviations were widened {np.sqrt(length):.2g} times"
+            " for it."
         )
     known = ("stated", "variance", "coherence")
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):

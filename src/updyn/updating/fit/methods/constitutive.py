@@ -133,7 +133,8 @@ class ConstitutiveError(LineResidual):
         Z u - W lambda = f,    Z^H lambda = -G Pi^T (Pi u - h_X).
 
     With P = Z^-1 Pi^T and S = P^T W conj(P) the misfit of the model's own h is
-    h - h_X = (1 + S G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives use adjoint fields: P and
+    h - h_X = (1 + S G) d, and E = 1/2 (h - h_X)^H (S + 1/G)^-1 (h - h_X). Derivatives use adjoint
+    fields: P and
     Y = Z^-1 W conj(P) serve all unknowns, S' = P^T W' conj(P) - P^T Z' Y - (P^T Z' Y)^H, and
     dr = L^-1 (h' - 1/2 S' (S + 1/G)^-1 (h - h_X)) up to a rotation that changes neither E nor its
     derivatives.

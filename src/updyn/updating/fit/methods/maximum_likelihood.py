@@ -153,8 +153,8 @@ class MaximumLikelihood(Method):
         )
         length = known.get("correlation_length", 1.0)
         # More misfit than the noise explains widens the error bars; less of it narrows them only
-        # where the scale of the noise was not known. Misfit that is alike from line to line holds
-        # less information than independent noise.
+        # where the scale of the noise was not known. A serially correlated misfit holds less
+        # information than independent noise.
         scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
         inflation = float(np.sqrt(scale * length))
         record = {

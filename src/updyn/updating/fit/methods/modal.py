@@ -37,7 +37,7 @@ _Vector = NDArray[np.float64]
 
 #: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
 _ASSUMED = 0.01
-_CURE = (
+_ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
     " or sensors that tell their shapes; or fit the FRFs with the default method, whose level shows"
     " both."
@@ -167,7 +167,7 @@ class ModalMethod(Method):
                 f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
             )
         unit = sigma if sigma > 0 else 1.0
-        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), cure=_CURE)
+        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), advice=_ADVICE)
 
     def _check_unknowns(self, problem: Problem) -> None:
         unseen = [
