@@ -1,12 +1,13 @@
 """A spring chain updated from noisy FRFs: maximum likelihood against the paper's equation error.
 
-The equation error stands H_X on both sides of its equation (Z_red H_X = I), so that noise does not
-average out but biases the estimate: with ten times the lines its error bars shrink and its error
-stays. Maximum likelihood compares H_X with the model's H_A, weighted with the noise, and its error
-falls as the square root of the number of lines.
+The measured H_X multiplies the unknowns in the equation error (Z_red H_X = I), so that noise does
+not average out but biases the estimate: with ten times the frequency lines its error bars shrink
+and its error stays. Maximum likelihood compares H_X with the model's H_A, weighted with the noise,
+and its error falls as the square root of the number of lines.
 
 Run it with ``python examples/noise_bias.py``; it prints the largest error of any stiffness or mass
-factor."""
+factor.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ def measure(model: updyn.Model, n_lines: int, seed: int) -> updyn.FRF:
 
 
 def worst(result: updyn.UpdateResult, quantities: tuple[str, ...]) -> tuple[float, float]:
-    """Return the largest error over the true value, and the largest error over its standard deviation."""
+    """Return the largest relative error, and the largest error in standard deviations."""
     error, in_std = [], []
     for p in result.parameters:
         if p.quantity in quantities:

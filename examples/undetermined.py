@@ -1,9 +1,9 @@
-"""An undetermined case, and its cure: two springs in series with no sensor between them.
+"""An undetermined case, and two ways to determine it: springs in series, no sensor between them.
 
 A flange couples two shafts and is too light to matter. Whatever is measured on the shafts sees only
 the sum of the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes
-softer. updyn says so, names the combination that is open and the one that is determined, and says
-what would cure it. Here a sensor on the flange, or one spring known from elsewhere.
+softer. updyn names the undetermined combination and the determined one, and advises what to
+measure. Two remedies are shown: a sensor on the flange, and one spring known from a static test.
 
 Run it with ``python examples/undetermined.py``.
 """
@@ -52,7 +52,7 @@ def measure(model: updyn.Model, responses: list[str]) -> updyn.FRF:
 
 
 def show(title: str, result: updyn.UpdateResult) -> None:
-    """Print what matters of a result."""
+    """Print status, values, combinations and advice of a result."""
     ident = result.identifiability
     print(f"{title}\n  status: {result.status}, rank {ident.rank} of {ident.n_parameters}")
     for name, value in result.values.items():
@@ -65,7 +65,7 @@ def show(title: str, result: updyn.UpdateResult) -> None:
 
 
 def main() -> None:
-    """Show the open combination, then two cures."""
+    """Show the undetermined combination, then two remedies."""
     model = drive()
     both = updyn.parameters(model, stiffness=["coupling*"])
 
@@ -73,11 +73,9 @@ def main() -> None:
     show("Sensors on motor and load", shafts)
     assert shafts.status == "not-identifiable"
     assert shafts.identifiability.rank == 1
-    # What is determined comes out right all the same: the sum of the compliances.
-    k1, k2 = (
-        2000.0 * shafts.values["coupling 1.stiffness"],
-        3000.0 * shafts.values["coupling 2.stiffness"],
-    )
+    # The determined combination, the sum of the compliances, is right all the same.
+    k1 = 2000.0 * shafts.values["coupling 1.stiffness"]
+    k2 = 3000.0 * shafts.values["coupling 2.stiffness"]
     compliance = 1.0 / k1 + 1.0 / k2
     true = 1.0 / (2000.0 * 0.7) + 1.0 / (3000.0 * 1.2)
     print(f"  1/k1 + 1/k2 is {compliance:.4g} rad/(N m), true {true:.4g}\n")
