@@ -240,7 +240,7 @@ class DofSet(Sequence[Dof]):
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a DofSet cannot be changed: {name!r} is read-only")
 
-    # -- a sequence of Dof ---------------------------------------------------------------------------------
+    # -- a sequence of Dof ---------------------------------------------------------------------
     def __len__(self) -> int:
         return len(self.nodes)
 
@@ -279,7 +279,7 @@ class DofSet(Sequence[Dof]):
     def __reduce__(self) -> tuple[Any, ...]:
         return DofSet.from_arrays, (self.nodes, self.axes, self.signs)
 
-    # -- what one asks of it -------------------------------------------------------------------------------
+    # -- labels, matching, complement ----------------------------------------------------------
     @property
     def labels(self) -> list[str]:
         """The labels, in order."""

@@ -1,4 +1,4 @@
-"""`FRF`: frequency response functions with the DOFs, the quantity and the confidence that belong to them."""
+"""`FRF`: frequency response functions with DOFs, quantity, coherence and variance."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ class FRF:
     def __reduce__(self) -> tuple[Any, ...]:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # arrays come back read-only
 
-    # -- conversion ----------------------------------------------------------------------------------------
+    # -- conversion ----------------------------------------------------------------------------
     def converted(self, quantity: str) -> FRF:
         """Return the same measurement as another quantity.
 
@@ -228,7 +228,7 @@ class FRF:
         variance = None if self.variance is None else self.variance * np.abs(factor) ** 2
         return replace(self, values=self.values * factor, variance=variance, quantity=quantity)
 
-    # -- selection -----------------------------------------------------------------------------------------
+    # -- selection -----------------------------------------------------------------------------
     def select(
         self,
         *,
@@ -340,9 +340,9 @@ class FRF:
             raise DataError(f"line {self.freq[at[:-1][np.diff(at) == 0][0]]:g} Hz is named twice")
         return at
 
-    # -- xarray --------------------------------------------------------------------------------------------
+    # -- xarray --------------------------------------------------------------------------------
     def to_xarray(self) -> xr.Dataset:
-        """Return an `xarray.Dataset` with dimensions ``freq`` (Hz), ``response`` and ``reference`` (labels).
+        """Return an `xarray.Dataset` over ``freq`` (Hz), ``response`` and ``reference`` (labels).
 
         Returns
         -------
@@ -407,8 +407,8 @@ class FRF:
         said = data.attrs.get("quantity")
         if said is None and quantity is None:
             raise DataError(
-                "the dataset does not say what it measured: give quantity='receptance', 'mobility' or"
-                " 'accelerance'"
+                "the dataset does not say what it measured: give quantity='receptance', 'mobility'"
+                " or 'accelerance'"
             )
         if said is not None and quantity is not None and said != quantity:
             raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
@@ -438,7 +438,7 @@ class FRF:
 
 
 def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
-    """Return a copy of `given` as `dtype`; texts, truth values, masks and lost imaginary parts are refused."""
+    """Return a copy as `dtype`; refuse texts, booleans, masks and lost imaginary parts."""
     try:
         array = np.asarray(given)
     except ValueError as error:

@@ -171,7 +171,7 @@ class Group:
 
     @property
     def damping(self) -> dict[str, Any]:
-        """All damping but the viscous matrix, by name, as `Group` takes it; what is not there is left out."""
+        """The damping without the viscous matrix, by name, as `Group` takes it."""
         out: dict[str, Any] = {"loss_factor": self.loss_factor}
         out |= {
             name: value
@@ -196,7 +196,7 @@ class Group:
         return ", ".join(said)
 
     def has(self, quantity: str) -> bool:
-        """Return whether a quantity can change in the group: whether the matrix that it acts on is there.
+        """Return whether the group has the matrix that a quantity acts on.
 
         Parameters
         ----------
@@ -257,7 +257,7 @@ class Group:
         return self.loss_factor * float(self.loss_table.at(np.array([freq]), name)[0])
 
     def viscous_part(self) -> Matrix | None:
-        """Return the group's part of C1: its viscous matrix, alpha M and beta K; None where there is none."""
+        """Return the viscous matrix plus alpha M plus beta K; None where there is none."""
         shares = (
             (self.viscous, 1.0),
             (self.mass, self.mass_damping),
@@ -383,7 +383,7 @@ def read_only(matrix: Matrix) -> Matrix:
 
 
 def _symmetric(given: ArrayLike | Any, name: str) -> Matrix:
-    """Return `given` as a read-only canonical CSR array, after checking that it is real, finite and symmetric."""
+    """Return a read-only canonical CSR array, checked to be real, finite and symmetric."""
     array: Any = given
     if not sp.issparse(given):
         if np.ma.is_masked(given):
@@ -431,7 +431,7 @@ _TABLE_ROUNDING = 1e-10
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class LossTable:
-    """The course of a loss factor over frequency, relative to its value: linear between lines, nothing outside them.
+    """A loss factor over frequency, relative to its value: linear between lines, none outside.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """`Model`: a finite-element model as a sum of named groups, immutable and affine in its unknowns.
 
-The dynamic stiffness of a model is (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2 of eq. 1)::
+The dynamic stiffness of a model is (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2 of
+eq. 1)::
 
     Z(omega) = sum over groups of  (1 + i gamma) K + i omega C - omega^2 M
 
@@ -186,12 +187,12 @@ class Model:
 
     @property
     def viscous(self) -> Matrix:
-        """C1, shape (N, N), real: the sum of the groups' viscous damping, that in proportion to M and K included."""
+        """C1, shape (N, N), real: the viscous damping of all groups, Rayleigh damping included."""
         return self._sum(g.viscous_part() for g in self.groups.values())
 
     @property
     def structural(self) -> Matrix:
-        """D, shape (N, N), real: the sum of loss factor times stiffness, imaginary part of the stiffness.
+        """D, shape (N, N), real: the sum of loss factor times stiffness over all groups.
 
         Raises
         ------
@@ -298,7 +299,7 @@ class Model:
         return Model(groups, self.dofs, self.geometry, self.title)
 
     def with_damping(self, damping: Mapping[str, Mapping[str, Any]]) -> Model:
-        """Return a copy with other damping, to begin with: of a deck that has none, or the course of a loss factor.
+        """Return a copy with other damping, such as for a model from a deck without damping.
 
         Parameters
         ----------

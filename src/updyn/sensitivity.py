@@ -1,4 +1,4 @@
-"""Exact derivatives of the receptance and of the condensed dynamic stiffness with respect to the unknowns.
+"""Exact derivatives of receptance and condensed dynamic stiffness by the unknowns.
 
 Derivatives act on coefficients only. With full fields u_j = Z^-1 e_j and v_i = Z^-1 e_i (the same
 solves serve both, as Z is symmetric), dH_ij/dp = -v_i^T Z'_p u_j; with the condensation matrix T,
@@ -65,7 +65,7 @@ class Unknowns:
 
     @classmethod
     def find(cls, system: AffineSystem, parameters: Iterable[Parameter]) -> Unknowns:
-        """Look the unknowns up in a compiled model. What is not in it has no drive there, and no derivative.
+        """Find the terms of a compiled model that the unknowns act on.
 
         Parameters
         ----------
@@ -269,7 +269,7 @@ def condensed_product(
 
 
 def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return each DOF once, in the order of its first appearance, and where each of `dofs` stands there."""
+    """Return each DOF once, in order of first appearance, and the position of each of `dofs`."""
     _, first, place = np.unique(dofs, return_index=True, return_inverse=True)
     order = np.argsort(first)
     return dofs[first[order]], np.argsort(order)[place]

@@ -228,8 +228,8 @@ def test_check_says_3_where_the_data_leave_something_open(
     assert main(["check", str(write(chain_folder, OPEN))]) == 3
     out = capsys.readouterr().out
     assert "of 4 unknowns" in out
-    assert "open combination 1: " in out
-    assert ".stiffness" in out.split("open combination 1: ")[1]
+    assert "undetermined combination 1: " in out
+    assert ".stiffness" in out.split("undetermined combination 1: ")[1]
 
 
 def test_correlate_agrees_with_the_library(

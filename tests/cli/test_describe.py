@@ -79,7 +79,7 @@ def test_open_combinations_are_named_largest_weight_first() -> None:
     )
     assert describe_identifiability(found).splitlines() == [
         "The data determine 2 of 3 unknowns (condition inf, collinearity index 2e+09).",
-        "  open combination 1: -1 b.mass, +0.2 a.mass",
+        "  undetermined combination 1: -1 b.mass, +0.2 a.mass",
         "Measure b.",
     ]
 

@@ -23,7 +23,7 @@ HEAVY = [
     "plotly",
     "matplotlib",
 ]
-HEAVY += ["joblib", "dask", "distributed", "mkl"]
+HEAVY += ["jinja2", "joblib", "dask", "distributed", "mkl"]
 
 #: What a script that reads no file needs; each is loaded with the package before the weight is
 #: looked at.

@@ -346,7 +346,7 @@ def test_outputs_appear_only_when_all_are_written(
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device", "result.json")
 
-    monkeypatch.setattr("updyn.store.result.write_result_json", fail)
+    monkeypatch.setattr("updyn.job.run.write_result_json", fail)
     with pytest.raises(OSError, match="No space left"):
         run_job(job_at(folder, method="max_iterations = 1"), out)
     assert {p.name: p.read_bytes() for p in out.iterdir() if p.name != "run.journal"} == before

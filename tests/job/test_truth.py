@@ -69,7 +69,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
         (
             "a.toml",
             '"part 1.stiffness" = 0.8\n["part 1"]\nstiffness = 0.9',
-            "'part 1.stiffness' stands twice",
+            "'part 1.stiffness' occurs twice",
         ),
         ("a.toml", "stiffness 0.8", "not TOML"),
         ("a.toml", "", "holds no true value"),

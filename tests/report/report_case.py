@@ -81,7 +81,7 @@ def figures(frac, db):
 
 
 def realistic(**changes):
-    """A result that settled with one open combination, one response and one band held out, one unknown at a bound."""
+    """A result that settled with one undetermined combination, one response and one band held out, one unknown at a bound."""
     start = chain(title="chain")
     truth = {
         "bay 2": {"stiffness": 0.72, "loss_factor": 0.03},

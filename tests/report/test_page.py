@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import re
+import sys
 from html.parser import HTMLParser
 from importlib import resources
 
@@ -16,9 +17,8 @@ from report_case import chain, largest, measured, realistic, smallest
 import updyn
 from updyn.errors import FormatError, OptionError
 from updyn.model import Group, Model
-from updyn.report.markup import figure, paragraph
 from updyn.report.page import POLICY, render
-from updyn.report.section import SECTIONS, Content, Section, sections_of
+from updyn.report.section import SECTIONS, Content, sections_of
 from updyn.report.templates import asset
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Parameter, ParameterSet
@@ -306,28 +306,40 @@ def test_written_whole_or_not_at_all(tmp_path):
         updyn.write_report(realistic(), tmp_path / "nowhere" / "report.html")
 
 
-class Mounts(Section):
-    """A section from outside the package."""
+OUTSIDE = """from updyn.report.section import Section
 
+
+class Mounts(Section):
     anchor, name, heading, place = "mounts", "Mounts", "Mounts <of> rubber", 450
+    template = "outside/mounts.html"
 
     def figures(self, content):
         return {"mounts": {"data": [], "layout": {}, "height": 100}}
 
-    def body(self, content, figures):
-        found = content.further["mounts"]
-        return paragraph(f"{len(found)} <mounts> at {content.result.title}") + figure(
-            "mounts", "Mounts", "", height=figures["mounts"]["height"]
-        )
-
-
-@pytest.fixture
-def with_mounts(monkeypatch):
-    monkeypatch.setattr(SECTIONS, "_entries", dict(SECTIONS._entries))
-    SECTIONS.register("mounts.table", f"{__name__}:MOUNTS")
+    def context(self, content):
+        return {"mounts": content.further["mounts"], "title": content.result.title}
 
 
 MOUNTS = Mounts()
+"""
+TEMPLATE = """{% from "updyn.report/macros.html" import figure with context %}
+<p>{{ mounts | length }} {{ "<mounts>" }} at {{ title }}</p>
+{{ figure("mounts", "Mounts") }}
+"""
+
+
+@pytest.fixture
+def with_mounts(monkeypatch, tmp_path_factory):
+    """A section of another package, with its template, registered by name."""
+    folder = tmp_path_factory.mktemp("packages")
+    (folder / "outside" / "templates").mkdir(parents=True)
+    (folder / "outside" / "__init__.py").write_text(OUTSIDE)
+    (folder / "outside" / "templates" / "mounts.html").write_text(TEMPLATE)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr(SECTIONS, "_entries", dict(SECTIONS._entries))
+    SECTIONS.register("mounts.table", "outside:MOUNTS")
+    yield
+    sys.modules.pop("outside", None)
 
 
 def test_a_section_from_outside_shows_its_object(with_mounts, tmp_path):

@@ -307,7 +307,7 @@ def test_backlash_is_that_of_the_library(made, parts):
     inside = np.interp(time, found.simulation.time, found.simulation.reading)
     np.testing.assert_allclose(twist, inside, atol=2e-4 * np.abs(inside).max())
     text = parts[0]["servo"]
-    assert "Backlash in &#x27;rim&#x27;, 0.004 rad at 2:RZ" in text
+    assert "Backlash in &#39;rim&#39;, 0.004 rad at 2:RZ" in text
     record = control_record(plant_result)["nonlinear"][0]
     assert record["law"]["gap"] == 0.004
     assert len(record["cycles"]) == len(cycles)

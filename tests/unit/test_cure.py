@@ -91,7 +91,7 @@ def test_unknown_that_nothing_sees_is_named_and_no_measurement_promised():
     assert found.advice.startswith(
         "The data do not see b.stiffness at all. No single further line or sensor"
     )
-    assert ". Fix 1 of the unknowns in the open combination at known values" in found.advice
+    assert ". Fix 1 of the unknowns in the undetermined combination at known values" in found.advice
 
 
 def test_accuracy_that_the_cure_needs_is_said(gear_train):

@@ -1,4 +1,4 @@
-"""Rank, open combinations, standard deviations: by hand, and the gear train against 60 digits."""
+"""Rank, undetermined combinations, standard deviations: by hand, and the gear train against 60 digits."""
 
 import numpy as np
 import pytest

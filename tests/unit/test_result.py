@@ -93,7 +93,7 @@ shaft.loss_factor                   0.01         0.025       0.001
 disc.mass                              1           100           -  at its upper bound; not determined by the data
 
 The data determine 3 of 4 unknowns. Masses of shaft and disc act at the same DOFs.
-  open combination 1: +1 shaft.mass, -0.5 disc.mass
+  undetermined combination 1: +1 shaft.mass, -0.5 disc.mass
   of these, determined 1: +1 disc.mass, +0.5 shaft.mass
 fitted, before: frac_median 0.5, csac_mean 0.612
 fitted, after: frac_median 0.99"""

@@ -167,7 +167,7 @@ def describe_identifiability(found: Identifiability) -> str:
         f" {found.condition:.3g}, collinearity index {found.collinearity:.3g})."
     ]
     for number, direction in enumerate(found.null_directions, 1):
-        texts.append(f"  open combination {number}: {_combination(direction)}")
+        texts.append(f"  undetermined combination {number}: {_combination(direction)}")
     for number, direction in enumerate(found.determined_directions, 1):
         texts.append(f"  of these, determined {number}: {_combination(direction)}")
     if found.advice:

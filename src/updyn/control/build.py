@@ -239,10 +239,12 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
         raise next(iter(refused.values()))
     others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
     best = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
+    advice = "Allow a larger tolerance, narrow the band"
+    if others:
+        advice += f", or try route {others}"
     raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
-        f" {task.band[1]:g} Hz; reached: {best}. Allow a larger tolerance, narrow the"
-        f" band{f', or try route {others}' if others else ''}"
+        f" {task.band[1]:g} Hz; reached: {best}. {advice}"
     )
 
 
@@ -292,11 +294,8 @@ def _error_of(task: _Task, name: str) -> ConversionError:
             if not best.error <= found.error:
                 best = found
     except ModelError as error:
-        return (
-            best
-            if np.isfinite(best.error)
-            else ConversionError(name, best.error, best.peak_error, str(error))
-        )
+        if not np.isfinite(best.error):
+            return replace(best, note=str(error))
     return best
 
 

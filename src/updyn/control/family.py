@@ -41,7 +41,7 @@ _CLOSEST = "complex"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlantFamily:
-    """A nominal plant, and plants at draws of the unknowns.
+    """A nominal plant and plants at draws of the unknowns.
 
     The inputs, outputs and quantities of all are the same; the number of modes need not be.
 
@@ -83,7 +83,8 @@ class PlantFamily:
                         f"member {number}: {what} {own!r}; the nominal plant has {nominal!r}"
                     )
         values = np.array(self.values, dtype=np.float64)
-        values = values.reshape(len(self.members), 0) if values.size == 0 else values
+        if values.size == 0:
+            values = values.reshape(len(self.members), 0)
         if values.shape != (len(self.members), len(self.names)):
             raise ModelError(
                 f"values has shape {values.shape}; expected {(len(self.members), len(self.names))},"
@@ -180,16 +181,14 @@ class PlantFamily:
             rows = enumerate(zip(self.nominal.modes, low, high, strict=True), 1)
             said += [f"{i:>6}{f:>14.6g}{a:>14.6g}{b:>14.6g}" for i, (f, a, b) in rows]
         else:
-            counts = sorted({p.n_states for p in (self.nominal, *self.members)})
-            said.append(
-                "The plants have"
-                f" {' to '.join(str(c) for c in (counts[0], counts[-1])[: len(counts)])} states."
-            )
+            counts = [p.n_states for p in (self.nominal, *self.members)]
+            text = str(min(counts))
+            if max(counts) > min(counts):
+                text += f" to {max(counts)}"
+            said.append(f"The plants have {text} states.")
         cut = self.facts.get("cut", {})
-        said += [
-            f"{100 * share:.0f} % of the draws of {name} lie on its bound."
-            for name, share in cut.items()
-        ]
+        for name, share in cut.items():
+            said.append(f"{100 * share:.0f} % of the draws of {name} lie on its bound.")
         return "\n".join([*said, *filter(None, [self.facts.get("note", "")])])
 
     def channel(self, output: str, input: str) -> PlantFamily:
@@ -358,10 +357,8 @@ def _member(making: _Making, item: tuple[int, str, _Real]) -> Plant:
     try:
         return making.plant(making.parameters.apply(making.start, values), route)
     except (ModelError, SolverError) as error:
-        at = ", ".join(
-            f"{name} = {value:.6g}"
-            for name, value in zip(making.parameters.names, values, strict=True)
-        )
+        named = zip(making.parameters.names, values, strict=True)
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in named)
         raise type(error)(f"member {number} of the family ({at}): {error}") from error
 
 
@@ -379,7 +376,9 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     parameters = result.parameters
     unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
     if unsure:
-        few = ", ".join(unsure[:6]) + (f" and {len(unsure) - 6} more" if len(unsure) > 6 else "")
+        few = ", ".join(unsure[:6])
+        if len(unsure) > 6:
+            few += f" and {len(unsure) - 6} more"
         raise OptionError(
             f"plant_family: the data do not determine {few}, so that nobody knows how far off the"
             f" plant may be. {result.identifiability.advice} Or give draws= of a sampling, in which"

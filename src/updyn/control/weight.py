@@ -93,7 +93,7 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
 
 def channels_of(family: PlantFamily) -> list[tuple[int, int]]:
     """Return the positions of output and input of every channel."""
-    return [(i, j) for i in range(len(family.outputs)) for j in range(len(family.inputs))]
+    return list(np.ndindex(len(family.outputs), len(family.inputs)))
 
 
 def _finite(plant: Plant, i: int, j: int, low: float, high: float) -> _Complex:
@@ -391,9 +391,10 @@ def uncertainty_weight(
                 f"Order {bound.order} does not bring the mean excess to {1.0 + tolerance:g}."
             )
         made[i, j] = _weight(lines, own, floor, bound, " ".join(filter(None, notes)))
-    weights = tuple(
-        tuple(made[i, j] for j in range(len(family.inputs))) for i in range(len(family.outputs))
-    )
+    rows = []
+    for i in range(len(family.outputs)):
+        rows.append(tuple(made[i, j] for j in range(len(family.inputs))))
+    weights = tuple(rows)
     for array in (lines, radius, floors):
         array.flags.writeable = False
     return UncertaintyWeight(kind, lines, radius, floors, weights, family.outputs, family.inputs)
@@ -486,11 +487,8 @@ def _about_peak(family: PlantFamily, lines: _Real, radius: _Real, at: tuple[int,
     top = 2j * np.pi * lines[int(np.argmax(radius))]
     zero = _nearest(channel_zeros(family.nominal, *at), top)
     pole = _nearest(np.concatenate([p.poles for p in (family.nominal, *family.members)]), top)
-    root = min(
-        (x for x in (zero, pole) if x is not None),
-        key=lambda x: abs(x - top) / abs(x),
-        default=None,
-    )
+    roots = [x for x in (zero, pole) if x is not None]
+    root = min(roots, key=lambda x: abs(x - top) / abs(x), default=None)
     if root is None or abs(root - top) > max(3.0 * abs(root.real), 0.02 * abs(root)):
         return said
     where = f"{abs(root) / (2 * np.pi):.4g} Hz (damping {-root.real / abs(root):.2g})"

@@ -1,4 +1,4 @@
-"""Correlation: how alike two sets of mode shapes, or two sets of frequency response functions, are."""
+"""Correlation of mode shapes and of frequency response functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`correlate`: a model or a computed FRF against a measured one, by all metrics of FRFs at once."""
+"""Correlation of FRFs: criteria on arrays (lines, responses, references), and `correlate`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
-    """A computed and a measured FRF, compared.
+    """The correlation of a computed and a measured FRF.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Correlation:
         return fdac(self.measured.values[at], self.computed.values[at])
 
     def figures(self) -> dict[str, float]:
-        """Return the summary: FRAC (median, min), CSAC and CSF (mean), dB error (median, 95th percentile)."""
+        """Return FRAC (median, min), CSAC and CSF (mean), dB error (median, 95th percentile)."""
         return {
             "frac_median": float(np.median(self.frac)),
             "frac_min": float(self.frac.min()),
@@ -101,7 +101,7 @@ class Correlation:
         }
 
     def by_response(self) -> Mapping[str, dict[str, float]]:
-        """Return FRAC (median, min) and dB error (median, 95th percentile) of each response, by label."""
+        """Return FRAC (median, min) and dB error (median, 95th percentile) by response."""
         out = {}
         for i, label in enumerate(self.responses.labels):
             row = self.frac[i]
@@ -223,7 +223,9 @@ def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 
 def csac(HX: ArrayLike, HA: ArrayLike) -> Array:
-    """Cross signature assurance criterion chi_s at each line, |h_X^H h_A|^2 / (h_X^H h_X h_A^H h_A) (Grafe 1998).
+    """Cross signature assurance criterion chi_s at each line (Grafe 1998).
+
+    |h_X^H h_A|^2 / (h_X^H h_X h_A^H h_A).
 
     Parameters
     ----------
@@ -246,7 +248,9 @@ def csac(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 
 def csf(HX: ArrayLike, HA: ArrayLike) -> Array:
-    """Cross signature scale factor chi_a at each line, 2 |h_X^H h_A| / (h_X^H h_X + h_A^H h_A) (Grafe 1998).
+    """Cross signature scale factor chi_a at each line (Grafe 1998).
+
+    2 |h_X^H h_A| / (h_X^H h_X + h_A^H h_A).
 
     Parameters
     ----------
@@ -269,7 +273,9 @@ def csf(HX: ArrayLike, HA: ArrayLike) -> Array:
 
 
 def fdac(HX: ArrayLike, HA: ArrayLike) -> Array:
-    """Frequency domain assurance criterion: chi_s between every computed and every measured line (Pascual et al. 1997).
+    """Frequency domain assurance criterion (Pascual et al. 1997).
+
+    It is chi_s between every computed and every measured line.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Correlation of mode shapes: MAC and its kin, and the pairing of modes. Pure functions on arrays; shapes are columns.
+"""Correlation of mode shapes, given as columns: MAC, COMAC, ECOMAC, and the pairing of modes.
 
 Sources: Allemang & Brown, IMAC I (1982) 110-116 (MAC); Allemang, Sound and Vibration 37 (8) (2003)
 14-21 (cross-orthogonality, ECOMAC); Lieven & Ewins, IMAC VI (1988) 690-695 (COMAC); Hunt, IMAC X
@@ -52,7 +52,9 @@ def mac(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 def auto_mac(A: ArrayLike) -> Array:
-    """MAC of shapes with themselves, shape (n, n): large values off the diagonal say that the sensors are too few.
+    """MAC of shapes with themselves.
+
+    Large values off the diagonal show that there are too few sensors.
 
     Parameters
     ----------
@@ -112,7 +114,9 @@ def cross_orthogonality(A: ArrayLike, M: Any, B: ArrayLike) -> NDArray[Any]:
 
 
 def comac(A: ArrayLike, B: ArrayLike) -> Array:
-    """Co-ordinate MAC of paired shapes, (sum |a b*|)^2 / (sum |a|^2 sum |b|^2) over modes (Lieven & Ewins 1988).
+    """Co-ordinate MAC of paired shapes (Lieven & Ewins 1988).
+
+    (sum |a b*|)^2 / (sum |a|^2 sum |b|^2), the sums over modes.
 
     Parameters
     ----------
@@ -135,7 +139,9 @@ def comac(A: ArrayLike, B: ArrayLike) -> Array:
 
 
 def ecomac(A: ArrayLike, B: ArrayLike) -> Array:
-    """Enhanced co-ordinate MAC of paired shapes, sum |a - b| / (2 n) over modes (Hunt 1992; Allemang 2003).
+    """Enhanced co-ordinate MAC of paired shapes (Hunt 1992; Allemang 2003).
+
+    sum |a - b| / (2 n), the sum over modes.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ class Term:
         return slice(int(first), int(last) + 1) if last - first + 1 == len(self.rows) else self.rows
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the matrix times a complex field on its own DOFs, shape (n_t, ...), as one real product."""
+        """Return the matrix times a complex field on its own DOFs, shape (n_t, ...)."""
         columns = int(np.prod(field.shape[1:]))  # a matrix of zeros has no rows
         flat = np.ascontiguousarray(field).reshape(len(self.rows), columns).view(np.float64)
         return np.ascontiguousarray(self.local @ flat).view(np.complex128).reshape(field.shape)
@@ -211,7 +211,7 @@ class AffineSystem:
         return out
 
     def relative(self, at: Iterable[int], omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what a loss factor of 1 is at some lines, shape (n_terms, n_lines), or (n_terms, 1) if 1 everywhere.
+        """Return relative loss factors, shape (n_terms, n_lines), or (n_terms, 1) without tables.
 
         Parameters
         ----------
@@ -232,13 +232,13 @@ class AffineSystem:
         return out
 
     def values(self, coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the entries of Z on the pattern, shape (nnz, n_lines); those of one line are contiguous."""
+        """Return the entries of Z, shape (nnz, n_lines); those of a line are contiguous."""
         out = np.empty((coefficients.shape[1], len(self.indices)), dtype=np.complex128)
         self._write(coefficients, out)
         return out.T
 
     def real_values(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the entries on the pattern, shape (nnz,), of the terms' sum with real weights, shape (n_terms,)."""
+        """Return the entries, shape (nnz,), of the sum of terms with weights, shape (n_terms,)."""
         out = np.empty(len(self.indices))
         self.write(np.asarray(weights, dtype=np.float64), out)
         return out
@@ -256,7 +256,7 @@ class AffineSystem:
         self._write(weights[:, None], out[None, :])
 
     def _write(self, c: NDArray[Any], out: NDArray[Any]) -> None:
-        """Write the sum of c_t A_t for c of shape (n_terms, n_lines) into `out`, shape (n_lines, nnz)."""
+        """Write the sum of c_t A_t into `out`, shape (n_lines, nnz); c is (n_terms, n_lines)."""
         if self.beside is not None:
             out[...] = (self.beside @ _parts(c)).view(c.dtype).T
             return
@@ -271,7 +271,7 @@ class AffineSystem:
                 target[..., where] += _mixed([self.terms[t].data[chunk] for t in at], c[at])
 
     def _families(self, c: NDArray[Any]) -> Iterator[tuple[NDArray[Any], list[int]]]:
-        """Yield the slots and positions of terms that share them; those without a coefficient are left out."""
+        """Yield slots, and the positions of the terms with coefficients that share them."""
         members: dict[int, list[int]] = {}
         for t in np.flatnonzero(c.any(axis=1)).tolist():
             members.setdefault(id(self.terms[t].slots), []).append(t)
@@ -279,7 +279,7 @@ class AffineSystem:
             yield self.terms[at[0]].slots, at
 
     def applied(self, weights: NDArray[np.float64], X: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the terms' sum with real weights, shape (n_terms,), times real columns X, shape (N, k)."""
+        """Return the weighted sum of terms, weights of shape (n_terms,), times X, shape (N, k)."""
         out = np.zeros_like(X)
         for term, weight in zip(self.terms, weights, strict=True):
             if weight:
@@ -292,7 +292,10 @@ class AffineSystem:
 
 
 def _mixed(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
-    """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries); of one line, shape (n_entries,)."""
+    """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries).
+
+    For one line the shape is (n_entries,).
+    """
     mixed: NDArray[Any]
     if c.size == 1:
         mixed = entries[0] * c[0, 0]
@@ -302,7 +305,7 @@ def _mixed(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
 
 
 def _parts(c: NDArray[Any]) -> NDArray[np.float64]:
-    """Return real and imaginary parts as columns: with them, products of real matrices stay real."""
+    """Return real and imaginary parts as columns, for products with real matrices."""
     return np.ascontiguousarray(c).view(np.float64)
 
 
@@ -334,7 +337,7 @@ def _union(matrices: list[Any], n: int) -> Any:
 
 @dataclass(slots=True, eq=False)
 class _Places:
-    """Where the entries of matrices stand in a pattern; what equal matrices have in common is kept once."""
+    """Positions of entries of matrices in a pattern; equal patterns share their arrays."""
 
     indptr: NDArray[Any]
     indices: NDArray[Any]
@@ -358,7 +361,7 @@ class _Places:
         return Term(name, quantity, rows, local.toarray() if dense else local, slots, data, table)
 
     def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
-        """Return the rows of a matrix, the slots of its entries, and their columns counted in its own rows."""
+        """Return the rows of a matrix, the slots of its entries, and their columns in own rows."""
         used = np.diff(matrix.indptr) > 0
         used[matrix.indices] = True
         rows = np.flatnonzero(used)

@@ -1,4 +1,4 @@
-"""Eigenpairs of (K, M) near zero, where either matrix may be singular but not both on the same motion.
+"""Lowest eigenpairs of (K, M), each of which may be singular, but not on the same motion.
 
 With a shift s > 0 the pencil M phi = nu (K + s M) phi, nu = 1 / (lambda + s), has a definite
 right-hand side: massless motions have nu = 0 and rigid-body motions nu = 1 / s, both harmless. The
@@ -31,10 +31,14 @@ __all__ = [
 #: Models up to this many DOFs are solved dense.
 DENSE_LIMIT = 800
 
-_BELOW = 0.01  # of the highest wanted eigenvalue: the shift of the second, dense pass
+#: Shift of the second, dense pass, as a share of the highest wanted eigenvalue.
+_BELOW = 0.01
+#: The same of the sparse pass.
 _BELOW_SPARSE = 0.1
-_FIRST_SHIFT = 1e-6  # of the largest diagonal ratio K/M: keeps K + s M well-conditioned before anything is known
-_EXTRA = 2  # modes beyond those wanted, so that the last wanted one can be told from the next
+#: First shift, as a share of the largest diagonal ratio K/M, for which K + s M is well-conditioned.
+_FIRST_SHIFT = 1e-6
+#: Modes computed beyond those wanted, so that the last wanted one is separated from the next.
+_EXTRA = 2
 _RANK = 1e-12
 
 Pairs = tuple[NDArray[Any], NDArray[Any]]
@@ -60,7 +64,7 @@ def mass_rank(M: Any) -> int:
 
 
 def weakest_dof(K: Any, M: Any) -> int:
-    """Return the position of the DOF that moves most in the motion with least stiffness and mass together."""
+    """Return the DOF that moves most in the motion with least stiffness and mass."""
     A = (K + _first_shift(K, M) * M).toarray()
     unit = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(A)), np.finfo(np.float64).tiny))
     _, vectors = np.linalg.eigh(unit[:, None] * A * unit)
@@ -111,7 +115,7 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
 
 
 def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDArray[Any]]:
-    """Return a shift that makes K + s M definite, and what it gives; an indefinite K needs more than the first."""
+    """Return a shift s for which K + s M is definite, and the eigenvalues found with it."""
     for _ in range(3):
         try:
             return shift, solve(shift)[0]
@@ -151,7 +155,7 @@ def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float)
 
 
 def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -> Pairs:
-    """Solve a large model with mass on few DOFs, by its flexibility there: exact, and dense in those DOFs only."""
+    """Solve a large model with mass on few DOFs exactly, by its flexibility at these DOFs."""
     lu = _factor(K + shift * M)
     weight, axes = np.linalg.eigh(M[heavy][:, heavy].toarray())
     kept = weight > _RANK * weight[-1]
@@ -189,7 +193,10 @@ def _factor(A: Any) -> Any:
 def _sparse(
     K: Any, M: Any, n: int, shift: float, tolerance: float = 0.0, basis: int | None = None
 ) -> Pairs:
-    """Shift-invert Lanczos (ARPACK mode 3; Grimes, Lewis & Simon, SIAM J. Matrix Anal. 15 (1994) 228-272)."""
+    """Compute modes by shift-invert Lanczos (ARPACK mode 3).
+
+    Grimes, Lewis & Simon, SIAM J. Matrix Anal. 15 (1994) 228-272.
+    """
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
     lu = _factor(K + shift * M)

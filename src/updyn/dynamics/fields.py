@@ -61,7 +61,7 @@ _BLOCK_BYTES = 64 * 2**20
 
 
 class FieldSolver(Protocol):
-    """What solves at lines, exactly (`LineSolver`) or inside a reduced model (`updyn.dynamics.reduced`)."""
+    """Solver at many lines: exact (`LineSolver`) or of a reduced model (`ReducedSolver`)."""
 
     @property
     def system(self) -> AffineSystem:
@@ -289,7 +289,7 @@ class LineSolver:
         retained: NDArray[np.intp],
         freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Condense Z exactly onto the retained DOFs at a block of lines (Bao, Wang & Cheng 2010, eqs. 8, 9).
+        """Condense Z exactly onto the retained DOFs (Bao, Wang & Cheng 2010, eqs. 8, 9).
 
         Parameters
         ----------
@@ -357,7 +357,7 @@ class LineSolver:
         return cast("tuple[Partition, SparseSolver]", self._kept[key])
 
     def _sizes(self, coefficients: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return the sizes of the diagonal entries of Z before its terms cancel, shape (n_lines, N)."""
+        """Return sizes of the diagonal of Z before its terms cancel, shape (n_lines, N)."""
         key = b"diagonals"
         if key not in self._kept:
             diagonals = np.zeros((len(self.system.terms), self.system.n))

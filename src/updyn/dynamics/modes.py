@@ -173,7 +173,7 @@ def _structural_energy(
 
 
 def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
-    """Name the DOF that moves most in the motion that has neither stiffness nor mass, on small models."""
+    """Name the DOF that moves most without stiffness and mass; empty for large models."""
     if K.shape[0] > eigen.DENSE_LIMIT:
         return ""
     dof = model.dofs[eigen.weakest_dof(K, M)]
@@ -181,7 +181,7 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
 
 
 def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
-    """Complex modes. The rigid-body modes are those of the undamped model as far as no damper acts on them."""
+    """Return complex modes; rigid-body modes without damping are taken from the real ones."""
     tabled = next(
         (name for name, group in model.groups.items() if group.loss_table is not None), None
     )

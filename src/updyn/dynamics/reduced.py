@@ -1,24 +1,23 @@
-"""`Reduction`: the basis of a reduced model, built from a handful of real factorisations and proved by its residual.
+"""Reduced models: a basis from a few real factorisations, with an error certified by residuals.
 
-Motions. X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, E the unit loads at sensors
+Basis. X_k = (K - s_k M)^-1 E at a few real shifts s_k in the band, E the unit loads at sensors
 and forces, the next moments (K - s_k M)^-1 M X where loads are few, and (K - s_k M)^-1 D X for the
 damping: a block rational Krylov space (Ruhe, Linear Algebra Appl. 58 (1984) 391; Grimme, PhD
 thesis, Univ. of Illinois 1997, for the moments matched from both sides). No complex factorisation
 is needed.
 
 Error. The model is symmetric and projected on one basis from both sides, so that the residuals r =
-e - Z V q of the loads i and j give the error of the receptance exactly: r_i^T Z^-1 r_j. A residual
-is blind to what the basis holds (V^T r = 0); on what is left, far from resonance, Z is close to the
-definite P = K + omega_max^2 M, so that with y_j = P^-1 r_j
+e - Z V q of the loads i and j give the error of the receptance exactly: r_i^T Z^-1 r_j. The
+residual is orthogonal to the basis (V^T r = 0), so it measures only what the basis lacks; there,
+far from resonance, Z is close to the definite P = K + omega_max^2 M, so that with y_j = P^-1 r_j
 
     error_ij ~ r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j,
 
 one solve for each reference, whatever the number of responses. Measured, the true error is 0.8 to
-1.3 times that, 2.3 times with a loss factor of 0.8; `SAFETY` times the estimate is stated. That no
-mode in the band is missing is proved by Sylvester's law of inertia at the shifts. The y_j are also
-the directions in which the basis lacks most: it is enriched by them until the error is small
-enough, whatever makes it: changed unknowns, strong local damping, a band that the shifts covered
-badly.
+1.3 times that, 2.3 times with a loss factor of 0.8; `SAFETY` times the estimate is stated.
+Sylvester's law of inertia at the shifts proves that no mode in the band is missing. The basis is
+enriched by the y_j, the directions that it lacks most, until the error is small enough, whether it
+comes from changed unknowns, strong local damping or a band that the shifts cover badly.
 """
 
 from __future__ import annotations
@@ -71,12 +70,12 @@ _PASSES = 12
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a reduced model is good for.
+    """The certified error of a reduced model.
 
     Attributes
     ----------
     size : int
-        Number of motions in the basis.
+        Number of basis vectors.
     error : float
         Largest |H_reduced - H| at the checked lines, as a share of the largest |H| of the line;
         `SAFETY` times what the residual says.
@@ -138,7 +137,7 @@ class Reduction:
         self._sparse = SparseSolver(self.backend, real=True)
 
     def build(self, state: State) -> None:
-        """Make a basis for one state of the model, from its beginning.
+        """Build a new basis for one state of the model.
 
         Parameters
         ----------
@@ -162,10 +161,10 @@ class Reduction:
             below[middle] = self._expand(state, middle)
 
     def widen(self, state: State) -> None:
-        """Add a few motions of another state: the basis then holds, roughly, between its states, and is proved nowhere.
+        """Add a few basis vectors of another state, without certifying the basis.
 
-        One factorisation in the middle of the band, its motions for the unit loads and the next
-        moments.
+        They are the solutions for the unit loads and the next moments at one shift in the middle of
+        the band, so that the basis is roughly right between its states.
 
         Parameters
         ----------
@@ -180,7 +179,7 @@ class Reduction:
         self._expand(state, 0.5 * self._top, depth=2, damping=False)
 
     def size_with(self, n_states: int) -> int:
-        """Return how large the basis would be with further states, at most."""
+        """Return the largest size of the basis with further states."""
         return self.basis.size + 2 * n_states * len(self._loaded)
 
     @property
@@ -200,11 +199,11 @@ class Reduction:
     def _depth(self) -> int:
         return int(np.clip(np.ceil(_MOTIONS / len(self._loaded)), 1, _DEPTH))
 
-    # -- building ------------------------------------------------------------------------------------------
+    # -- construction --------------------------------------------------------------------------
     def _expand(
         self, state: State, shift: float, depth: int | None = None, *, damping: bool = True
     ) -> int | None:
-        """Add the motions of one shift; return how many modes lie below it, None where that is not known."""
+        """Add the basis vectors of a shift; return how many modes lie below it, if known."""
         factorised, X = self._solved(state, shift)
         lossy, inertial = self._lossy(state), self._inertial(state)
         lost = factorised.solve(self.system.applied(lossy, X)) if damping and lossy.any() else None
@@ -218,7 +217,7 @@ class Reduction:
         return factorised.negative
 
     def _solved(self, state: State, shift: float) -> tuple[Factorised, _Real]:
-        """Factorise K - s M and solve for the unit loads; step aside where a natural frequency is hit."""
+        """Factorise K - s M and solve for the unit loads; shift s off a natural frequency."""
         loads = np.zeros((self.system.n, len(self._loaded)), order="F")
         loads[self._loaded, np.arange(len(self._loaded))] = 1.0
         for nudge in (0.0, 1e-4, 1e-3):
@@ -232,7 +231,7 @@ class Reduction:
         raise AssertionError
 
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
-        """Return neighbouring shifts that need another between them: modes too many for their motions, or missed."""
+        """Return neighbouring shifts with missed or too many modes between them; None if none."""
         values = scipy.linalg.eigvalsh(
             self.basis.combined(self._inertial(state)),
             self.basis.combined(self._weights(state, -self._top)),
@@ -249,14 +248,11 @@ class Reduction:
                 return low, high
         return None
 
-    # -- matrices ------------------------------------------------------------------------------------------
+    # -- matrices ------------------------------------------------------------------------------
     def _weights(self, state: State, shift: float) -> _Real:
         """Return the weight of each term in K - s M."""
-        quantity = np.array([t.quantity for t in self.system.terms])
-        return (
-            np.where(quantity == "stiffness", 1.0, np.where(quantity == "mass", -shift, 0.0))
-            * state.factor
-        )
+        weights = {"stiffness": 1.0, "mass": -shift}
+        return np.array([weights.get(t.quantity, 0.0) for t in self.system.terms]) * state.factor
 
     def _matrix(self, state: State, shift: float) -> Any:
         """Return K - s M."""
@@ -280,14 +276,14 @@ class Reduction:
             self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
         )
 
-    # -- using ---------------------------------------------------------------------------------------------
+    # -- use ---------------------------------------------------------------------------------
     def solver(self, label: str = "reduced") -> ReducedSolver:
-        """Return what solves in the basis as it is."""
+        """Return the solver in the current basis."""
         observed = np.union1d(self._loaded, self.extra)
         return ReducedSolver.project(self.system, self.basis, observed, self.backend, label)
 
     def compress(self, state: State, freq: _Real) -> None:
-        """Keep only the motions that make up the answers at a state: proper orthogonal decomposition of its fields.
+        """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
         What is dropped changes the receptance by far less than the accuracy wanted.
 
@@ -313,11 +309,11 @@ class Reduction:
             scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T")
         )
 
-    # -- proving -------------------------------------------------------------------------------------------
+    # -- certification -------------------------------------------------------------------------
     def certify(
         self, state: State, freq: _Real, *, enrich: bool = True, count: int = 12
     ) -> Certificate:
-        """Find the error at a state, and enrich the basis until it is small enough.
+        """Compute the error at a state, and enrich the basis until it is small enough.
 
         Every pass checks other lines than the one before, the strongest among them. The last one
         adds nothing: it is a test of the basis on lines that did not make it.
@@ -367,7 +363,7 @@ class Reduction:
     def _answers(
         self, state: State, freq: _Real, loaded: NDArray[np.intp]
     ) -> Iterator[tuple[_Complex, _Complex]]:
-        """Yield the reduced model's coordinates and motion at the responses, block by block of lines."""
+        """Yield coordinates and response of the reduced model, block by block of lines."""
         solver = self.solver()
         for block in line_blocks(len(freq), solver.block_size(len(loaded))):
             q = solver.solve(
@@ -398,7 +394,7 @@ class Reduction:
 
 
 def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
-    """Choose lines: both ends, and of pieces of the band in turn the strongest line, the weakest and any."""
+    """Choose both end lines and, of pieces of the band, strongest, weakest and random lines."""
     if len(freq) <= count:
         return [float(f) for f in freq]
     rng = np.random.default_rng(number)
@@ -409,15 +405,14 @@ def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[floa
     return [float(freq[i]) for i in sorted(picked | {0, len(freq) - 1})]
 
 
-#: What is left of a unit column after those before it were taken out; less is rounding of what they
-#: hold already.
+#: Norm of a unit column after orthogonalisation below which it is rounding.
 _NEW = 1e-9
 _ROWS = 1 << 16
 
 
 @dataclass(slots=True, eq=False)
 class Basis:
-    """Real motions V and the matrices of a model projected on them, V^T A_t V for every term t.
+    """Real basis vectors V and the projected matrices V^T A_t V of every term t.
 
     Parameters
     ----------
@@ -442,7 +437,7 @@ class Basis:
 
     @property
     def size(self) -> int:
-        """Number of motions r."""
+        """Number of basis vectors r."""
         return sum(b.shape[1] for b in self._blocks)
 
     def at(self, dofs: NDArray[np.intp]) -> _Real:
@@ -520,7 +515,7 @@ _BLOCK_BYTES, _LINES = 192 * 2**20, 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSolver:
-    """Solve in the coordinates of a basis. It holds no motion of the whole model, so that it is small to send.
+    """Solver in the coordinates of a basis, without fields of the full model: small to send.
 
     Attributes
     ----------
@@ -631,7 +626,7 @@ class ReducedSolver:
         return q.transpose(1, 0, 2)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
-        """Return the motion at some DOFs, shape (len(dofs), n_lines, k), from what `solve` returned."""
+        """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""
         r, n_lines, k = fields.shape
         flat = np.ascontiguousarray(fields).reshape(r, -1).view(np.float64)
         moved = np.ascontiguousarray(self._rows_of(dofs) @ flat)
@@ -643,7 +638,7 @@ class ReducedSolver:
         retained: NDArray[np.intp],
         freq: NDArray[np.float64],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Refuse: the condensed stiffness is the inverse of H, and multiplies its error by its condition number.
+        """Refuse, because the inverse of H multiplies its error by its condition number.
 
         Raises
         ------
@@ -664,7 +659,7 @@ class ReducedSolver:
 
 
 class Channels:
-    """Which DOFs are read and which are loaded.
+    """The DOFs of responses and references of a reduced model.
 
     Parameters
     ----------
@@ -719,7 +714,7 @@ class Channels:
 
 
 class LineResidual:
-    """The reduced model's answer at one line, and what the whole model says to it.
+    """The response of the reduced model at one line, and its residual in the full model.
 
     Complex fields are real parts beside imaginary ones, shape (N, 2 n_j): the whole model's
     matrices are real.
@@ -759,7 +754,7 @@ class LineResidual:
         return R
 
     def errors(self, Y: _Real) -> _Complex:
-        """Return r_i^T y_j for all loaded DOFs i, shape (k, n_j), without their residuals: e_i^T y_j - q_i^T V^T Z y_j.
+        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i, shape (k, n_j).
 
         Parameters
         ----------

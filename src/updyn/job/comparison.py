@@ -9,12 +9,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from updyn.comparison import compare, compare_jointly
+from updyn.comparison.bench import Options
 from updyn.errors import FormatError, suggest
 from updyn.job.folder import check_out
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.run import as_tests, job_selection, update_keys
-from updyn.job.schema import Job
+from updyn.job.schema import Job, is_number
+from updyn.store.comparison import write_comparison_json
+from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.selection import Selection
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -99,46 +104,35 @@ def compare_job(
     SolverError
         If the model cannot be solved where it starts; nothing is written.
     """
-    from updyn.comparison.bench import Options
     from updyn.report import write_comparison
-    from updyn.store.comparison import write_comparison_json
 
     out = check_out(job, out or default_comparison_out(job), COMPARED)
     ready = prepare(job) if prepared is None else prepared
-    known = None if truth is None else read_truth(truth, ready.parameters)
-    methods = None if methods is None else list(methods)
+    true_values = None
+    if truth is not None:
+        true_values = read_truth(truth, ready.parameters)
+    if methods is not None:
+        methods = list(methods)
+    by_method = _method_options(ready)
     # Errors of the arguments have no line in the job.
-    Options.checked(ready.parameters, methods, _options(ready), known, **options)
+    Options.checked(ready.parameters, methods, by_method, true_values, **options)
     with update_keys(job):
-        found = _compared(
-            ready, methods, known, {"callback": callback, "engine": engine, **options}
-        )
+        options |= {"methods": methods, "truth": true_values, "options": by_method}
+        found = _compared(ready, {"callback": callback, "engine": engine, **options})
     out.mkdir(parents=True, exist_ok=True)
     write_comparison(found, out / "compare.html")
     write_comparison_json(found, out / "compare.json")
     return found
 
 
-def _compared(
-    ready: Prepared,
-    methods: Iterable[str] | None,
-    truth: dict[str, float] | None,
-    options: dict[str, Any],
-) -> Comparison:
-    from updyn.comparison import compare, compare_jointly
-    from updyn.updating.problem.selection import Selection
-
-    job, method = ready.job, ready.job.method
-    options |= {"methods": methods, "truth": truth, "title": job.title or job.path.stem}
-    options["options"] = _options(ready)
-    for key in ("tier", "backend", "accuracy", "regularise"):
-        if getattr(method, key) is not None:
-            options[key] = getattr(method, key)
+def _compared(ready: Prepared, options: dict[str, Any]) -> Comparison:
+    """Return the comparison of methods on the tests of a job."""
+    job = ready.job
+    options |= {"title": job.title or job.path.stem} | job.method.settings
     tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
-    if isinstance(unknowns, Selection) and truth is not None:
-        options["truth"] = {
-            name: value for name, value in truth.items() if name in unknowns.parameters.names
-        }
+    if isinstance(unknowns, Selection) and options["truth"] is not None:
+        selected = unknowns.parameters.names
+        options["truth"] = {k: v for k, v in options["truth"].items() if k in selected}
     if len(tests) > 1:
         return compare_jointly(tests, unknowns, **options)
     (test,) = tests
@@ -146,16 +140,14 @@ def _compared(
     return compare(test.model, test.frf, unknowns, **options)
 
 
-def _options(ready: Prepared) -> dict[str, dict[str, Any]]:
-    """Return options by method: the job's own for its method, measured modes for those that take them."""
-    from updyn.updating.fit.methods import METHODS, options_of
-
+def _method_options(ready: Prepared) -> dict[str, dict[str, Any]]:
+    """Return options by method: those of the job's method, and modes for those that take them."""
     out = {ready.job.method.name: dict(ready.job.method.options)}
-    if ready.modes:
-        modes = ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))
-        for name in METHODS:
-            if "modes" in options_of(name):
-                out[name] = {**out.get(name, {}), "modes": modes}
+    if not ready.modes:
+        return out
+    for name in METHODS:
+        if "modes" in options_of(name):
+            out.setdefault(name, {})["modes"] = ready.modes_option
     return out
 
 
@@ -183,18 +175,15 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
     """
     path = Path(path)
     found: dict[str, float] = {}
-    for name, value in _named(_content(path), ""):
+    for name, value in _flattened(_content(path)):
         if name not in parameters.names:
             raise FormatError(
                 f"{name!r} is no unknown of the job; {suggest(name, parameters.names)}", path
             )
-        number = (
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        )
-        if not number:
+        if not is_number(value) or not math.isfinite(value):
             raise FormatError(f"{name!r}: expected a finite number, found {value!r}", path)
         if name in found:
-            raise FormatError(f"{name!r} stands twice", path)
+            raise FormatError(f"{name!r} occurs twice", path)
         found[name] = float(value)
     if not found:
         raise FormatError(
@@ -204,25 +193,29 @@ def read_truth(path: str | Path, parameters: ParameterSet) -> dict[str, float]:
 
 
 def _content(path: Path) -> Mapping[str, Any]:
+    """Return the content of a TOML or JSON file."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise FormatError(f"the true values cannot be read: {why}", path) from error
+    except UnicodeDecodeError as error:
+        raise FormatError("the true values cannot be read: not UTF-8 text", path) from error
+    except OSError as error:
+        raise FormatError(f"the true values cannot be read: {error.strerror}", path) from error
+    kind, parse = "TOML", tomllib.loads
+    if path.suffix.lower() == ".json":
+        kind, parse = "JSON", json.loads
     try:
-        content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+        content = parse(text)
     except (ValueError, RecursionError) as error:
-        kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
         raise FormatError(f"not {kind}: {error}", path) from error
     if not isinstance(content, dict):
         raise FormatError(f"expected names with values, found a {type(content).__name__}", path)
     return content
 
 
-def _named(table: Mapping[str, Any], before: str) -> Iterator[tuple[str, Any]]:
+def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names with dots, and their values, of a table and the tables in it."""
     for key, value in table.items():
-        name = f"{before}.{key}" if before else key
         if isinstance(value, dict):
-            yield from _named(value, name)
+            yield from _flattened(value, f"{prefix}{key}.")
         else:
-            yield name, value
+            yield f"{prefix}{key}", value

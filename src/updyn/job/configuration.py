@@ -5,34 +5,47 @@ from __future__ import annotations
 import fnmatch
 
 from updyn.errors import OptionError, key_path, suggest
-from updyn.job.schema import Job
+from updyn.job.schema import DampingTable, Job
 from updyn.model import Model
 
 __all__ = ["configured", "damped", "with_all_masses"]
 
 
 def damped(job: Job, model: Model) -> Model:
-    """Return the model with the damping that the job begins with; a later table wins."""
+    """Return the model with the damping that ``[[damping]]`` states; a later table wins."""
     for number, table in enumerate(job.damping):
-        acting = {"loss_factor" if name == "loss_table" else name for name in table.stated}
-        able = {name for name, group in model.groups.items() if all(group.has(q) for q in acting)}
-        names: list[str] = []
-        for pattern in table.groups:
-            fits = [n for n in model.groups if fnmatch.fnmatchcase(n, pattern) or pattern == "all"]
-            if not fits:
-                text = f"damping: no group {pattern!r}; {suggest(pattern, model.groups)}"
-                raise OptionError(text, key=("damping", number, "groups"))
-            if pattern in model.groups or not able.intersection(fits):
-                names += fits  # and if there is nothing to act on, that is said
-            names += able.intersection(fits)
+        names = _damped_groups(model, number, table)
         chosen = {name: table.stated for name in model.groups if name in names}
         with key_path("damping", number):
             model = model.with_damping(chosen)
     return model
 
 
+def _damped_groups(model: Model, number: int, table: DampingTable) -> set[str]:
+    """Return the groups that a table of ``[[damping]]`` names.
+
+    A pattern names the groups that have the quantities to damp. If none of its groups has them, or
+    it is the name of a group, all are returned: the model says then what is missing.
+    """
+    needed = {"loss_factor" if name == "loss_table" else name for name in table.stated}
+    names: set[str] = set()
+    for pattern in table.groups:
+        fits = set(model.groups)
+        if pattern != "all":
+            fits = {name for name in fits if fnmatch.fnmatchcase(name, pattern)}
+        if not fits:
+            text = f"damping: no group {pattern!r}; {suggest(pattern, model.groups)}"
+            raise OptionError(text, key=("damping", number, "groups"))
+        able = {name for name in fits if all(model.group(name).has(q) for q in needed)}
+        if pattern in model.groups or not able:
+            names |= fits
+        else:
+            names |= able
+    return names
+
+
 def configured(job: Job, model: Model) -> Model:
-    """Return the model as it stands in the job's test: with what was added to it, and held."""
+    """Return the model in the configuration of the job's test: with added masses and held DOFs."""
     from updyn.elements.constraints import constrain
 
     model = _loaded(job, model)
@@ -56,9 +69,9 @@ def _loaded(job: Job, model: Model) -> Model:
 
 
 def with_all_masses(job: Job, model: Model) -> Model:
-    """Return the model with the masses of all tests, for unknowns to name them."""
+    """Return the model with the masses of all tests, which unknowns may name."""
     groups = dict(model.groups)
     for part in job.parts:
         groups = dict(_loaded(part, model).groups) | groups
-    order = [*model.groups, *(name for name in groups if name not in model.groups)]
+    order = dict.fromkeys([*model.groups, *groups])
     return Model({name: groups[name] for name in order}, model.dofs, model.geometry, model.title)

@@ -10,19 +10,23 @@ from typing import TypeVar
 import numpy as np
 
 from updyn.dofs import Dof, DofSet
+from updyn.dynamics.fields import TIERS
 from updyn.elements import MODEL_KINDS
 from updyn.errors import DataError, DofError, JobError, OptionError, key_path, suggest
 from updyn.frf import FRF
-from updyn.geometry import Geometry
+from updyn.io import read_frf, read_geometry, read_model, read_modes
+from updyn.io.formats import find_format
 from updyn.job.configuration import configured, damped
 from updyn.job.folder import outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
+from updyn.linalg.solver import check_backend
 from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.problem.noise import average
+from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.problem.noise import average, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
@@ -91,6 +95,13 @@ class Prepared:
         return {test.name: test.modes for test in self.tests if test.modes is not None}
 
     @property
+    def modes_option(self) -> ModeSet | dict[str, ModeSet]:
+        """The modes as an option of a method: those of a single test, or by the names of several."""
+        if len(self.tests) > 1:
+            return self.modes
+        return self.modes[self.tests[0].name]
+
+    @property
     def model(self) -> Model:
         """The model of the first test."""
         return self.tests[0].model
@@ -149,7 +160,8 @@ def prepare(job: Job) -> Prepared:
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
-    others = [frf for i, frf in enumerate(data) if i != number]
+    """Return a test matched to the model, with what of it is fitted."""
+    others = [*data[:number], *data[number + 1 :]]
     matching = matched(job, configured(job, model), data[number], others)
     for name, group in matching.model.groups.items():
         if group.loss_table is not None:
@@ -160,55 +172,53 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
 
 
-# -- model and measurement -------------------------------------------------------------------------
+# -- model and measurement ---------------------------------------------------------------------------
 def _model(job: Job) -> Model:
+    """Return the model that ``[model]`` names or describes."""
     table = job.model
     if table.kind is not None:
         with key_path("model"):
             return MODEL_KINDS[table.kind](table.keys)
-    from updyn.io import read_model
-
     assert table.file is not None
-    path = _existing(job, table.file, "model")
+    path = _existing(job, table.file, "model", "file")
     with key_path("model", otherwise=("file",)):
         return read_model(path, format=table.format, **table.keys)
 
 
 def _check_properties(job: Job) -> None:
-    """Check that the properties of the model's source can be written, before anything is computed."""
-    if job.output.properties is None:
+    """Check that the properties of the model's source can be written."""
+    name = job.output.properties
+    if name is None:
         return
-    from updyn.io.formats import find_format
-
     with key_path("output", "properties"):
         if job.model.file is None:
             raise OptionError(
                 "output.properties: a model that was built here has no deck; write it to model.h5"
             )
-        if (
-            Path(job.output.properties).name != job.output.properties
-            or job.output.properties in outputs(job)[1:]
-        ):
+        if Path(name).name != name or name in outputs(job)[1:]:
             raise OptionError(
-                f"output.properties = {job.output.properties!r}: expected the name of a file of"
-                " its own"
+                f"output.properties = {name!r}: expected the name of a file of its own"
             )
         find_format(job.beside(job.model.file), "write_properties", job.model.format)
 
 
 def _measurement(job: Job) -> FRF:
+    """Return the measurement of a test in its band, the mean of its repeats where there are any."""
     table = job.test
     frf = _read(job, table.file, "file")
     if table.repeats is not None:
         if table.averages is not None:
-            told = "test.averages: with repeats the variance comes from them; leave it out"
-            raise OptionError(told, key=("test", "averages"))
+            text = "test.averages: with repeats the variance comes from them; leave it out"
+            raise OptionError(text, key=("test", "averages"))
         repeats = [_read(job, file, "repeats") for file in table.repeats]
         with key_path("test", "repeats"):
             frf = average([frf, *repeats])
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
-            text = f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it out"
+            text = (
+                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it"
+                " out"
+            )
             raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
     with key_path("test", "band"):
@@ -216,81 +226,78 @@ def _measurement(job: Job) -> FRF:
 
 
 def _read(job: Job, file: str, key: str) -> FRF:
-    from updyn.io import read_frf
-
+    """Return the measurement in a file that a key of ``[test]`` names."""
     path = _existing(job, file, "test", key)
     with key_path("test", otherwise=(key,)):
         return read_frf(path, **job.test.reader_options)
 
 
 def _modes(job: Job, matching: Matching) -> ModeSet | None:
-    """Return the modes that the job's test names, in its band."""
-    from updyn.io import read_modes
-
+    """Return the modes that the job's test names, in its band; None where it names none."""
     table = job.test
     if table.modes is None:
         return None
     path = _existing(job, table.modes, "test", "modes")
     with key_path("test", "modes"):
         modes = matched_modes(matching, read_modes(path))
-        return modes if table.band is None else modes.select(band=table.band)
+        if table.band is None:
+            return modes
+        return modes.select(band=table.band)
 
 
-def _existing(job: Job, file: str, table: str, key: str = "file") -> Path:
+def _existing(job: Job, file: str, table: str, key: str) -> Path:
+    """Return the path of a file that a key names, or name the nearest file."""
     path = job.beside(file)
     if path.is_file():
         return path
     if path.is_dir():
         raise OptionError(f"{table}.{key} = {file!r} is a folder ({path})", key=(table, key))
-    siblings = (
-        [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
-    )
-    hint = (
-        suggest(path.name, siblings)
-        if siblings
-        else f"the folder {str(path.parent)!r} is empty or does not exist"
-    )
+    siblings = []
+    if path.parent.is_dir():
+        siblings = [sibling.name for sibling in path.parent.iterdir() if sibling.is_file()]
+    hint = f"the folder {str(path.parent)!r} is empty or does not exist"
+    if siblings:
+        hint = suggest(path.name, siblings)
     raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))
 
 
-# -- what is fitted --------------------------------------------------------------------------------
+# -- what is fitted ----------------------------------------------------------------------------------
 def _fitted(job: Job, frf: FRF) -> FRF:
+    """Return the data without those that are held out for validation."""
     held = job.validation
     if held is None:
         return frf
-    with key_path("method" if job.test.validation is None else "test", "validation"):
+    with key_path(job.table_of("validation"), "validation"):
         if isinstance(held[0], str):
             at = frf.responses.match(held, "validation response").index
-            keep = np.setdiff1d(np.arange(len(frf.responses)), at)
-            rest = None if keep.size == 0 else frf.select(responses=frf.responses[keep])
+            rows = np.setdiff1d(np.arange(len(frf.responses)), at)
+            if rows.size:
+                return frf.select(responses=frf.responses[rows])
         else:
             low, high = frf.select(band=held).freq[[0, -1]]
-            kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
-            rest = None if kept.size == 0 else frf.select(lines=kept)
-        if rest is None:
-            raise DataError("validation holds out everything: nothing is left to fit")
-    return rest
+            lines = frf.freq[(frf.freq < low) | (frf.freq > high)]
+            if lines.size:
+                return frf.select(lines=lines)
+        raise DataError("validation holds out everything: nothing is left to fit")
 
 
 def _check_method(job: Job, fitted: FRF) -> None:
-    from updyn.dynamics.fields import TIERS
-    from updyn.linalg.solver import check_backend
-    from updyn.updating.fit.reducing import is_reduced
-    from updyn.updating.problem.noise import choose_noise
-
+    """Check tier, backend, noise and lines of ``[method]`` with the data."""
+    method = job.method
     with key_path("method", "tier"):
-        if job.method.tier is not None and job.method.tier not in TIERS:
-            raise OptionError(f"tier {job.method.tier!r}: {suggest(job.method.tier, TIERS)}")
-        is_reduced(job.method.tier, 0, 0, job.method.name)
+        if method.tier is not None and method.tier not in TIERS:
+            raise OptionError(f"tier {method.tier!r}: {suggest(method.tier, TIERS)}")
+        is_reduced(method.tier, 0, 0, method.name)
     with key_path("method"):
-        check_backend(job.method.backend)
-    with key_path("method" if job.test.noise is None else "test"):
+        check_backend(method.backend)
+    with key_path(job.table_of("noise")):
         choose_noise(job.noise, fitted)
-    if isinstance(job.method.lines, tuple):
+    if isinstance(method.lines, tuple):
         with key_path("method", "lines"):
-            fitted.find_lines(job.method.lines)
+            fitted.find_lines(method.lines)
 
 
+# -- sensors -----------------------------------------------------------------------------------------
 T = TypeVar("T")
 
 
@@ -306,8 +313,7 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
     frf : FRF
         The measurement as it was read.
     others : sequence of FRF
-        Those of the job's other tests: what ``[match]`` says of their sensors is not about this
-        one.
+        Those of the job's other tests; what ``[match]`` states of their sensors is left out.
 
     Returns
     -------
@@ -320,8 +326,14 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
         says on which line.
     """
     table = job.match
-    geometry = None if table.geometry is None else _geometry(job, table.geometry)
+    geometry = None
+    if table.geometry is not None:
+        path = _existing(job, table.geometry, "match", "geometry")
+        with key_path("match", "geometry"):
+            geometry = read_geometry(path)
     alignment = table.alignment
+    if isinstance(alignment, dict):
+        alignment = {int(node): other for node, other in alignment.items()}
     try:
         return match(
             model,
@@ -330,17 +342,13 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
             by=table.by,
             tolerance=table.tolerance,
             unit=table.unit,
-            alignment=(
-                {int(a): b for a, b in alignment.items()}
-                if isinstance(alignment, dict)
-                else alignment
-            ),
+            alignment=alignment,
             angle=table.angle,
-            table=_here(table.table, frf, others),
-            directions=_here(table.directions, frf, others),
+            table=_of_this_test(table.table, frf, others),
+            directions=_of_this_test(table.directions, frf, others),
         )
     except MatchError as error:
-        raise _of_the_job(job, error) from error
+        raise _in_terms_of_the_job(job, error) from error
 
 
 def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
@@ -367,58 +375,55 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
         If a DOF is not in the model, or lies where a sensor has turned the DOFs of its node, or two
         are one.
     """
-    seats = {row.sensor: row for row in matching.table}
-    new = []
+    rows = {row.sensor: row for row in matching.table}
+    named = []
     for dof in modes.dofs:
-        row = seats.get(str(Dof(dof.node, dof.direction)))
-        if row is not None and row.turned:
+        row = rows.get(str(Dof(dof.node, dof.direction)))
+        if row is None:
+            named.append(dof)
+            continue
+        if row.turned:
             raise DofError(
                 f"DOF {dof} of the modes: the sensor at it points obliquely, and the model has"
                 " turned with it"
             )
-        own = dof if row is None else Dof.parse(row.dof)
-        new.append(own if row is None or dof.sign > 0 else -own)
-    named = DofSet(new)
-    matching.model.dofs.match(named, "DOF of the modes")
-    parts = (modes.loss_factor, modes.scaled, modes.quality, modes.source)
-    return ModeSet(modes.frequency, modes.shapes, named, *parts)
+        of_model = Dof.parse(row.dof)
+        named.append(of_model if dof.sign > 0 else -of_model)
+    dofs = DofSet(named)
+    matching.model.dofs.match(dofs, "DOF of the modes")
+    rest = (modes.loss_factor, modes.scaled, modes.quality, modes.source)
+    return ModeSet(modes.frequency, modes.shapes, dofs, *rest)
 
 
-def _here(told: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:
-    """Return what is told of sensors, without those that only other tests have."""
-    here = _named(frf)
-    elsewhere = {name for other in others for name in _named(other)} - here
+def _of_this_test(stated: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:
+    """Return what is stated of sensors, without those that only other tests have."""
+    elsewhere: set[str] = set()
+    for other in others:
+        elsewhere |= _sensor_names(other)
+    elsewhere -= _sensor_names(frf)
+    unsigned = str.maketrans("", "", "+-")
     return {
-        label: about
-        for label, about in told.items()
-        if label.replace("+", "").replace("-", "") not in elsewhere
+        label: value
+        for label, value in stated.items()
+        if label.translate(unsigned) not in elsewhere
     }
 
 
-def _named(frf: FRF) -> set[str]:
-    """Return by what names the sensors and forces may be called: with their direction, and by their node."""
-    dofs = [*frf.responses, *frf.references]
-    return {f"{d.node}:{d.direction}" for d in dofs} | {str(d.node) for d in dofs}
+def _sensor_names(frf: FRF) -> set[str]:
+    """Return the names of the sensors and forces, with their direction and by their node."""
+    names: set[str] = set()
+    for dof in (*frf.responses, *frf.references):
+        names |= {f"{dof.node}:{dof.direction}", str(dof.node)}
+    return names
 
 
-def _of_the_job(job: Job, error: MatchError) -> JobError:
-    """Return an error of `match` in the words and with the key of the job."""
-    message = (
-        str(error)
-        .replace("the measurement", job.test.file)
-        .replace(" in table", " in [match.table]")
-    )
+def _in_terms_of_the_job(job: Job, error: MatchError) -> JobError:
+    """Return an error of `match` with the words and the key of the job."""
+    text = str(error).replace("the measurement", job.test.file)
+    text = text.replace(" in table", " in [match.table]")
     if error.lost:
-        message += (
+        text += (
             f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."),'
             " or keep only those that are, with responses and references in [test]"
         )
-    return JobError(message, key=("match", *error.key) if error.key else ("test", "file"))
-
-
-def _geometry(job: Job, file: str) -> Geometry:
-    from updyn.io import read_geometry
-
-    path = _existing(job, file, "match", "geometry")
-    with key_path("match", "geometry"):
-        return read_geometry(path)
+    return JobError(text, key=("match", *error.key) if error.key else ("test", "file"))

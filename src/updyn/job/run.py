@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
+from updyn.io import write_model, write_properties
 from updyn.job.folder import (
     check_out,
     create_folder,
@@ -23,6 +24,13 @@ from updyn.job.folder import (
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepare import Prepared, prepare
 from updyn.job.schema import Job
+from updyn.store.result import write_result, write_result_json
+from updyn.updating.fit.methods import options_of
+from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
+from updyn.updating.problem.data import Test
+from updyn.updating.problem.selection import Selection
+from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.update import joint_identifiability, update, update_jointly
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -30,16 +38,13 @@ if TYPE_CHECKING:
     from updyn.engines import Engine
     from updyn.updating.fit.monitor import Progress
     from updyn.updating.judge.identifiability import Identifiability
-    from updyn.updating.problem.data import Test
-    from updyn.updating.problem.selection import Selection
-    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
 #: Keys of ``[selection]`` by the arguments of `updyn.cluster` and `updyn.select`.
-_SELECTION_KEYS: Mapping[object, tuple[str, ...]] = {
+_SELECTION_KEYS: Mapping[str | int, tuple[str, ...]] = {
     "threshold": ("selection", "cluster"),
     "n": ("selection", "n"),
     "max_collinearity": ("selection", "max_collinearity"),
@@ -159,19 +164,18 @@ def job_selection(prepared: Prepared) -> Selection | None:
     SolverError
         If the model cannot be solved at a line.
     """
-    wish = prepared.job.selection
-    if wish is None:
+    table = prepared.job.selection
+    if table is None:
         return None
-    from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
-    from updyn.updating.problem.selection import Selection
-
-    tests, found = as_tests(prepared, held_out=False), Selection(prepared.parameters)
+    tests = as_tests(prepared, held_out=False)
+    selection = Selection(prepared.parameters)
     with update_keys(prepared.job):
-        if wish.cluster is not None:
-            found = cluster_jointly(tests, found, wish.cluster)
-        if wish.n is not None or wish.max_collinearity is not None:
-            found = select_jointly(tests, found, wish.n, wish.max_collinearity or MAX_COLLINEARITY)
-    return found
+        if table.cluster is not None:
+            selection = cluster_jointly(tests, selection, table.cluster)
+        if table.n is not None or table.max_collinearity is not None:
+            limit = table.max_collinearity or MAX_COLLINEARITY
+            selection = select_jointly(tests, selection, table.n, limit)
+    return selection
 
 
 def job_identifiability(prepared: Prepared, selection: Selection | None = None) -> Identifiability:
@@ -195,48 +199,56 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     SolverError
         If the model cannot be solved at a line.
     """
-    from updyn.updating.update import joint_identifiability
-
-    job = prepared.job
-    with update_keys(job):
-        return joint_identifiability(
-            as_tests(prepared, held_out=False), selection or prepared.parameters
-        )
+    tests = as_tests(prepared, held_out=False)
+    with update_keys(prepared.job):
+        return joint_identifiability(tests, selection or prepared.parameters)
 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
-    """Return the tests as the update takes them; without what is held out, or all with the choice."""
-    from updyn.updating.problem.data import Test
+    """Return the tests as the update takes them.
 
-    return [
-        Test(
-            test.model,
-            test.frf if held_out else test.fitted,
-            test.name,
-            test.job.lines_to_fit,
-            test.job.noise,
-            test.job.validation if held_out else None,
-        )
-        for test in prepared.tests
-    ]
+    Parameters
+    ----------
+    prepared : Prepared
+        The job.
+    held_out : bool
+        Whether they have the data that are held out, and the choice of them.
+    """
+    tests = []
+    for test in prepared.tests:
+        job = test.job
+        if held_out:
+            data, validation = test.frf, job.validation
+        else:
+            data, validation = test.fitted, None
+        tests.append(Test(test.model, data, test.name, job.lines_to_fit, job.noise, validation))
+    return tests
 
 
 def _update(
     ready: Prepared, callback: Callable[[Progress], bool | None] | None, **running: Any
 ) -> UpdateResult | JointResult:
-    """Run the update; `running` says how, not what."""
-    from updyn.updating.update import update, update_jointly
+    """Run the update.
 
+    Parameters
+    ----------
+    ready : Prepared
+        The job.
+    callback : callable or None
+        As for `run_job`.
+    **running
+        Engine, checkpoint and whether to resume.
+    """
     job, method = ready.job, ready.job.method
     options: dict[str, Any] = {
         "method": method.name,
         "callback": callback,
         "title": job.title or job.path.stem,
     }
-    options |= running | method.options | _modes(ready)
-    for key in ("tier", "backend", "accuracy", "regularise"):
-        if getattr(method, key) is not None:
-            options[key] = getattr(method, key)
+    options |= running | method.options | method.settings
+    if ready.modes:
+        _check_takes_modes(ready)
+        options["modes"] = ready.modes_option
     tests, unknowns = as_tests(ready), job_selection(ready) or ready.parameters
     with update_keys(job):
         if len(tests) > 1:
@@ -246,25 +258,15 @@ def _update(
         return update(test.model, test.frf, unknowns, **options)
 
 
-def _modes(ready: Prepared) -> dict[str, Any]:
-    """Return the measured modes as the method takes them.
-
-    Raises
-    ------
-    JobError
-        If it takes none.
-    """
-    from updyn.updating.fit.methods import options_of
-
-    if not ready.modes:
-        return {}
+def _check_takes_modes(ready: Prepared) -> None:
+    """Check that the method fits modes."""
     method = ready.job.method.name
-    if "modes" not in options_of(method):
-        part = next(test.job for test in ready.tests if test.modes is not None)
+    if "modes" in options_of(method):
+        return
+    part = next(test.job for test in ready.tests if test.modes is not None)
+    with part.located():
         text = f"test.modes: method {method!r} fits FRFs and takes no modes; leave them out"
-        with part.located():
-            raise JobError(text, key=("test", "modes"))
-    return {"modes": ready.modes if len(ready.tests) > 1 else next(iter(ready.modes.values()))}
+        raise JobError(text, key=("test", "modes"))
 
 
 @contextmanager
@@ -276,8 +278,10 @@ def update_keys(job: Job) -> Iterator[None]:
         except JobError:
             raise
         except InputError as error:
-            argument = error.key[0] if error.key else None
-            error.key = _SELECTION_KEYS.get(argument, ("method", *error.key))
+            if error.key and error.key[0] in _SELECTION_KEYS:
+                error.key = _SELECTION_KEYS[error.key[0]]
+            else:
+                error.key = ("method", *error.key)
             raise
 
 
@@ -287,38 +291,38 @@ def _further(
     callback: Callable[[Progress], bool | None] | None,
     engine: Any,
 ) -> dict[str, Any]:
-    """Return what the tables of `JOB_TABLES` that the job has give, by their names."""
-    found: dict[str, Any] = {}
+    """Return what the further tables of the job give, by their names."""
+    further: dict[str, Any] = {}
     for name in ready.job.tables:
         try:
-            one = JOB_TABLES[name].run(ready, result, found, callback, engine)
+            found = JOB_TABLES[name].run(ready, result, further, callback, engine)
         except UpdynError as error:
             text = f"{ready.job.path}: [{name}] is left out: {error}"
             warnings.warn(text, UpdynWarning, stacklevel=3)
             continue
-        if one is not None:
-            found[name] = one
-    return found
+        if found is not None:
+            further[name] = found
+    return further
 
 
 def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path) -> None:
-    from updyn.io import write_model, write_properties
-    from updyn.store.result import write_result, write_result_json
-
+    """Write the update, and the job as it was run in the folder `out`, into another folder."""
     for own, one in _by_folder(result, folder):
         own.mkdir(exist_ok=True)
         write_model(one.model, own / "model.h5")
         write_result(one, own / "run.nc")
     if job.output.properties is not None and job.model.file is not None:
-        write_properties(
-            one, job.beside(job.model.file), folder / job.output.properties, format=job.model.format
-        )
+        source = job.beside(job.model.file)
+        target = folder / job.output.properties
+        write_properties(one, source, target, format=job.model.format)
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:
-    """Return the result of each test with the folder that it belongs to."""
+    """Return the result of each test with its folder."""
+    if isinstance(result, UpdateResult):
+        return [(folder, result)]
     return [(folder / name, one) for name, one in result.results.items()]
 
 

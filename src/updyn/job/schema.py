@@ -265,6 +265,13 @@ class MethodTable(Table):
         """The method's own options."""
         return dict(self.__pydantic_extra__ or {})
 
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What is stated besides, as `updyn.update` and `updyn.compare` take it."""
+        return self.model_dump(
+            include={"tier", "backend", "accuracy", "regularise"}, exclude_none=True
+        )
+
 
 #: What every run writes, in the order in which it appears; `job.toml` and `result.json` come last.
 OUTPUTS = (
@@ -468,6 +475,21 @@ class Job(Table):
     def validation(self) -> tuple[str, ...] | tuple[float, float] | None:
         """What of this test is held out."""
         return self.method.validation if self.test.validation is None else self.test.validation
+
+    def table_of(self, key: Literal["noise", "validation"]) -> Literal["test", "method"]:
+        """Return which table states a key that both ``[test]`` and ``[method]`` have.
+
+        Parameters
+        ----------
+        key : {"noise", "validation"}
+            The key.
+
+        Returns
+        -------
+        {"test", "method"}
+            ``[test]`` where it states the key.
+        """
+        return "method" if getattr(self.test, key) is None else "test"
 
     def place(self, *place: str | int) -> int | None:
         """Return where something stands in the file.

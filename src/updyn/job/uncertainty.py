@@ -63,9 +63,8 @@ class _UncertaintyJobTable(JobTable):
         job = prepared.job
         table = job.table(UncertaintyTable)
         assert table is not None
-        if (
-            table.names is not None and job.selection is None
-        ):  # which joins unknowns under new names
+        # A selection may join unknowns under new names.
+        if table.names is not None and job.selection is None:
             with key_path("uncertainty", "names"):
                 positions_of(table.names, prepared.parameters.names)
         methods = methods_with(WITH_NOISE if table.kind == "bootstrap" else LIKELIHOOD)
@@ -115,13 +114,14 @@ UNCERTAINTY = _UncertaintyJobTable()
 
 
 def _shown(callback: Callable[[Progress], bool | None] | None) -> Any:
-    """Return a callback that shows progress of this work as that of the update is shown."""
+    """Return a callback that passes progress of the uncertainty on as `Progress` of an update."""
     if callback is None:
         return None
 
     def show(progress: Any) -> bool | None:
-        said = f"{progress.stage} {progress.done} of {progress.total}"
-        stage = f"{said}, {progress.note}" if progress.note else said
+        stage = f"{progress.stage} {progress.done} of {progress.total}"
+        if progress.note:
+            stage += f", {progress.note}"
         return callback(Progress(stage, progress.done, float("nan"), progress.done, progress.total))
 
     return show

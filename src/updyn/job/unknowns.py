@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -55,12 +55,13 @@ def unknowns_of(job: Job, model: Model, data: Sequence[FRF]) -> ParameterSet:
 
 
 def _parameters(job: Job, model: Model) -> ParameterSet:
+    """Return the unknowns of the model, by group, then those that drive several quantities."""
     chosen: dict[str, tuple[int, Parameter]] = {}
     loaded = with_all_masses(job, model)
     for number, table in enumerate(job.parameter):
         # Masses that a test adds are known: they are unknowns only where a table names them, not by
         # "all" and "*".
-        own = _fits(model, table.groups or (), []) and _fits(
+        own = _fits(model, table.groups or ()) and _fits(
             model, table.drives or (), GROUP_QUANTITIES
         )
         with key_path("parameter", number):
@@ -73,14 +74,15 @@ def _parameters(job: Job, model: Model) -> ParameterSet:
             chosen[p.name] = (number, p)
     groups = list(loaded.groups)
 
-    def place(entry: tuple[int, Parameter]) -> tuple[int, int]:
+    def position(entry: tuple[int, Parameter]) -> tuple[int, int]:
         number, p = entry
-        if p.drives:  # after the others, as the job has them
+        if p.drives:  # after the others, in the order of the job
             return len(groups), number
         return groups.index(p.group), _QUANTITY_ORDER.index(p.quantity)
 
+    ordered = sorted(chosen.values(), key=position)
     with key_path("parameter"):
-        return ParameterSet(tuple(p for _, p in sorted(chosen.values(), key=place)))
+        return ParameterSet(tuple(p for _, p in ordered))
 
 
 def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> ParameterSet:
@@ -109,13 +111,15 @@ def _with_calibration(job: Job, chosen: ParameterSet, data: Sequence[FRF]) -> Pa
     return whole
 
 
-def _fits(model: Model, patterns: Iterable[str], quantities: Iterable[str]) -> bool:
-    """Whether each pattern fits a group of a model, or a quantity of one, ``"all"`` aside."""
-    names = [f"{name}.{q}" for name in model.groups for q in quantities] or list(model.groups)
-    return all(
-        pattern == "all" or any(fnmatch.fnmatchcase(name, pattern) for name in names)
-        for pattern in patterns
-    )
+def _fits(model: Model, patterns: Iterable[str], quantities: Collection[str] = ()) -> bool:
+    """Return whether each pattern but ``"all"`` fits a group of a model, or a quantity of one."""
+    names = list(model.groups)
+    if quantities:
+        names = [f"{name}.{quantity}" for name in names for quantity in quantities]
+    for pattern in patterns:
+        if pattern != "all" and not any(fnmatch.fnmatchcase(name, pattern) for name in names):
+            return False
+    return True
 
 
 def _sensor_mass(job: Job, group: str) -> float | None:

@@ -1,4 +1,4 @@
-"""MUMPS through the package python-mumps (extra ``updyn[mumps]``), which is built against an installed MUMPS.
+"""MUMPS through python-mumps (extra ``updyn[mumps]``), built against an installed MUMPS.
 
 The package pymumps has the same module name and is not it.
 """
@@ -76,7 +76,7 @@ class Mumps:
 
     @property
     def peak_bytes(self) -> int:
-        """Memory of the library for this pattern, the factor included; estimated before the first `factor`."""
+        """Memory of the library, the factor included; estimated before the first `factor`."""
         done = self._context.factored
         megabytes = (
             self._context.factor_stats.memory

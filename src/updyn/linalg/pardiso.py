@@ -1,4 +1,4 @@
-"""MKL PARDISO for symmetric matrices, complex or real, through the ``mkl`` wheel (extra ``updyn[mkl]``).
+"""MKL PARDISO for symmetric matrices, through the ``mkl`` wheel (extra ``updyn[mkl]``).
 
 The symbolic analysis of a pattern is done once and serves every line and every iteration after it;
 only the upper triangle is stored and factorised (L D L^T). Matrix types 6 and -2 and parameters as
@@ -103,7 +103,7 @@ class Pardiso:
 
     @property
     def peak_bytes(self) -> int:
-        """Largest memory of the library for this pattern, the factor included; estimated before the first `factor`."""
+        """Largest memory of the library, the factor included; estimated before `factor`."""
         return self._session.peak_bytes()
 
     def factor(self, A: Any) -> _LDL:
@@ -181,10 +181,12 @@ class _Session:
             return None if array is None else ctypes.c_void_p(array.ctypes.data)
 
         error = integer(0)
+        n_columns = 1 if b is None else b.shape[1]
         run(
-            place(self.handle), number(1), number(1), number(self.kind), number(phase), number(len(self.ia) - 1),
-            place(self.a), place(self.ia), place(self.ja), None, number(1 if b is None else b.shape[1]),
-            place(self.iparm), number(0), place(b), place(x), ctypes.byref(error),
+            place(self.handle), number(1), number(1), number(self.kind), number(phase),
+            number(len(self.ia) - 1), place(self.a), place(self.ia), place(self.ja), None,
+            number(n_columns), place(self.iparm), number(0), place(b), place(x),
+            ctypes.byref(error),
         )  # fmt: skip
         if error.value == _NOT_ENOUGH_MEMORY:
             raise MemoryError(f"PARDISO needs {self.peak_bytes() / 1e9:.1f} GB")
@@ -199,7 +201,7 @@ class _Session:
 def _upper_triangle(
     indptr: NDArray[Any], indices: NDArray[Any]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which entries of a CSC pattern belong to the upper triangle in CSR, and where its rows begin.
+    """Return the mask of the upper triangle of a CSC pattern, and where its CSR rows begin.
 
     CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
     """

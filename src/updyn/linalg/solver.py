@@ -62,10 +62,10 @@ class Backend(Protocol):
 
     @property
     def peak_bytes(self) -> int | None:
-        """Largest memory of the library so far, the factor included (estimated before `factor`); None: not known."""
+        """Largest memory of the library, estimated before `factor`; None if unknown."""
 
     def factor(self, A: Any) -> Factors:
-        """Factorise a matrix of the pattern. Raises RuntimeError if it cannot, MemoryError if memory is short."""
+        """Factorise a matrix of the pattern. Raises RuntimeError and MemoryError."""
 
     def release(self) -> None:
         """Give the memory back; the object is of no more use."""
@@ -205,7 +205,7 @@ class SparseSolver:
 
     @property
     def peak_bytes(self) -> int | None:
-        """Largest memory of the backends in use, the factor included; None where they do not say."""
+        """Largest memory of the backends in use; None where it is unknown."""
         known = [b for backend in self._analysed.values() if (b := backend.peak_bytes) is not None]
         return max(known, default=None)
 
@@ -253,7 +253,7 @@ def _backends_from(name: str) -> Iterator[str]:
 
 
 class Factorised:
-    """A factorised matrix, made by `SparseSolver.factorise`; valid until that solver factorises another."""
+    """A factorised matrix of a `SparseSolver`, valid until the solver factorises another."""
 
     __slots__ = (
         "_A",
@@ -280,7 +280,7 @@ class Factorised:
 
     @property
     def negative(self) -> int | None:
-        """How many eigenvalues of a real A are negative (Sylvester's law of inertia); None where it is not known.
+        """Number of negative eigenvalues of a real A (Sylvester's law of inertia); None if unknown.
 
         For A = K - omega^2 M with M positive definite: how many natural frequencies lie below
         omega.
@@ -402,7 +402,7 @@ _CACHED_NUMBERS = 2**15
 
 
 def unit_scale(diagonal: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the roots of the sizes of a diagonal: rows and columns divided by them compare, whatever their units.
+    """Return the scale that makes rows and columns of a matrix comparable, whatever their units.
 
     Parameters
     ----------
@@ -511,7 +511,7 @@ _TINY = np.finfo(float).tiny
 def _combined(
     A: Any, scale: NDArray[np.float64], x: NDArray[Any], b: NDArray[Any], size: NDArray[np.float64]
 ) -> np.float64:
-    """Return a bound of the backward errors of some columns, from that of one random combination of them."""
+    """Return a bound of the backward errors of columns from a random combination of them."""
     r = len(size)
     weight = np.random.default_rng(0).uniform(0.5, 1.5, r) / np.maximum(size, _TINY)
     y, c = _times(x, weight), _times(b, weight)
@@ -536,7 +536,7 @@ def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _sizes(X: NDArray[Any], scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest scaled entry of each column, real and imaginary parts apart: three times as fast."""
+    """Return the largest scaled real or imaginary part of each column."""
     if np.iscomplexobj(X):
         scale = np.repeat(scale, 2)
     columns = np.asfortranarray(X).T.view(np.float64)

@@ -79,7 +79,7 @@ class _LU:
 
     @property
     def negative(self) -> int | None:
-        """Number of negative eigenvalues of a real matrix; None where pivots off the diagonal were taken."""
+        """Number of negative eigenvalues of a real matrix; None after pivoting off the diagonal."""
         if not np.array_equal(self.lu.perm_r, self.lu.perm_c):
             return None
         pivots = self.lu.U.diagonal()

@@ -46,7 +46,7 @@ def _openblas() -> Any:
 
 
 def limit(n: int) -> None:
-    """Limit the threads of PARDISO (of MKL) in this process; nothing happens where MKL is not installed.
+    """Limit the threads of MKL, and so of PARDISO, in this process; without MKL do nothing.
 
     Meant for worker processes, one thread each, and to be called before the first factorisation:
     PARDISO plans its analysis for the threads there are. Neither numpy's own BLAS nor another

@@ -1,4 +1,4 @@
-"""Measured modes: a set of them (`ModeSet`), and their identification from measured FRFs (`identify_modes`)."""
+"""Measured modes (`ModeSet`) and their identification from measured FRFs (`identify_modes`)."""
 
 from __future__ import annotations
 

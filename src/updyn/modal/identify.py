@@ -1,13 +1,13 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
 1. The FRFs, as accelerances so that peaks of equal damping are equally high, are fitted by rational
-   functions with common poles (`updyn.modal.vector_fitting`), twice, on every second line, with more and
-   more poles. As many poles are taken as foretell best the lines that were left out; noise is not
-   foretold.
-2. A mode is a pole within the band that takes energy and that both halves have found, to within
-   half its half-power bandwidth. Poles so close that they cannot be told apart, of one and the same
-   shape, are what the test made of one mode (it moves a little from hit to hit): they become one.
-   What adds less than a tenth to the FRFs at its own frequency is left out.
+   functions with common poles (`updyn.modal.vector_fitting`), twice, on every second line, with
+   more and more poles. The number of poles is the one that best predicts the lines left out, which
+   does not fit noise.
+2. A mode is a stable pole within the band that both halves have found, to within half its
+   half-power bandwidth. Indistinguishably close poles of the same shape belong to one mode, whose
+   frequency varies from hit to hit: they are merged. A pole that contributes less than a tenth to
+   the FRFs at its own frequency is left out.
 3. Shapes follow from the residues (Ewins, Modal Testing, 2nd ed. 2000, section 4.5): the residue of
    a mode is its shape at the responses times its shape at the references; a drive point gives the
    scale. Two modes of one frequency show as a residue of rank two.
@@ -62,7 +62,7 @@ _FIRST = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lines:
-    """A measurement as it is fitted: the variable, and the functions one beside the other, of one level."""
+    """The variable and the scaled functions of a rational fit."""
 
     basis: Basis
     unit: float  # omega of |x| = 1, in rad/s
@@ -96,7 +96,7 @@ class _Lines:
         return np.abs(poles.real if self.basis.mirrored else poles.imag)
 
     def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
-        """Return phi phi^T of receptance, shape (k, n_i, n_j), from residues of accelerance, shape (k, n_i n_j)."""
+        """Return phi phi^T, shape (k, n_i, n_j), from residues of accelerance (k, n_i n_j)."""
         shape = (len(poles), *self.level.shape)
         # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
         # has p A.
@@ -197,7 +197,7 @@ def _prepared(frf: FRF, *, mirrored: bool) -> _Lines:
     return _Lines(Basis(2, mirrored), unit, x, Y, level)
 
 
-# -- poles -------------------------------------------------------------------------------------------------
+# -- poles -------------------------------------------------------------------------------------
 def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
     """Return the poles, and the fits to each half of the lines with as many."""
     at = _telling(lines.Y)
@@ -227,7 +227,7 @@ def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
 
 
 def _telling(Y: _Complex) -> NDArray[np.intp]:
-    """Return the lines to look at: all, or where there are many the highest and some at even distances."""
+    """Return the lines to fit: all, or of many the highest and some at even distances."""
     n = len(Y)
     if n <= _LINES:
         return np.arange(n)
@@ -236,7 +236,7 @@ def _telling(Y: _Complex) -> NDArray[np.intp]:
 
 
 def _combined(lines: _Lines, at: NDArray[np.intp]) -> _Complex:
-    """Return few functions that hold what is common to all: the first singular vectors, of the weights' own field."""
+    """Return combinations of the functions by their first right singular vectors."""
     Y = lines.Y[at]
     Vh = np.linalg.svd(lines.basis.parts(Y), full_matrices=False)
     kept = max(1, min(_FUNCTIONS, int((Vh[1] > 1e-6 * Vh[1][0]).sum())))
@@ -244,7 +244,7 @@ def _combined(lines: _Lines, at: NDArray[np.intp]) -> _Complex:
 
 
 def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
-    """Return the numbers of the poles that may be modes, those that cannot be told apart together."""
+    """Return positions of poles that may be modes, indistinguishable ones in one list."""
     poles = fitted.poles
     frequency, loss = lines.frequency(poles), lines.loss(poles)
     within = (frequency >= freq[0]) & (frequency <= freq[-1]) & (loss > 0) & (loss < _HEAVY)
@@ -261,7 +261,7 @@ def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
 
 
 def _same_shape(A: _Complex, B: _Complex) -> bool:
-    """Say whether two residues are of one shape at the responses, or at the references, as far as these can tell."""
+    """Return whether two residues have the same shape at the responses or the references."""
     (u, _, w), (v, _, z) = (np.linalg.svd(C) for C in (A, B))
     alike = [abs(np.vdot(u[:, 0], v[:, 0])) ** 2] if len(A) > 1 else []
     alike += [abs(np.vdot(w[0], z[0])) ** 2] if A.shape[1] > 1 else []
@@ -290,7 +290,7 @@ def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
     return np.complex128(last.poles[0] / turn)
 
 
-# -- shapes ------------------------------------------------------------------------------------------------
+# -- shapes ------------------------------------------------------------------------------------
 def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
     """Return what the first `n` poles of a fit are as modes."""
     poles, residues = fitted.poles[:n], fitted.residues[:n]

@@ -1,4 +1,4 @@
-"""`ModeSet`: modes as a test gives them, at signed DOFs, with what is known of their scale and quality."""
+"""`ModeSet`: measured modes at signed DOFs, with their scale and quality."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ class ModeSet:
 
     @property
     def phase_collinearity(self) -> _Real:
-        """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor, 0 for any phases.
+        """Modal phase collinearity, shape (n,): 1 for a shape that is real up to a factor.
 
         Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with
         its eigenvalues a and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852,
@@ -152,7 +152,7 @@ class ModeSet:
 
     @property
     def real_shapes(self) -> _Real:
-        """The shapes turned in phase until they are as real as they can be, real part; shape (N, n).
+        """Real parts of the shapes, turned in phase to be as real as possible; shape (N, n).
 
         The largest component is positive.
         """

@@ -197,7 +197,7 @@ def separated(
     seen: Callable[[_Real], _Real],
     measured: _Real,
 ) -> RealModes:
-    """Return the modes with those of one eigenvalue turned among themselves so that no unknown couples them.
+    """Return the modes in a basis in which no unknown couples modes of one eigenvalue.
 
     What the unknowns leave undecided follows the measured shapes.
 
@@ -248,7 +248,7 @@ def separated(
 def _forces(
     system: AffineSystem, unknowns: Unknowns, values: _Real, shapes: _Real
 ) -> Iterator[tuple[int, Any, _Real, bool]]:
-    """Yield, for each drive on stiffness or mass, its unknown, own DOFs, K' or M' times the shapes there, and which."""
+    """Yield unknown, own DOFs, derivative times shapes, and whether of mass, by drive."""
     state = unknowns.state(system, values)
     for owner, at, power in zip(unknowns.owner, unknowns.at, unknowns.power, strict=True):
         term = system.terms[at]
@@ -265,7 +265,7 @@ def _forces(
 def _couplings(
     system: AffineSystem, unknowns: Unknowns, values: _Real, basis: _Real, value: float
 ) -> _Real:
-    """Return Phi^T (K' - lambda M') Phi by each unknown in its logarithm, weighted to be told apart, (n, m, m)."""
+    """Return weighted Phi^T (K' - lambda M') Phi by the logarithm of each unknown, (n, m, m)."""
     out = np.zeros((unknowns.n, basis.shape[1], basis.shape[1]))
     for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
         # Any weights do that are not in a simple ratio.
@@ -283,7 +283,7 @@ def _axes(
 
 
 def _towards(seen: _Real, measured: _Real) -> _Real:
-    """Return the turn, shape (m, m), after which the first shapes are those nearest to measured ones."""
+    """Return the rotation, shape (m, m), that puts shapes near to measured ones first."""
     share = np.linalg.lstsq(seen, measured, rcond=None)[0]
     near = np.linalg.norm(seen @ share, axis=0)
     order = [
@@ -301,7 +301,7 @@ def _matrix(system: AffineSystem, state: State, quantity: str) -> Any:
 
 
 def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
-    """Return the DOFs that move most, one a mode; rotations and translations by their share of the strain energy."""
+    """Return the DOFs that move most, one a mode, weighted by strain energy."""
     weighted = basis.T * np.sqrt(np.maximum(modes.K.diagonal(), 0.0))
     return np.asarray(
         scipy.linalg.qr(weighted, mode="r", pivoting=True)[1][: basis.shape[1]], dtype=np.intp
@@ -309,7 +309,7 @@ def _pivots(modes: RealModes, basis: _Real) -> NDArray[np.intp]:
 
 
 def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Real) -> _Real:
-    """Solve with K - lambda M, its rows and columns `pivots` taken out; the solution is zero there."""
+    """Solve with K - lambda M without rows and columns `pivots`, where the solution is zero."""
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # translations and rotations weigh alike
     scale[pivots] = 0.0

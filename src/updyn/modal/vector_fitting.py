@@ -1,4 +1,4 @@
-"""Poles that all functions of a measurement share: rational fits by vector fitting, poles added one by one.
+"""Vector fitting: rational fits with poles that all functions share, added one by one.
 
 B. Gustavsen & A. Semlyen, IEEE Trans. Power Delivery 14 (1999) 1052-1061 (vector fitting: poles are
 moved to the zeros of a common denominator, in partial fractions); B. Gustavsen, ibid. 21 (2006)
@@ -65,7 +65,7 @@ class Basis:
         return np.asarray(x[:, None] ** np.arange(self.degree + 1))
 
     def parts(self, A: _Complex) -> NDArray[Any]:
-        """Return equations in the weights' own field: real over imaginary parts where weights are real."""
+        """Return equations of the weights: real over imaginary parts where weights are real."""
         return np.vstack([A.real, A.imag]) if self.mirrored else A
 
     def residues(self, weights: NDArray[Any], poles: _Complex) -> _Complex:
@@ -79,7 +79,7 @@ class Basis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A rational fit: sum of residue_k / (x - pole_k), with mirror images where the basis has them, plus a polynomial.
+    """A rational fit: sum of residue_k / (x - pole_k), and mirror images, plus a polynomial.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ def growing(
 
 
 def fit(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> Fitted:
-    """Fit the residues to the functions, the poles given: linear least squares in the frequency domain."""
+    """Fit the residues to the functions for given poles, by linear least squares."""
     A = basis.parts(_columns(basis, x, poles))
     norms = np.linalg.norm(A, axis=0)
     scale = np.where(norms > 0, norms, 1.0)  # of a pole far away nothing may be left
@@ -178,7 +178,7 @@ def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
 
 
 def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
-    """Return the zeros of the denominator sigma that minimises |sigma Y - numerators| at a mean |sigma|^2 of 1."""
+    """Return the zeros of sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
     inner = basis.fractions(x, poles)
     sigma = np.hstack([inner, np.ones((len(x), 1))])
     Q = np.linalg.qr(basis.parts(np.hstack([inner, basis.powers(x)])))[0]
@@ -208,7 +208,7 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
 
 
 def _stable(basis: Basis, poles: _Complex) -> _Complex:
-    """Return poles that take energy, those that feed it in turned over; of mirror images the upper one."""
+    """Return stable poles: unstable ones reflected, of mirror images the upper one."""
     if not basis.mirrored:
         return np.asarray(poles.real + 1j * np.maximum(np.abs(poles.imag), _TINY))
     imag = np.where(np.abs(poles.imag) > _OWN_IMAGE * np.abs(poles), poles.imag, 0.0)

@@ -52,14 +52,14 @@ def write_comparison(comparison: Comparison, path: str | PathLike[str]) -> Path:
     Parameters
     ----------
     comparison : Comparison
-        What `updyn.compare` gave.
+        From `updyn.compare`.
     path : str or path-like
-        Where to write; an existing file is replaced only once the new page is complete.
+        The file; an existing one is replaced only once the new page is complete.
 
     Returns
     -------
     Path
-        Where the page is.
+        The file.
     """
     return write_page(render(comparison), path)
 
@@ -198,17 +198,14 @@ class Methods(ComparisonSection):
         """Return the table."""
         comparison: Comparison = content.further["comparison"].comparison
         shown = [column for column in columns(comparison) if column[0] != "limits"]
-        kinds = ["text" if key in ("method", "status") else "" for key, _, _ in shown]
-        rows = [
-            {"cells": cells(row, shown), "converged": row.status == "converged"}
-            for row in comparison
-        ]
-        return {
-            "truth": bool(comparison.truth),
-            "head": [heading for _, heading, _ in shown],
-            "kinds": kinds,
-            "methods": rows,
-        }
+        head, kinds = [], []
+        for key, heading, _ in shown:
+            head.append(heading)
+            kinds.append("text" if key in ("method", "status") else "")
+        rows = []
+        for row in comparison:
+            rows.append({"cells": cells(row, shown), "converged": row.status == "converged"})
+        return {"truth": bool(comparison.truth), "head": head, "kinds": kinds, "methods": rows}
 
 
 class Frfs(ComparisonSection):
@@ -248,9 +245,9 @@ class Frfs(ComparisonSection):
         return {
             "curves": curves,
             "misfit": _decibels(curves.misfit),
-            "missing": [(row.method, row.message) for row in silent if row.method in PAIR],
+            "pair": PAIR,
             "panels": panels,
-            "silent": [(row.method, row.message) for row in silent if row.applies],
+            "silent": silent,
         }
 
 
@@ -302,10 +299,9 @@ class FewestLines(ComparisonSection):
                 continue
             tried = dict(row.fewest.tried)
             found = "none" if row.fewest.count is None else str(row.fewest.count)
-            errors = [
-                number(comparison.tolerance * tried[n], 2) if n in tried else "" for n in counts
-            ]
-            entries = [row.method, str(len(row.updated)), found, *errors]
+            entries = [row.method, str(len(row.updated)), found]
+            for n in counts:
+                entries.append(number(comparison.tolerance * tried[n], 2) if n in tried else "")
             rows.append({"cells": entries, "found": bool(row.fewest.count)})
             if row.fewest.note:
                 notes.append(f"{row.method}: {row.fewest.note}")
@@ -466,7 +462,7 @@ def _worst_channel(comparison: Comparison, notes: list[str]) -> tuple[float, Tes
         with np.errstate(divide="ignore", invalid="ignore"):
             level = np.abs(20.0 * np.log10(np.abs(start) / np.abs(frf.values)))
         off = np.median(np.where(np.isfinite(level), level, 0.0), axis=0)
-        i, j = (int(k) for k in np.unravel_index(int(np.argmax(off)), off.shape))
+        i, j = map(int, np.unravel_index(int(np.argmax(off)), off.shape))
         if worst is None or off[i, j] > worst[0]:
             worst = float(off[i, j]), test, i, j
     return worst
@@ -543,16 +539,20 @@ def frf_figures(curves: Curves) -> dict[str, Figure]:
 
 def bar_figures(comparison: Comparison) -> dict[str, Figure]:
     """Return bars of error, misfit, time and work, by the name of their place in the page."""
-    run = [row for row in comparison if row.applies]
-    answered = [row for row in run if row.status != "failed"]
+    errors, misfits, seconds, work = {}, {}, {}, {}
+    for row in comparison:
+        if not row.applies:
+            continue
+        seconds[row.method] = row.seconds
+        work[row.method] = float(row.lines_solved)
+        if row.status != "failed":
+            errors[row.method] = row.error_max
+            misfits[row.method] = _misfit(row)
     made = {}
     if comparison.truth:
-        errors = {row.method: row.error_max for row in answered}
         made["error"] = _bar_chart(errors, "largest error of an unknown", comparison.tolerance)
-    misfits = {row.method: _misfit(row) for row in answered}
     made["misfit"] = _bar_chart(misfits, "median misfit (dB)")
-    made["seconds"] = _bar_chart({row.method: row.seconds for row in run}, "seconds")
-    work = {row.method: float(row.lines_solved) for row in run}
+    made["seconds"] = _bar_chart(seconds, "seconds")
     made["work"] = _bar_chart(work, "lines solved")
     return existing(made)
 

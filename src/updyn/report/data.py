@@ -1,4 +1,4 @@
-"""All that the report draws, gathered once: measured and computed FRFs and how well they agree."""
+"""Measured and computed FRFs of a report, and their agreement, gathered once."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FEWEST_LINES = 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportData:
-    """What the figures are drawn from.
+    """Measured and computed FRFs, and their agreement.
 
     Attributes
     ----------
@@ -85,13 +85,14 @@ def gather(result: UpdateResult) -> ReportData:
 
     Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks kept, and a note says so.
     """
-    frf, notes = result.frf, list[str]()
+    frf, options = result.frf, result.options
+    notes: list[str] = []
     used = _is_used(frf, result.lines)
     keep = np.arange(len(frf.freq))
     if frf.freq[0] == 0.0:
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
-    per_line = 1 if result.options.get("tier") == "reduced" else result.model.n_dofs
+    per_line = 1 if options.get("tier") == "reduced" else result.model.n_dofs
     limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
@@ -102,14 +103,15 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    before = computed(result.start, frf, freq, "start model", notes, result.options)
-    after = computed(result.model, frf, freq, "updated model", notes, result.options)
+    before = computed(result.start, frf, freq, "start model", notes, options)
+    after = computed(result.model, frf, freq, "updated model", notes, options)
     gains = gains_of(result)
     if gains is not None:
         notes.append(
             "The updated model is shown as the sensors read it: times their calibration factors."
         )
-        after = None if after is None else after * gains
+        if after is not None:
+            after = after * gains
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(
@@ -156,21 +158,39 @@ def computed(
     notes: list[str],
     options: Mapping[str, Any],
 ) -> NDArray[np.complex128] | None:
-    """Return what a model answers at some lines of the data; None, with a note, where it cannot be computed."""
+    """Return the FRFs of a model at some lines; None, with a note, where they cannot be computed.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    frf : FRF
+        The data: channels and quantity.
+    freq : ndarray of float, shape (n,)
+        Lines in Hz.
+    what : str
+        The name of the model in the note.
+    notes : list of str
+        The note is appended to it.
+    options : mapping
+        Options of the update, which say how a large model was solved.
+
+    Returns
+    -------
+    ndarray of complex, shape (n, n_responses, n_references), or None
+        In the unit of the data.
+    """
     from updyn.dynamics.response import response
 
     if freq.size == 0:
         return None
+    # As the update solved it: a large model line by line would take longer than the update.
+    how: dict[str, Any] = {}
+    if options.get("tier") == "reduced":
+        how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
-        # As the update solved it: a large model once more line by line would take longer than the
-        # update.
-        how = {
-            k: options[k]
-            for k in ("tier", "accuracy")
-            if options.get("tier") == "reduced" and k in options
-        }
         return response(model, freq, frf.responses, frf.references, frf.quantity, **how).values
-    except UpdynError as error:  # a failed fit is reported too: with what there is
+    except UpdynError as error:  # a failed fit has a report too
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None
 
@@ -200,7 +220,7 @@ def _csac(
 def keep_lines(
     values: NDArray[np.complex128], used: NDArray[np.bool_], limit: int
 ) -> NDArray[np.intp]:
-    """Choose which lines stay when there are too many: peaks first, then lines of the fit, then evenly.
+    """Choose lines of too many: peaks first, then lines of the fit, then evenly spaced ones.
 
     Parameters
     ----------
@@ -230,6 +250,6 @@ def keep_lines(
         turns = turns[np.argsort(-np.abs(level[turns] - np.median(level)))[: limit // 4]]
     wanted = np.flatnonzero(used)
     room = limit - turns.size
-    fitted = wanted if wanted.size <= room // 2 else wanted[:0]
+    fitted = wanted if wanted.size <= room // 2 else wanted[:0]  # all of them or none
     even = np.linspace(0, n - 1, room - fitted.size).round().astype(np.intp)
     return np.unique(np.concatenate([turns, fitted, even]))

@@ -1,4 +1,4 @@
-"""The report in words: verdict, combinations of unknowns, units and numbers, for a test engineer. Plain text only."""
+"""Numbers, units and names of quantities as plain text, for a reader."""
 
 from __future__ import annotations
 
@@ -44,12 +44,13 @@ _QUANTITY_WORDS = {
     "calibration": "calibration factor",
     "force_calibration": "calibration factor of the force",
 }
-_POWER = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+_POWER = {"mobility": "/s", "accelerance": "/s²"}
+#: The 97.5 % quantile of the standard normal distribution.
 _NORMAL_95 = 1.959964
+#: Terms of a combination of unknowns, and entries of a list, that are written out.
 _WRITTEN_TERMS = 16
+_WRITTEN_ENTRIES = 20
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
 _FIGURE_WORDS = {
     "frac_median": "FRAC, median over channels",
     "frac_min": "FRAC, worst channel",
@@ -61,7 +62,7 @@ _FIGURE_WORDS = {
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Return a number as a reader wants it: `digits` significant, a true minus, a dash where there is none."""
+    """Return a number with `digits` significant digits and a true minus; a dash for none."""
     if value is None or math.isnan(value):
         return "–"
     if math.isinf(value):
@@ -69,16 +70,19 @@ def number(value: float | None, digits: int = 4) -> str:
     text = f"{value:.{digits}g}"
     if "e" in text:
         mantissa, exponent = text.split("e")
-        return mantissa.replace("-", "−") + "·10" + str(int(exponent)).translate(_SUPERSCRIPT)
+        power = str(int(exponent)).translate(_SUPERSCRIPT)
+        return f"{mantissa.replace('-', '−')}·10{power}"
     return text.replace("-", "−")
 
 
 def estimate(value: float, std: float) -> str:
-    """Return an estimate to two digits of its standard deviation; to five digits of its own where there is none."""
+    """Return an estimate to two digits of its standard deviation; without one, to five digits."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return number(value, 5)
     decimals = 1 - math.floor(math.log10(std))
-    return f"{value:.{decimals}f}".replace("-", "−") if 0 <= decimals <= 8 else number(value, 5)
+    if not 0 <= decimals <= 8:
+        return number(value, 5)
+    return f"{value:.{decimals}f}".replace("-", "−")
 
 
 def quantity_words(quantity: str) -> str:
@@ -92,56 +96,60 @@ def figure_name(quantity: str) -> str:
 
 
 def axis_title(parameter: Parameter) -> str:
-    """Return what an axis of values of such unknowns shows: what it is and, in brackets, its unit."""
+    """Return the title of an axis of such values: the quantity and, in brackets, its unit."""
     if parameter.value_of is None:
         return "value relative to the start"
-    unit = parameter.value_unit
-    return quantity_words(parameter.value_of) + (f" ({unit})" if unit else "")
+    quantity = quantity_words(parameter.value_of)
+    if parameter.value_unit:
+        return f"{quantity} ({parameter.value_unit})"
+    return quantity
 
 
 def unknown(name: str) -> str:
     """Return ``"stiffness of shaft"`` for ``"shaft.stiffness"``."""
     group, _, quantity = name.rpartition(".")
-    return f"{quantity_words(quantity)} of {group}" if group else name
+    if not group:
+        return name
+    return f"{quantity_words(quantity)} of {group}"
 
 
 def combination(direction: Mapping[str, float]) -> str:
-    """Return weights by unknown as words, the largest first: what goes up, what goes down, by how much."""
+    """Return weights by unknown as words, the largest first: which go up or down, by how much."""
     shown, more = _largest(direction)
-    terms = [
-        f"{unknown(name)} {'up' if w >= 0 else 'down'} ({number(abs(w), 3)})" for name, w in shown
-    ]
+    terms = []
+    for name, weight in shown:
+        way = "up" if weight >= 0 else "down"
+        terms.append(f"{unknown(name)} {way} ({number(abs(weight), 3)})")
     return ", ".join(terms) + more
 
 
 def weighted_sum(direction: Mapping[str, float]) -> str:
-    """Return weights by unknown as a sum, the largest first: ``1 × mass of hub + 0.62 × stiffness of hub``."""
+    """Return weights by unknown as a sum: ``1 × mass of hub + 0.62 × stiffness of hub``."""
     shown, more = _largest(direction)
-    terms = [f"{'−' if w < 0 else '+'} {number(abs(w), 3)} × {unknown(name)}" for name, w in shown]
-    return " ".join(terms).removeprefix("+ ") + more
+    text = ""
+    for name, weight in shown:
+        sign = "−" if weight < 0 else "+"
+        text += f" {sign} {number(abs(weight), 3)} × {unknown(name)}"
+    return text.strip().removeprefix("+ ") + more
 
 
 def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], str]:
-    """Return the terms to write out, and what is said of the rest of a long combination."""
+    """Return the terms to write out, the largest first, and a text on the rest of them."""
     ordered = sorted(direction.items(), key=lambda item: -abs(item[1]))
     rest = ordered[_WRITTEN_TERMS:]
     if not rest:
         return ordered, ""
-    return (
-        ordered[:_WRITTEN_TERMS],
-        f", and {len(rest)} more with weights up to {number(abs(rest[0][1]), 3)}",
-    )
+    largest = number(abs(rest[0][1]), 3)
+    return ordered[:_WRITTEN_TERMS], f", and {len(rest)} more with weights up to {largest}"
 
 
 def unit(quantity: str, response: str, reference: str) -> str:
-    """Return the unit of one channel, from the kind of its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
-    motion = ("rad" if _rotation(response) else "m") + _POWER[quantity]
-    force = "(N m)" if _rotation(reference) else "N"
-    return f"({motion})/{force}" if "/" in motion else f"{motion}/{force}"
-
-
-def _rotation(label: str) -> bool:
-    return "R" in label
+    """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
+    length = "rad" if "R" in response else "m"
+    force = "(N m)" if "R" in reference else "N"
+    if quantity == "receptance":
+        return f"{length}/{force}"
+    return f"({length}{_POWER[quantity]})/{force}"
 
 
 def change(parameter: Parameter, value: float) -> str:
@@ -149,11 +157,13 @@ def change(parameter: Parameter, value: float) -> str:
     if parameter.start == 0.0:
         return "0 %" if value == 0.0 else f"from 0 to {number(value, 3)}"
     percent = 100.0 * (value / parameter.start - 1.0)
-    return f"{percent:+.3g} %".replace("-", "−") if abs(percent) >= 5e-4 else "0 %"
+    if abs(percent) < 5e-4:
+        return "0 %"
+    return f"{percent:+.3g} %".replace("-", "−")
 
 
 def interval(parameter: Parameter, value: float, std: float) -> tuple[float, float] | None:
-    """Return the 95 % interval, or None where the data leave the unknown open.
+    """Return the 95 % interval; None where the data do not determine the unknown.
 
     Symmetric in the logarithm for a factor (it is estimated there, and stays positive), symmetric
     and cut at 0 for a loss factor; 1.96 standard deviations of a Gaussian.
@@ -167,54 +177,58 @@ def interval(parameter: Parameter, value: float, std: float) -> tuple[float, flo
 
 
 def figure_of_agreement(value: float) -> str:
-    """Return a FRAC or the like with two decimals, and more where two would read as a perfect 1.00."""
+    """Return a FRAC or the like with two decimals, more where two would read as 1.00."""
     if math.isnan(value):
         return "unknown"
     if 0.9995 <= value < 1.0:
         return ">0.999"
-    return f"{value:.3f}" if 0.99 <= value < 1.0 else f"{value:.2f}"
+    if 0.99 <= value < 1.0:
+        return f"{value:.3f}"
+    return f"{value:.2f}"
 
 
 def counted(n: int, noun: str) -> str:
     """Return ``"1 line"``, ``"2 lines"``."""
-    return f"{n} {noun}{'' if n == 1 else 's'}"
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def extent(frf: FRF) -> str:
-    """Return how many channels and lines there are, and from where to where."""
-    channels = (
-        f"{counted(len(frf.responses), 'response')} × {counted(len(frf.references), 'reference')}"
-    )
+    """Return the numbers of channels and lines, and the frequency range."""
+    responses = counted(len(frf.responses), "response")
+    references = counted(len(frf.references), "reference")
     first, last = number(float(frf.freq[0])), number(float(frf.freq[-1]))
-    return f"{channels}, {counted(len(frf.freq), 'line')} from {first} to {last} Hz"
+    lines = counted(len(frf.freq), "line")
+    return f"{responses} × {references}, {lines} from {first} to {last} Hz"
 
 
 def decibels(value: float) -> str:
     """Return a level difference with its unit."""
-    return "unknown" if math.isnan(value) else f"{number(value, 2 if abs(value) < 10 else 3)} dB"
+    if math.isnan(value):
+        return "unknown"
+    digits = 2 if abs(value) < 10 else 3
+    return f"{number(value, digits)} dB"
 
 
 def noise_is_fitted(noise: Mapping[str, Any]) -> bool:
-    """Whether the noise was taken from the residual, so that chi-square says nothing about the fit."""
+    """Whether the noise is estimated from the residual: chi-square does not judge the fit then."""
     return str(noise.get("kind", "")).startswith(("estimated", "spread"))
 
 
 def chi_hint(noise: Mapping[str, Any]) -> str:
     """Return what a reduced chi-square of 1 means."""
-    return (
-        "by construction: noise estimated from the residual"
-        if noise_is_fitted(noise)
-        else "1: the residual is noise"
-    )
+    if noise_is_fitted(noise):
+        return "by construction: noise estimated from the residual"
+    return "1: the residual is noise"
 
 
 def held_out(result: UpdateResult) -> str:
-    """Return what was held out of the fit, in words; empty where nothing was."""
+    """Return the validation set in words; empty where nothing was held out of the fit."""
     parts = []
     if result.validation_responses:
         names = result.validation_responses
-        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
-        parts.append(f"response{'s' if len(names) > 1 else ''} {shown}")
+        noun = "response" if len(names) == 1 else "responses"
+        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        parts.append(f"{noun} {', '.join(names[:4])}{more}")
     if result.validation_band is not None:
         low, high = result.validation_band
         parts.append(f"band {number(low)} to {number(high)} Hz")
@@ -222,7 +236,7 @@ def held_out(result: UpdateResult) -> str:
 
 
 def plain(value: Any) -> str:
-    """Return an option as text: mappings and sequences opened, nothing of Python's quoting."""
+    """Return an option as text: entries of mappings and sequences, without Python's quotes."""
     if value is None:
         return "none"
     if isinstance(value, bool):
@@ -236,11 +250,13 @@ def plain(value: Any) -> str:
         if not isinstance(value, list):
             return plain(value)
     if isinstance(value, list | tuple):
-        shown = ", ".join(plain(v) for v in value[:20])
-        return (shown + (f", ... ({len(value)} in all)" if len(value) > 20 else "")) or "none"
+        text = ", ".join(map(plain, value[:_WRITTEN_ENTRIES]))
+        if len(value) > _WRITTEN_ENTRIES:
+            text += f", ... ({len(value)} in all)"
+        return text or "none"
     return str(value)
 
 
 def agreement_name(key: str) -> str:
-    """Return what a figure of agreement is called in a table."""
+    """Return the name of a figure of agreement in a table."""
     return _FIGURE_WORDS.get(key, key.replace("_", " "))

@@ -1,4 +1,4 @@
-"""The head of a page about an update: title, verdict and key figures; the table of several tests."""
+"""The head of the page of an update: title, verdict and key figures; the table of tests."""
 
 from __future__ import annotations
 

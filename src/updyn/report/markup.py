@@ -1,4 +1,4 @@
-"""Small pieces of HTML, each escaping what it is given. Nothing else in the report writes text into a page."""
+"""Small pieces of HTML, each escaping its text, for sections without a template."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def note(*sentences: str) -> str:
 
 
 def figure(name: str, alternative: str, caption: str, *, height: int) -> str:
-    """Return the place of a figure: `alternative` says what it shows to who cannot see it; `caption` is escaped."""
+    """Return the place of a figure; `alternative` describes it to readers who cannot see it."""
     return (
         f'<figure><div class="plot" data-figure="{esc(name)}" role="img"'
         f' aria-label="{esc(alternative)}" '
@@ -54,7 +54,7 @@ def swatch(kind: str) -> str:
 
 
 def row(cells: Sequence[str], kinds: Sequence[str] = (), kind: str = "", link: str = "") -> str:
-    """Return a table row with its first cell as header; cells are escaped, `kinds` are classes by column.
+    """Return a table row with its first cell as header; `kinds` are classes by column.
 
     With `link` the header leads there.
     """
@@ -69,13 +69,12 @@ def table(
     head: Sequence[str], rows: Iterable[str], *, caption: str = "", kinds: Sequence[str] = ()
 ) -> str:
     """Return a table in a box that scrolls sideways; `rows` are HTML, made by `row`."""
-    heads = "".join(
-        f'<th scope="col"{_class("text" if i < len(kinds) and kinds[i] in ("text", "note-cell") else "")}>{esc(h)}</th>'
-        for i, h in enumerate(head)
-    )
-    said = (
-        f"<figcaption>{esc(caption)}</figcaption>" if caption else ""
-    )  # beside, not inside: it must not scroll
+    heads = ""
+    for i, name in enumerate(head):
+        is_text = i < len(kinds) and kinds[i] in ("text", "note-cell")
+        heads += f'<th scope="col"{_class("text" if is_text else "")}>{esc(name)}</th>'
+    # Beside the table, not inside: it must not scroll.
+    said = f"<figcaption>{esc(caption)}</figcaption>" if caption else ""
     return (
         f'<figure class="table">{said}<div class="scroll"><table><thead><tr>{heads}</tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div></figure>"

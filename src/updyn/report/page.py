@@ -18,7 +18,7 @@ from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["POLICY", "assemble", "render", "write_report"]
 
-#: What the page may load: nothing but itself.
+#: Content security policy: the page loads nothing but itself.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; base-uri 'none'; form-action 'none'"
@@ -31,33 +31,33 @@ def write_report(
     uncertainty: Draws | Profiles | None = None,
     **further: Any,
 ) -> Path:
-    """Write an update as one HTML page that needs nothing else: no network, no other file.
+    """Write an update as one HTML page that needs no network and no other file.
 
     The page shows the verdict, measured FRFs over those of the model before and after, the
     agreement channel by channel, a picture of the structure where the model has a geometry, the
-    unknowns with their uncertainty, what the data determine, the way of the fit, the validation,
-    the residual, and how the result was made. The models' FRFs are computed for it at the lines of
-    the data.
+    unknowns with their uncertainty, their identifiability, the convergence history, the
+    validation, the residual and the provenance. The models' FRFs are computed for it at the lines
+    of the data.
 
     Parameters
     ----------
     result : UpdateResult or JointResult
-        What `updyn.update` gave, whatever its status. For several tests the page shows what they
-        have in common, and links to the page of each, ``NAME/report.html`` beside it, which is
-        written from its own result.
+        From `updyn.update`, whatever its status. The page of several tests shows what they have in
+        common, and links to the page of each, ``NAME/report.html`` beside it, which is written
+        from its own result.
     path : str or path-like
-        Where to write; an existing file is replaced only once the new page is complete.
+        The file; an existing one is replaced only once the new page is complete.
     uncertainty : Draws or Profiles, optional
         From `updyn.sample`, `updyn.bootstrap` or `updyn.profile`, to be shown in a section of its
         own.
     **further : object
         Objects for sections of their own, by the names that `updyn.report.section.SECTIONS` lists:
-        ``plant``, what ``[plant]`` of a job gave.
+        ``plant``, the result of ``[plant]`` of a job.
 
     Returns
     -------
     Path
-        Where the page is.
+        The file.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def assemble(content: Content, head: str, title: str, version: str) -> str:
     head : str
         Its head, HTML.
     title, version : str
-        What the browser shows, and the version of updyn that made it.
+        Title in the browser, and the version of updyn that made the page.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What all figures of the report share: how arrays and labels are handed to plotly, and rows with names."""
+"""Parts of plotly figures: arrays, labels and axes as data; panels over one frequency axis."""
 
 from __future__ import annotations
 
@@ -39,6 +39,10 @@ __all__ = [
 #: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
 Figure = dict[str, Any]
 
+#: Gap between panels, as a share of the height.
+_GAP = 0.035
+#: Ticks as powers of 10, where plotly would write 2µ.
+_POWERS = {"exponentformat": "power", "showexponent": "all"}
 #: Heat maps with up to this many cells have their values printed.
 PRINTED_CELLS = 150
 
@@ -49,17 +53,30 @@ def existing(made: Mapping[str, Figure | None]) -> dict[str, Figure]:
 
 
 def label(text: str) -> str:
-    """Return `text` for plotly, which reads a small HTML in labels: shown as it is, never interpreted."""
+    """Return `text` escaped for plotly, which interprets HTML in labels."""
     return html.escape(text, quote=False)
 
 
 def labels(texts: Iterable[str]) -> list[str]:
     """Return each of `texts` as `label` does."""
-    return [label(t) for t in texts]
+    return list(map(label, texts))
 
 
 def numbers(values: ArrayLike, *, packed: bool = True) -> Any:
-    """Return an array for plotly: a list where short (None for what is not finite), else float32 as base64."""
+    """Return an array for plotly.
+
+    Parameters
+    ----------
+    values : array_like of float
+        The numbers.
+    packed : bool
+        Whether a long array may be packed.
+
+    Returns
+    -------
+    list or dict
+        A list, with None for what is not finite; of a long array float32 as base64.
+    """
     array = np.asarray(values, dtype=np.float64)
     if array.size <= 400 or not packed:
         listed = array.astype(object)
@@ -86,7 +103,7 @@ def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]
 
 
 def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:
-    """Return a colour bar beside the top of a heat map, of a readable length however tall the map is."""
+    """Return a colour bar beside the top of a heat map, of a readable length."""
     return {
         "title": {"text": title, "side": "right"},
         "thickness": 12,
@@ -99,7 +116,7 @@ def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any
 
 
 def log_step(values: ArrayLike) -> int | str:
-    """Return how to mark a log axis: at most ten whole decades where `values` span more than two, else 1, 2 and 5."""
+    """Return the marks of a log axis: at most ten decades; over two or fewer, also 2 and 5."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0)]
     if not array.size or array.max() <= 100.0 * array.min():
@@ -108,8 +125,13 @@ def log_step(values: ArrayLike) -> int | str:
 
 
 def rows_height(n: int, extra: int) -> int:
-    """Return the height in pixels of a figure with `n` rows; rows get closer when there are many."""
-    return int(extra + n * (34 if n <= 12 else 22 if n <= 40 else 14))
+    """Return the height in pixels of a figure with `n` rows, closer together when many."""
+    row = 34
+    if n > 12:
+        row = 22
+    if n > 40:
+        row = 14
+    return extra + n * row
 
 
 def names_font(names: Sequence[str]) -> dict[str, Any]:
@@ -129,9 +151,7 @@ def categories(names: Sequence[str], title: str) -> dict[str, Any]:
     }
 
 
-_GAP = 0.035
-#: Plotly's own would write 2µ.
-_POWERS = {"exponentformat": "power", "showexponent": "all"}
+# -- panels --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,34 +197,29 @@ def stacked(
     """
     total = sum(p.share for p in panels)
     room = 1.0 - _GAP * (len(panels) - 1)
-    top, traces, layout, shapes = (
-        1.0,
-        list[dict[str, Any]](),
-        dict[str, Any](),
-        list[dict[str, Any]](),
-    )
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {"showlegend": True, "hovermode": "closest"}
+    shapes: list[dict[str, Any]] = []
+    top = 1.0
+    axis = "y"
     for number, panel in enumerate(panels, 1):
-        name = "" if number == 1 else str(number)
+        axis = "y" if number == 1 else f"y{number}"
         bottom = max(top - room * panel.share / total, 0.0)
-        title = {"title": {"text": panel.title, "font": {"size": 12}}}
-        layout[f"yaxis{name}"] = {
+        layout[f"yaxis{axis[1:]}"] = {
             "domain": [bottom, top],
             "anchor": "x",
             "zeroline": False,
             **_POWERS,
-            **title,
+            "title": {"text": panel.title, "font": {"size": 12}},
             **panel.axis,
         }
-        traces += [trace | {"xaxis": "x", "yaxis": f"y{name}"} for trace in panel.traces]
-        shapes += [_across(f"y{name}", at) for at in panel.marks]
+        for trace in panel.traces:
+            traces.append(trace | {"xaxis": "x", "yaxis": axis})
+        for at in panel.marks:
+            shapes.append(_across(axis, at))
         top = bottom - _GAP
-    lowest = "y" if len(panels) == 1 else f"y{len(panels)}"
-    shapes += [_through(at) for at in marks]
-    layout |= {
-        "xaxis": {"anchor": lowest, "zeroline": False, **x},
-        "showlegend": True,
-        "hovermode": "closest",
-    }
+    shapes += map(_through, marks)
+    layout["xaxis"] = {"anchor": axis, "zeroline": False, **x}
     if shapes:
         layout["shapes"] = shapes
     return {"data": traces, "height": height, "layout": layout}
@@ -214,13 +229,14 @@ def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, A
     """Return a logarithmic frequency axis over some lines in Hz."""
     lines = np.asarray(freq, dtype=np.float64)
     lines = lines[lines > 0]
-    low, high = (float(v) for v in np.log10([lines[0], lines[-1]]))
+    low, high = float(np.log10(lines[0])), float(np.log10(lines[-1]))
     marks = (1.0, 2.0, 5.0) if high - low <= 2.3 else (1.0,)
     every = max(1, int(np.ceil((high - low) / 8.0)))
-    decades = range(int(np.floor(low)), int(np.ceil(high)) + 1, every)
-    ticks = [
-        m * 10.0**d for d in decades for m in marks if low - 1e-9 <= np.log10(m) + d <= high + 1e-9
-    ]
+    ticks = []
+    for decade in range(int(np.floor(low)), int(np.ceil(high)) + 1, every):
+        for mark in marks:
+            if low - 1e-9 <= np.log10(mark) + decade <= high + 1e-9:
+                ticks.append(mark * 10.0**decade)
     axis: dict[str, Any] = {"title": {"text": title}, "type": "log", "range": [low, high]}
     if len(ticks) < 2:  # a narrow band
         return axis | {"dtick": log_step(lines)}
@@ -228,7 +244,7 @@ def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, A
 
 
 def log_range(values: ArrayLike, decades: float = 9.0) -> dict[str, Any]:
-    """Return a logarithmic y axis that holds all values above 0, of the largest so many decades at most."""
+    """Return a logarithmic y axis for the values above 0, the largest `decades` of them at most."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array) & (array > 0)]
     if not array.size:
@@ -260,7 +276,7 @@ def curve(
     legend: bool = True,
     width: float = 1.8,
 ) -> dict[str, Any]:
-    """Return a line that says its name, place and value; what is not finite leaves a gap."""
+    """Return a curve with name and values under the pointer; it has gaps where not finite."""
     said = f"%{{x:.5g}} Hz: {label(name)} %{{y:.4g}} {label(unit)}".rstrip()
     return {
         "type": "scatter",
@@ -278,7 +294,7 @@ def curve(
 def band_traces(
     x: ArrayLike, low: ArrayLike, high: ArrayLike, name: str, *, legend: bool = True
 ) -> list[dict[str, Any]]:
-    """Return a band between two curves, both finite and above the smallest number of the page's arrays."""
+    """Return a band between two finite curves, kept off 0 for a logarithmic axis."""
     tiny = float(np.finfo(np.float32).tiny)
     edge: dict[str, Any] = {
         "type": "scatter",
@@ -288,22 +304,24 @@ def band_traces(
         "line": {"width": 0, "color": "@after"},
         "legendgroup": label(name),
     }
-    low, high = (np.where(np.abs(v) < tiny, tiny, v) for v in (np.asarray(low), np.asarray(high)))
-    return [
-        edge | {"y": numbers(low), "showlegend": False},
-        edge
-        | {
-            "name": label(name),
-            "y": numbers(high),
-            "showlegend": legend,
-            "fill": "tonexty",
-            "fillcolor": "@after-faint",
-        },
-    ]
+    lower = {"y": numbers(_off_zero(low, tiny)), "showlegend": False}
+    upper = {
+        "name": label(name),
+        "y": numbers(_off_zero(high, tiny)),
+        "showlegend": legend,
+        "fill": "tonexty",
+        "fillcolor": "@after-faint",
+    }
+    return [edge | lower, edge | upper]
+
+
+def _off_zero(values: ArrayLike, tiny: float) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    return np.where(np.abs(array) < tiny, tiny, array)
 
 
 def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
-    """Return which of many values to draw so that no peak is lost: the least and the greatest of each stretch.
+    """Choose of many values the least and the greatest of each stretch, so that no peak is lost.
 
     Parameters
     ----------
@@ -321,14 +339,27 @@ def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
     if len(array) <= limit:
         return np.arange(len(array))
     edges = np.linspace(0, len(array), limit // 2).round().astype(np.intp)
-    found = [f(array[a:b]) + a for a, b in pairwise(edges) for f in (np.argmin, np.argmax)]
-    return np.unique([0, *found, len(array) - 1])
+    found = [0, len(array) - 1]
+    for a, b in pairwise(edges):
+        found += [a + np.argmin(array[a:b]), a + np.argmax(array[a:b])]
+    return np.unique(found)
 
 
 def phases(
     first: NDArray[np.complex128], *others: NDArray[np.complex128]
 ) -> list[NDArray[np.float64]]:
-    """Return phases in degrees: of the first one without jumps along the lines, of the others those nearest to it."""
+    """Return phases in degrees, without jumps along the lines.
+
+    Parameters
+    ----------
+    first, *others : ndarray of complex, shape (n_f,)
+        FRFs of one channel.
+
+    Returns
+    -------
+    list of ndarray of float, shape (n_f,)
+        Of the first one unwrapped, of the others those nearest to it.
+    """
     with np.errstate(invalid="ignore"):
         base = np.unwrap(np.angle(first))
         out = [np.degrees(base)]

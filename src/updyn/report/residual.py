@@ -86,8 +86,8 @@ class ModelError(Section):
             "found": found,
             "n_channels": found.misfit.shape[0] * found.misfit.shape[1],
             "n_shown": len(shown_channels(found)),
-            "places": [_place(place) for place in found.worst],
-            "suspects": [_suspect(suspect) for suspect in found.explained_by],
+            "places": list(map(_place, found.worst)),
+            "suspects": list(map(_suspect, found.explained_by)),
         }
 
 
@@ -227,11 +227,12 @@ def _marks(
     """Return marks on the cells that the tests of correlation and of size find suspect."""
     correlated = found.whiteness_p[tuple(at.T)] <= found.level
     large = (found.chi_square_p[tuple(at.T)] <= found.level) & ~correlated
-    marks = [
-        _mark("serially correlated", correlated, "diamond", edges),
-        _mark("too large", large, "circle", edges),
-    ]
-    return [mark for mark in marks if mark["y"]]
+    marks = []
+    if correlated.any():
+        marks.append(_mark("serially correlated", correlated, "diamond", edges))
+    if large.any():
+        marks.append(_mark("too large", large, "circle", edges))
+    return marks
 
 
 def _mark(
@@ -435,11 +436,13 @@ def residual_by_channel(data: ReportData) -> Figure | None:
     for response, held in zip(data.responses, data.held_out, strict=True):
         mark = " ◆" if held else ""
         names += [f"{response}{mark} / {reference}" for reference in data.references]
-    traces = []
+    traces, shown = [], []
     if data.before is not None:
-        traces.append(_channel_trace(data, data.before, names, "before", "circle-open"))
+        shown.append(_percent(data, data.before))
+        traces.append(_channel_trace(shown[-1], names, "before", "circle-open"))
     if data.after is not None:
-        traces.append(_channel_trace(data, data.after, names, "after", "circle"))
+        shown.append(_percent(data, data.after))
+        traces.append(_channel_trace(shown[-1], names, "after", "circle"))
     if not traces:
         return None
     axis: dict[str, Any] = {
@@ -465,15 +468,11 @@ def residual_by_channel(data: ReportData) -> Figure | None:
             "yaxis": {
                 "title": {"text": "rms residual (% of rms level)"},
                 "type": "log",
-                "dtick": log_step(np.concatenate([_percent(data, H) for H in _computed(data)])),
+                "dtick": log_step(np.concatenate(shown)),
             },
             "showlegend": True,
         },
     }
-
-
-def _computed(data: ReportData) -> list[NDArray[np.complex128]]:
-    return [values for values in (data.before, data.after) if values is not None]
 
 
 def _percent(data: ReportData, computed: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -483,14 +482,14 @@ def _percent(data: ReportData, computed: NDArray[np.complex128]) -> NDArray[np.f
 
 
 def _channel_trace(
-    data: ReportData, computed: NDArray[np.complex128], names: list[str], name: str, symbol: str
+    percent: NDArray[np.float64], names: list[str], name: str, symbol: str
 ) -> dict[str, Any]:
     return {
         "type": "scatter",
         "mode": "markers",
         "name": name,
         "x": list(range(len(names))),
-        "y": numbers(_percent(data, computed)),
+        "y": numbers(percent),
         "text": labels(names),
         "marker": {
             "color": f"@{name}",

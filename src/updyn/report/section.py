@@ -1,4 +1,4 @@
-"""Sections of a report page: the protocol, what they are made from, and the registry.
+"""Sections of a report page: their protocol, their content, and their registry.
 
 A page is assembled from the sections in `SECTIONS` that apply to its content, in the order of
 their `Section.place`. To add one, also from another package, derive a class from `Section` and
@@ -94,7 +94,7 @@ class Section:
     anchor : str
         Its id in the page, unique there.
     name : str
-        How it is called in the list of contents.
+        Its entry in the list of contents.
     heading : str
         Its heading.
     place : float
@@ -119,7 +119,7 @@ class Section:
         return {}
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return what the template refers to, by name; ``figures`` is added to it."""
+        """Return the variables of the template by name; ``figures`` is added to them."""
         return {}
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:

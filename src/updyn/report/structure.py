@@ -193,7 +193,11 @@ def _step(log: float, reach: float) -> int:
 
 
 def _percent(factor: float, digits: int = 3) -> str:
-    return f"{100.0 * (factor - 1.0):+.{digits}g} %".replace("-", "\u2212")
+    percent = 100.0 * (factor - 1.0)
+    text = f"{percent:+.{digits}g}"
+    if abs(percent) >= 10.0**digits:  # no powers of ten
+        text = f"{percent:+.0f}"
+    return f"{text} %".replace("-", "\u2212")
 
 
 def _scene(result: UpdateResult) -> _Scene:
@@ -239,8 +243,11 @@ def _scale(scene: _Scene) -> list[tuple[str, str]]:
 def _legend(scene: _Scene) -> list[tuple[str, str]]:
     """Return class and text of each part that changed, the largest change first."""
     ordered = sorted(scene.changes, key=lambda name: -abs(math.log(scene.changes[name][1])))
-    numbers = [scene.names.index(name) for name in ordered]
-    return [(scene.colour(number), scene.title(number)) for number in numbers]
+    out = []
+    for name in ordered:
+        group = scene.names.index(name)
+        out.append((scene.colour(group), scene.title(group)))
+    return out
 
 
 # -- sensors and forces --------------------------------------------------------------------------
@@ -321,7 +328,9 @@ def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) 
         ``"sensor"``, or ``"force"``, which ends at the place and has full heads.
     """
     number = DIRECTIONS.index(direction.lstrip("-"))
-    vector = axes[number % 3][:2] * (-1.0 if direction.startswith("-") else 1.0)
+    vector = axes[number % 3][:2]
+    if direction.startswith("-"):
+        vector = -vector
     seen = float(np.hypot(*vector))
     if seen < _FLAT:
         return {"kind": kind, "shaft": "", "heads": []}
@@ -591,8 +600,10 @@ def nodes_of_groups(
 
 def _used_dofs(group: Group) -> NDArray[np.intp]:
     """Return the DOFs with stiffness or mass in a group; without either, those with damping."""
-    matrices = [A for A in (group.stiffness, group.mass) if A is not None]
-    used = [A.indices[A.data != 0.0] for A in matrices]
+    used = []
+    for matrix in (group.stiffness, group.mass):
+        if matrix is not None:
+            used.append(matrix.indices[matrix.data != 0.0])
     if not used and group.viscous is not None:
         used = [group.viscous.indices]
     return np.concatenate([np.empty(0, dtype=np.intp), *used])

@@ -73,7 +73,7 @@ def render_template(name: str, **context: Any) -> str:
     name : str
         Package and file, such as ``"updyn.report/agreement.html"``.
     **context : object
-        What the template refers to, by name.
+        The variables of the template.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def render_template(name: str, **context: Any) -> str:
 
 
 def asset(name: str) -> str:
-    """Return the text of a script or style of the package, safe inside the element that holds it."""
+    """Return a script or style of the package, safe inside the element that holds it."""
     text = (resources.files("updyn.report") / "assets" / name).read_text(encoding="utf-8")
     return (
         text.replace("</script", "<\\/script")
@@ -101,7 +101,7 @@ def embedded_json(value: Any) -> str:
 
 
 def write_page(page: str, path: str | PathLike[str]) -> Path:
-    """Write a page, replaced as a whole once it is complete; return where it is."""
+    """Write a page as a whole, which replaces an existing file; return the file."""
     target = Path(path)
     with atomic_path(target) as temporary:
         Path(temporary).write_text(page, encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""The section on uncertainty: intervals by profile, bootstrap or sampling beside those of Laplace."""
+"""The section on uncertainty: intervals by profile, bootstrap or sampling beside Laplace's."""
 
 from __future__ import annotations
 
@@ -79,24 +79,27 @@ class Uncertainty(Section):
             "percent": percent,
             "head": head,
             "kinds": ("", *[""] * (len(head) - 2), "note-cell"),
-            "rows": [_row(content.result, found, name) for name in ends_of(found)],
+            "rows": _rows(content.result, found),
         }
 
 
 UNCERTAINTY = Uncertainty()
 
 
-def _row(result: UpdateResult, found: Draws | Profiles, name: str) -> list[str]:
-    """Return the cells of an unknown."""
-    low, high = ends_of(found)[name]
-    values = [result.values[name], result.std[name], low, high]
-    note = ""
-    if isinstance(found, Profiles):
-        note = found[name].note
-    elif "r_hat" in found.diagnostics:
-        k = found.names.index(name)
-        values += [float(found.diagnostics[key][k]) for key in ("r_hat", "ess_bulk")]
-    return [name, *map(number, values), note]
+def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
+    """Return the cells of each unknown."""
+    out = []
+    for name, (low, high) in ends_of(found).items():
+        values = [result.values[name], result.std[name], low, high]
+        note = ""
+        if isinstance(found, Profiles):
+            note = found[name].note
+        elif "r_hat" in found.diagnostics:
+            k = found.names.index(name)
+            values.append(float(found.diagnostics["r_hat"][k]))
+            values.append(float(found.diagnostics["ess_bulk"][k]))
+        out.append([name, *map(number, values), note])
+    return out
 
 
 def level_of(found: Draws | Profiles) -> float:
@@ -137,13 +140,14 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
     chosen = [p for p in result.parameters if p.name in ends and 0 < result.std[p.name] < np.inf]
     if not chosen:
         return None
-    spans = np.array([ends[p.name] for p in chosen])
-    value = np.array([result.values[p.name] for p in chosen])
-    std = np.array([result.std[p.name] for p in chosen])
-    factor = np.array([p.is_factor for p in chosen])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(spans / value[:, None]) * (value / std)[:, None]
-    at = np.where(factor[:, None], logs, (spans - value[:, None]) / std[:, None])
+    at = np.empty((len(chosen), 2))
+    for i, p in enumerate(chosen):
+        value, std = result.values[p.name], result.std[p.name]
+        span = np.array(ends[p.name])
+        at[i] = (span - value) / std
+        if p.is_factor:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                at[i] = np.log(span / value) * (value / std)
     low, high = np.clip(at, -_SHOWN, _SHOWN).T
     rows = np.arange(len(chosen), dtype=np.float64)
     z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * level_of(found)))
@@ -236,7 +240,7 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
     with np.errstate(divide="ignore", invalid="ignore"):
         width = np.median(np.log(band.upper / band.lower), axis=0)
     widest = int(np.argmax(np.where(np.isfinite(width), width, -1.0)))
-    i, j = (int(k) for k in np.unravel_index(widest, width.shape))
+    i, j = map(int, np.unravel_index(widest, width.shape))
     if not np.isfinite(width[i, j]):
         return None
     return _drawn(band, result, i, j), f"{frf.responses[i]} / {frf.references[j]}"

@@ -34,6 +34,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.updating.fit.methods import METHODS
+from updyn.updating.fit.monitor import Iteration
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -79,10 +80,17 @@ def _by_figure(
     result: UpdateResult, factors: str, end: str, calibrations: str
 ) -> dict[str, list[Parameter]]:
     """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
-    out = {factors: [p for p in result.parameters if p.is_factor and not p.is_channel]}
+    out: dict[str, list[Parameter]] = {factors: []}
     for kind in VALUES:
-        out[figure_name(kind) + end] = [p for p in result.parameters if p.value_of == kind]
-    out[calibrations] = [p for p in result.parameters if p.is_channel]
+        out[figure_name(kind) + end] = []
+    out[calibrations] = []
+    for p in result.parameters:
+        if p.is_channel:
+            out[calibrations].append(p)
+        elif p.value_of is None:
+            out[factors].append(p)
+        else:
+            out[figure_name(p.value_of) + end].append(p)
     return out
 
 
@@ -203,15 +211,22 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     if not chosen:
         return None
     relative = chosen[0].is_factor
-    start = np.array([p.start for p in chosen])
-    unit = start if relative else np.ones(len(chosen))
-    values = np.array([result.values[p.name] for p in chosen]) / unit
-    spans = [interval(p, result.values[p.name], result.std[p.name]) for p in chosen]
-    low, high = np.array([(np.nan, np.nan) if s is None else s for s in spans]).T / unit
-    limits = np.array([[p.lower, p.upper] for p in chosen]) / unit[:, None]
     rows = np.arange(len(chosen))
-    known = np.array([s is not None for s in spans])
-    bound = np.array([p.name in result.at_bound for p in chosen])
+    start, values, low, high = np.full((4, len(chosen)), np.nan)
+    limits = np.empty((len(chosen), 2))
+    bound = np.empty(len(chosen), dtype=np.bool_)
+    for i, p in enumerate(chosen):
+        start[i] = p.start
+        values[i] = result.values[p.name]
+        limits[i] = p.lower, p.upper
+        bound[i] = p.name in result.at_bound
+        span = interval(p, result.values[p.name], result.std[p.name])
+        if span is not None:
+            low[i], high[i] = span
+    known = ~np.isnan(low)
+    unit = start.copy() if relative else np.ones(len(chosen))
+    values, low, high = values / unit, low / unit, high / unit
+    limits /= unit[:, None]
     names = _names(chosen)
     view = _view(np.concatenate([values, low, high, start / unit]), log=relative)
     traces = [_start_trace(start / unit), _bound_trace(limits, view, rows)]
@@ -282,7 +297,7 @@ def _estimate_trace(
         "name": name,
         "x": numbers(values[at]),
         "y": at.tolist(),
-        "text": [names[i] for i in at],
+        "text": np.take(names, at).tolist(),
         "marker": {
             "symbol": symbol,
             "color": "@after",
@@ -339,8 +354,11 @@ def _log_ticks(view: tuple[float, float]) -> list[float]:
         steps = (1, 2, 5)
     ticks = []
     for power in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1):
-        ticks += [float(f"{step * 10.0**power:.6g}") for step in steps]
-    return [t for t in ticks if low <= t <= high]
+        for step in steps:
+            tick = float(f"{step * 10.0**power:.6g}")
+            if low <= tick <= high:
+                ticks.append(tick)
+    return ticks
 
 
 def _even_ticks(low: float, high: float) -> list[float]:
@@ -349,7 +367,7 @@ def _even_ticks(low: float, high: float) -> list[float]:
     unit = 10.0 ** np.floor(np.log10(rough))
     step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)
     first, last = np.ceil(low / step), np.floor(high / step)
-    return [float(round(v, 10)) for v in np.arange(first, last + 1) * step]
+    return np.round(np.arange(first, last + 1) * step, 10).tolist()  # type: ignore[no-any-return]
 
 
 # -- identifiability -----------------------------------------------------------------------------
@@ -394,10 +412,11 @@ def singular_values(result: UpdateResult) -> Figure | None:
         foot = max(float(values[values > 0].min()) / 10.0, 1e-18)
     determined = np.arange(values.size) < ident.rank
     lost = "undetermined: lost in the noise, or exactly"
-    traces = [
-        _singular_trace("determined", values, determined, foot, "@after", "circle"),
-        _singular_trace(lost, values, ~determined, foot, "@before", "x"),
-    ]
+    traces = []
+    if determined.any():
+        traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
+    if not determined.all():
+        traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
     axis: dict[str, Any] = {
         "title": {"text": "combination number, best determined first"},
         "zeroline": False,
@@ -405,7 +424,7 @@ def singular_values(result: UpdateResult) -> Figure | None:
     if values.size <= 20:
         axis |= {"tickmode": "linear", "tick0": 1, "dtick": 1}
     return {
-        "data": [trace for trace in traces if trace["x"]],
+        "data": traces,
         "height": 320,
         "layout": {
             "xaxis": axis,
@@ -528,8 +547,15 @@ class Convergence(_OfUnknowns):
     def context(self, content: Content) -> dict[str, Any]:
         """Return the stages, the costs of the last one, and the titles of the figures."""
         history = content.result.history
-        stages = list(dict.fromkeys(step.stage for step in history))
-        costs = [step.cost for step in history if step.accepted and step.stage == stages[-1]]
+        stages: dict[str, list[float]] = {}
+        refused = 0
+        for step in history:
+            costs = stages.setdefault(step.stage, [])
+            if step.accepted:
+                costs.append(step.cost)
+            else:
+                refused += 1
+        last = list(stages.values())[-1:]
         titles = [
             ("factor-paths", "Paths of the factors"),
             ("calibration-paths", "Paths of the calibration factors"),
@@ -538,10 +564,10 @@ class Convergence(_OfUnknowns):
             titles.append((f"{figure_name(kind)}-paths", f"Paths: {quantity_words(kind)}"))
         return {
             "taken": content.result.iterations,
-            "refused": sum(not step.accepted for step in history),
-            "stages": stages,
-            "explained": _explained(stages),
-            "last": (costs[0], costs[-1]) if costs else None,
+            "refused": refused,
+            "stages": list(stages),
+            "explained": _explained(list(stages)),
+            "last_costs": last[0] if last else [],
             "titles": titles,
         }
 
@@ -563,45 +589,44 @@ def cost_path(result: UpdateResult) -> Figure | None:
     steps = [step for step in result.history if np.isfinite(step.cost)]
     if not steps:
         return None
-    positive = [step.cost for step in steps if step.cost > 0]
-    foot = min(positive, default=1.0) / 10.0
+    stages: dict[str, list[Iteration]] = {}
+    refused = []
+    for step in steps:
+        taken = stages.setdefault(step.stage, [])
+        if step.accepted:
+            taken.append(step)
+        else:
+            refused.append(step)
+    costs = np.array([step.cost for step in steps])
+    positive = costs[costs > 0]
+    foot = float(positive.min()) / 10.0 if positive.size else 0.1
     traces = []
-    for i, stage in enumerate(dict.fromkeys(step.stage for step in steps)):
-        taken = [step for step in steps if step.stage == stage and step.accepted]
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines+markers",
-                "name": label(stage),
-                "x": [step.number for step in taken],
-                "y": numbers([max(step.cost, foot) for step in taken]),
-                "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
-                "marker": {
-                    "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
-                    "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
-                },
-                "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
-                "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
-            }
-        )
-    refused = [step for step in steps if not step.accepted]
+    for i, (stage, taken) in enumerate(stages.items()):
+        style = {
+            "name": label(stage),
+            "mode": "lines+markers",
+            "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
+            "marker": {
+                "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
+                "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
+            },
+            "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
+            "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
+        }
+        traces.append(_cost_trace(taken, foot) | style)
     if refused:
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "step refused",
-                "x": [step.number for step in refused],
-                "y": numbers([max(step.cost, foot) for step in refused]),
-                "marker": {
-                    "symbol": "x-thin-open",
-                    "color": "@muted",
-                    "size": 9,
-                    "line": {"width": 2},
-                },
-                "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
-            }
-        )
+        style = {
+            "name": "step refused",
+            "mode": "markers",
+            "marker": {
+                "symbol": "x-thin-open",
+                "color": "@muted",
+                "size": 9,
+                "line": {"width": 2},
+            },
+            "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
+        }
+        traces.append(_cost_trace(refused, foot) | style)
     return {
         "data": traces,
         "height": 320,
@@ -615,6 +640,15 @@ def cost_path(result: UpdateResult) -> Figure | None:
             },
             "showlegend": True,
         },
+    }
+
+
+def _cost_trace(steps: Sequence[Iteration], foot: float) -> dict[str, Any]:
+    """Return number and cost of some steps, costs below the foot of the axis at the foot."""
+    return {
+        "type": "scatter",
+        "x": [step.number for step in steps],
+        "y": numbers([max(step.cost, foot) for step in steps]),
     }
 
 
@@ -649,9 +683,9 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     paths = {}
     for p in chosen:
         path = np.array([step.values.get(p.name, np.nan) for step in steps])
-        paths[p.name] = path / (p.start if p.is_factor else 1.0)
+        paths[p.name] = path / p.start if p.is_factor else path
     moved = sorted(paths, key=lambda name: -_excursion(paths[name]))
-    named = [p.name for p in chosen if p.name in moved[:_LEGEND_ENTRIES]]
+    named = sorted(moved[:_LEGEND_ENTRIES], key=list(paths).index)
     traces = []
     for p in sorted(chosen, key=lambda p: p.name in named):  # named ones above the grey ones
         shown = label(f"{p.group}: {quantity_words(p.quantity)}")

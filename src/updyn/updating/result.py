@@ -168,7 +168,7 @@ class UpdateResult:
             f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip(),
         ]
         for number, direction in enumerate(ident.null_directions, 1):
-            lines.append(f"  open combination {number}: {_combination(direction)}")
+            lines.append(f"  undetermined combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
             lines.append(f"  of these, determined {number}: {_combination(direction)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:

@@ -118,11 +118,9 @@ def run(
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
     check_channels(unknowns, strategy)
-    # A validation that can be iterated only once is read here, for the fit and for the fingerprint.
-    tests = [
-        test if test.validation is None else replace(test, validation=list(test.validation))  # type: ignore[arg-type]
-        for test in tests
-    ]
+    for i, test in enumerate(tests):
+        if test.validation is not None:  # read once, for the fit and for the fingerprint
+            tests[i] = replace(test, validation=list(test.validation))  # type: ignore[arg-type]
     splits = [split_data(test.frf, test.validation) for test in tests]
     noises = [
         choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)
@@ -179,9 +177,7 @@ def run(
     return [
         UpdateResult(
             **common,
-            title=f"{options.title}: {test.name}".removeprefix(": ")
-            if test.name
-            else options.title,
+            title=_title(options.title, test.name),
             options=used[i]
             | {"engine": session.engine.name}
             | _solved(problems[i], reduced)
@@ -276,13 +272,21 @@ def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]
     return more
 
 
+def _title(title: str, test: str) -> str:
+    """Return the title of the result of a test."""
+    if not test:
+        return title
+    return f"{title}: {test}".removeprefix(": ")
+
+
 def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, dict[str, float]]:
-    """Return what of the changes is in a model: a configuration may lack a group."""
-    own = {
-        g: {q: v for q, v in change.items() if has_quantity(model, g, q)}
-        for g, change in changes.items()
-    }
-    return {g: change for g, change in own.items() if change}
+    """Return the changes of the groups that a model has: a configuration may lack one."""
+    own: dict[str, dict[str, float]] = {}
+    for group, change in changes.items():
+        for quantity, value in change.items():
+            if has_quantity(model, group, quantity):
+                own.setdefault(group, {})[quantity] = value
+    return own
 
 
 def _listed(lines: Lines) -> object:

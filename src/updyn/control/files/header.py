@@ -35,7 +35,7 @@ from updyn.io.atomic import atomic_path
 __all__ = ["write_plant"]
 
 _A_LINE = 4  # numbers
-_PLAIN = re.compile(r"[A-Za-z0-9 _.,:;+()/='-]")
+_OTHER = re.compile(r"[^A-Za-z0-9 _.,:;+()/='-]")  # than plain letters
 
 
 def write_plant(plant: Plant, path: str | Path) -> None:
@@ -64,12 +64,12 @@ def write_plant(plant: Plant, path: str | Path) -> None:
 
 def _lines(plant: Plant, name: str) -> list[str]:
     upper, (low, high) = name.upper(), map(float, plant.band)
-    dt = 0.0 if plant.dt is None else float(plant.dt)
-    kind = (
-        "x' = A x + B u"
-        if plant.dt is None
-        else f"x[k+1] = A x[k] + B u[k], a sample every {dt!r} s"
-    )
+    if plant.dt is None:
+        dt = 0.0
+        kind = "x' = A x + B u"
+    else:
+        dt = float(plant.dt)
+        kind = f"x[k+1] = A x[k] + B u[k], a sample every {dt!r} s"
     sizes = {"STATES": plant.n_states, "INPUTS": len(plant.inputs), "OUTPUTS": len(plant.outputs)}
     by_size = {"n": f"{upper}_N_STATES", "u": f"{upper}_N_INPUTS", "y": f"{upper}_N_OUTPUTS"}
     matrices = (
@@ -89,8 +89,8 @@ def _lines(plant: Plant, name: str) -> list[str]:
         ("u", plant.inputs, plant.input_units),
         ("y", plant.outputs, plant.output_units),
     ):
-        said = [f"{_comment(text)} ({unit})" for text, unit in zip(names, units, strict=True)]
-        out += [f" *   {what}[{i}] {text}" for i, text in enumerate(said)]
+        for i, (text, unit) in enumerate(zip(names, units, strict=True)):
+            out.append(f" *   {what}[{i}] {_comment(text)} ({unit})")
     out += [" */", f"#ifndef {upper}_H", f"#define {upper}_H", ""]
     out += [f"#define {upper}_N_{what} {size}" for what, size in sizes.items()]
     out += [f"#define {upper}_DT {dt!r}", f"#define {upper}_DELAY {plant.delay}"]
@@ -98,25 +98,17 @@ def _lines(plant: Plant, name: str) -> list[str]:
     if math.isfinite(plant.error):
         out += [f"#define {upper}_ERROR {float(plant.error)!r}"]
     for letter, size, matrix in matrices:
-        out += [
-            "",
-            f"static const double {name}_{letter}[{' * '.join(by_size[s] for s in size)}] = {{",
-        ]
-        out += [*_rows(matrix), "};"]
+        length = " * ".join(by_size[s] for s in size)
+        out += ["", f"static const double {name}_{letter}[{length}] = {{", *_rows(matrix), "};"]
     for what, texts in (
         ("input_names", plant.inputs),
         ("input_units", plant.input_units),
         ("output_names", plant.outputs),
         ("output_units", plant.output_units),
     ):
-        out += [
-            "",
-            (
-                f"static const char *const {name}_{what}[{by_size['u' if what[0] == 'i' else 'y']}]"
-                " = {"
-            ),
-        ]
-        out += [*_listed([_string(text) for text in texts], 1), "};"]
+        length = by_size["u" if what.startswith("input") else "y"]
+        out += ["", f"static const char *const {name}_{what}[{length}] = {{"]
+        out += [*_listed(list(map(_string, texts)), 1), "};"]
     return [
         *out,
         "",
@@ -178,27 +170,26 @@ def _rows(matrix: NDArray[Any]) -> list[str]:
     """Return the lines of an initialiser, row after row, each from a line of its own."""
     out: list[str] = []
     for row in matrix.tolist():
-        out += _listed([repr(value) for value in row], _A_LINE)
+        out += _listed(list(map(repr, row)), _A_LINE)
     return out
 
 
 def _listed(items: Sequence[str], a_line: int) -> list[str]:
-    groups = [items[i : i + a_line] for i in range(0, len(items), a_line)]
-    return ["    " + " ".join(f"{item}," for item in group) for group in groups]
+    lines = []
+    for i in range(0, len(items), a_line):
+        lines.append(f"    {', '.join(items[i : i + a_line])},")
+    return lines
 
 
 def _comment(text: str) -> str:
     """Return a text that neither ends a comment nor begins another."""
-    return "".join(
-        letter if _PLAIN.match(letter) else "_"
-        for letter in text.replace("*/", "__").replace("/*", "__")
-    )
+    return _OTHER.sub("_", text.replace("*/", "__").replace("/*", "__"))
 
 
 def _string(text: str) -> str:
     """Return a C string; other than plain letters are written octal, byte by byte of UTF-8."""
-    return (
-        '"'
-        + "".join(c if _PLAIN.match(c) else "".join(f"\\{b:03o}" for b in c.encode()) for c in text)
-        + '"'
-    )
+
+    def octal(match: re.Match[str]) -> str:
+        return "".join(f"\\{byte:03o}" for byte in match[0].encode())
+
+    return f'"{_OTHER.sub(octal, text)}"'

@@ -14,7 +14,7 @@ from updyn.control.job.servo import Nonlinear
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.servo.drive import DriveFigures
-from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
+from updyn.control.servo.record import Loop, Servo
 from updyn.store.values import plain
 
 __all__ = [
@@ -54,15 +54,7 @@ def control_record(result: PlantResult) -> dict[str, Any]:
         "met": result.met,
         "message": result.message,
         "plant": None if result.plant is None else _plant(result, result.plant),
-        "conversions": [
-            {
-                "name": c.name,
-                "error": plain(c.error),
-                "peak_error": plain(c.peak_error),
-                "note": c.note,
-            }
-            for c in result.conversions
-        ],
+        "conversions": [plain(asdict(c)) for c in result.conversions],
         "sampled": None if result.sampled is None else _sampled(result.sampled),
         "family": _family(result),
         "servo": None if result.servo is None else servo_record(result.servo),
@@ -89,10 +81,13 @@ def write_control_record(result: PlantResult, path: str | Path) -> None:
 
 
 def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
-    errors = result.channel_errors()
-    poles = plant.poles[np.lexsort((-plant.poles.imag, np.abs(plant.poles)))]
-    size = np.abs(poles)
-    damping = np.divide(-poles.real, size, out=np.full(len(poles), np.nan), where=size > 0)
+    outputs = []
+    for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
+        outputs.append({**_port(port, port.motion_unit(quantity)), "quantity": quantity})
+    channels = []
+    for (i, j), error in np.ndenumerate(result.channel_errors()):
+        names = {"output": plant.outputs[i], "input": plant.inputs[j]}
+        channels.append({**names, "error": plain(error)})
     return {
         "error": plain(plant.error),
         "peak_error": plain(plant.peak_error),
@@ -100,26 +95,23 @@ def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
         "order": plant.n_states,
         "rigid": plant.rigid,
         "inputs": [_port(p, p.force_unit) for p in plant.input_ports],
-        "outputs": [
-            {**_port(p, unit), "quantity": quantity}
-            for p, unit, quantity in zip(
-                plant.output_ports, plant.output_units, plant.quantities, strict=True
-            )
-        ],
+        "outputs": outputs,
         "modes_hz": plain(plant.modes),
-        "poles": [
-            plain(
-                {"re": p.real, "im": p.imag, "frequency_hz": f / (2.0 * np.pi), "damping_ratio": z}
-            )
-            for p, f, z in zip(poles, size, damping, strict=True)
-        ],
-        "channels": [
-            {"output": output, "input": name, "error": plain(errors[i, j])}
-            for i, output in enumerate(plant.outputs)
-            for j, name in enumerate(plant.inputs)
-        ],
+        "poles": _poles(plant),
+        "channels": channels,
         "facts": plain(dict(plant.facts)),
     }
+
+
+def _poles(plant: Plant) -> list[Any]:
+    """Return the poles with frequency and damping ratio, ascending."""
+    out = []
+    for pole in plant.poles[np.lexsort((-plant.poles.imag, np.abs(plant.poles)))]:
+        size = abs(pole)
+        damping = -pole.real / size if size > 0 else np.nan
+        figures = {"frequency_hz": size / (2.0 * np.pi), "damping_ratio": damping}
+        out.append(plain({"re": pole.real, "im": pole.imag, **figures}))
+    return out
 
 
 def _port(port: Port, unit: str) -> dict[str, Any]:
@@ -151,14 +143,8 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
     out = []
     for found in result.weights.values():
         ((weight,),) = found.weights
-        roots = {
-            key: [{"re": float(z.real), "im": float(z.imag)} for z in getattr(weight, key)]
-            for key in ("zeros", "poles")
-        }
-        figures = {
-            key: plain(getattr(weight, key))
-            for key in ("largest", "mean", "peak", "peak_at", "note")
-        }
+        roots = {"zeros": _complex(weight.zeros), "poles": _complex(weight.poles)}
+        figures = _figures(weight, ("largest", "mean", "peak", "peak_at", "note"))
         names = {"output": found.outputs[0], "input": found.inputs[0], "kind": found.kind}
         out.append({**names, "order": weight.order, "gain": plain(weight.gain), **roots, **figures})
     return out
@@ -218,12 +204,12 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "pointing": servo.pointing,
         "inertia": plain(servo.plant.get("inertia")),
         "bandwidth": plain(servo.bandwidth),
-        "poles": [{"re": float(p.real), "im": float(p.imag)} for p in servo.poles],
+        "poles": _complex(servo.poles),
         "velocity_loop": _loop(servo.velocity_loop),
         "position_loop": None if servo.position_loop is None else _loop(servo.position_loop),
-        "step": _figures(servo.step, _STEP),
-        "disturbance_step": _figures(servo.disturbance_step, _STEP),
-        "wind": _figures(servo.wind, _WIND),
+        "step": _figures_or_none(servo.step, _STEP),
+        "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
+        "wind": _figures_or_none(servo.wind, _WIND),
         "notes": list(servo.notes),
     }
 
@@ -237,10 +223,20 @@ def _loop(loop: Loop) -> dict[str, Any]:
     }
 
 
-def _figures(
-    found: StepResponse | WindResponse | None, names: tuple[str, ...]
-) -> dict[str, Any] | None:
-    return None if found is None else {name: plain(getattr(found, name)) for name in names}
+def _figures(found: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return some attributes of an object."""
+    return {name: plain(getattr(found, name)) for name in names}
+
+
+def _figures_or_none(found: Any, names: tuple[str, ...]) -> dict[str, Any] | None:
+    """Return some attributes of an object, None without it."""
+    if found is None:
+        return None
+    return _figures(found, names)
+
+
+def _complex(values: Any) -> list[dict[str, float]]:
+    return [{"re": float(z.real), "im": float(z.imag)} for z in values]
 
 
 def drive_record(drive: DriveFigures) -> dict[str, Any]:
@@ -279,7 +275,6 @@ def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
         ``simulation``, None where there is none: ``verdict``, ``amplitude``, ``frequency`` and so
         on; ``begun``, ``disputed`` and ``note``.
     """
-    ended = found.simulation
     names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
     cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")
     return {
@@ -287,10 +282,8 @@ def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
         "where": found.where,
         "law": plain(asdict(found.law)),
         "linear_stable": bool(found.cycles.linear_stable),
-        "cycles": [{name: plain(getattr(c, name)) for name in cycle} for c in found.cycles],
-        "simulation": (
-            None if ended is None else {name: plain(getattr(ended, name)) for name in names}
-        ),
+        "cycles": [_figures(c, cycle) for c in found.cycles],
+        "simulation": _figures_or_none(found.simulation, names),
         "begun": found.begun,
         "disputed": found.disputed,
         "note": found.note,

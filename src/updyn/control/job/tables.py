@@ -214,9 +214,7 @@ class NotchTable(Table):
         OptionError
             If a number is out of its range, or both ways to state the width are used.
         """
-        dampings = {
-            k: v for k in ("zero_damping", "pole_damping") if (v := getattr(self, k)) is not None
-        }
+        dampings = self.model_dump(include={"zero_damping", "pole_damping"}, exclude_none=True)
         if self.width is None and self.depth is None:
             return Notch(self.frequency, **dampings)
         if dampings or self.width is None:

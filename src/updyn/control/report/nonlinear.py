@@ -1,8 +1,8 @@
-"""The loop with backlash or friction: limit cycles that are predicted, and what it does in time."""
+"""The loop with backlash or friction in the report: predicted limit cycles and simulation."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,14 +10,18 @@ import numpy as np
 from updyn.control.job.servo import Nonlinear
 from updyn.control.nonlinear.elements import Backlash
 from updyn.control.nonlinear.simulate import Simulation
-from updyn.report import formats as w
-from updyn.report import markup as m
+from updyn.report.formats import counted
+from updyn.report.formats import number as formatted
 from updyn.report.plots import Figure, Panel, label, numbers, stacked, with_peaks
 
-__all__ = ["nonlinear_figures", "nonlinear_part"]
+__all__ = ["nonlinear_context", "nonlinear_figures"]
 
-#: Periods of the end that are drawn, and points at most.
-_SHOWN, _POINTS = 12, 4000
+#: Periods at the end that are drawn.
+_SHOWN = 12
+#: Largest number of points of a curve.
+_POINTS = 4000
+#: The motion that a nonlinearity depends on, by its kind.
+_READ = {"backlash": "twist", "friction": "velocity"}
 
 
 def nonlinear_figures(nonlinear: Sequence[Nonlinear]) -> dict[str, Figure]:
@@ -33,57 +37,48 @@ def _name(number: int) -> str:
     return f"nonlinear-{number}"
 
 
-def nonlinear_part(number: int, found: Nonlinear, figures: Mapping[str, Figure]) -> str:
-    """Return words, the table of cycles and the place of the figure."""
-    parts = [
-        f"<h3>{m.esc(found.kind.capitalize())} {m.esc(found.where)}</h3>",
-        m.paragraph(_verdict(found)),
-        m.note(found.disputed, found.note),
-    ]
-    if found.cycles:
-        kinds = ("", "", "text", "", "note-cell")
-        rows = [
-            m.row(
-                [
-                    f"{w.number(c.amplitude, 4)} {c.unit}",
-                    f"{w.number(c.frequency, 4)} Hz",
-                    "stable" if c.stable else "unstable: a border",
-                    f"{w.number(100 * c.third, 2)} %",
-                    c.doubt,
-                ],
-                kinds,
-                "open" if c.doubt else "",
-            )
-            for c in found.cycles
-        ]
-        reads = "twist" if found.kind == "backlash" else "velocity"
-        head = [f"amplitude of the {reads}", "frequency", "", "third harmonic", "in doubt"]
-        caption = "Limit cycles by harmonic balance; the third harmonic is taken for 0"
-        parts.append(m.table(head, rows, caption=caption, kinds=kinds))
+def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
+    """Return what the template shows of one nonlinearity.
+
+    Parameters
+    ----------
+    number : int
+        Its position in the job.
+    found : Nonlinear
+        The loop with it.
+    """
+    cycles = []
+    for c in found.cycles:
+        kind = "stable" if c.stable else "unstable: a border"
+        amplitude = f"{formatted(c.amplitude, 4)} {c.unit}"
+        frequency = f"{formatted(c.frequency, 4)} Hz"
+        cycles.append([amplitude, frequency, kind, f"{formatted(100 * c.third, 2)} %", c.doubt])
+    caption = ""
     if found.simulation is not None:
-        caption = (
-            f"In time, {found.begun}: the end of {w.number(float(found.simulation.time[-1]), 3)} s."
-        )
-        height = figures[_name(number)]["height"]
-        parts.append(
-            m.figure(_name(number), f"The loop with {found.kind} in time", caption, height=height)
-        )
-    return "".join(parts)
+        length = formatted(float(found.simulation.time[-1]), 3)
+        caption = f"In time, {found.begun}: the end of {length} s."
+    return {
+        "name": _name(number),
+        "kind": found.kind,
+        "heading": f"{found.kind.capitalize()} {found.where}",
+        "verdict": _verdict(found),
+        "notes": [found.disputed, found.note],
+        "reads": _READ[found.kind],
+        "cycles": cycles,
+        "caption": caption,
+    }
 
 
 def _verdict(found: Nonlinear) -> str:
-    count = len(found.cycles)
-    said = (
-        "Harmonic balance predicts"
-        f" {w.counted(count, 'limit cycle') if count else 'no limit cycle'}."
-    )
+    count = counted(len(found.cycles), "limit cycle") if found.cycles else "no limit cycle"
+    said = f"Harmonic balance predicts {count}."
     ended = found.simulation
     if ended is None:
         return said
     if ended.verdict == "limit cycle":
         return (
-            f"{said} In time the loop ends in one of {w.number(ended.amplitude, 4)} {ended.unit}"
-            f" (first harmonic) at {w.number(ended.frequency, 4)} Hz."
+            f"{said} In time the loop ends in one of {formatted(ended.amplitude, 4)} {ended.unit}"
+            f" (first harmonic) at {formatted(ended.frequency, 4)} Hz."
         )
     words = {
         "decays": "the oscillation decays",
@@ -100,9 +95,11 @@ def _series(found: Nonlinear, ended: Simulation) -> Figure:
         span = min(span, _SHOWN / ended.frequency)
     inside = np.flatnonzero(ended.time >= ended.time[-1] - span)
     time = ended.time[inside]
-    reads = "twist" if found.kind == "backlash" else "velocity"
+    reads = _READ[found.kind]
     torque = "N m" if ended.unit.startswith("rad") else "N"
-    marks = (-found.law.half, found.law.half) if isinstance(found.law, Backlash) else ()
+    marks: tuple[float, ...] = ()
+    if isinstance(found.law, Backlash):
+        marks = (-found.law.half, found.law.half)
     panels = [
         Panel(
             f"{reads} ({ended.unit})",

@@ -7,10 +7,9 @@ from pathlib import Path
 
 from updyn import __version__
 from updyn.control.job.plant_result import PlantResult
-from updyn.report import markup as m
 from updyn.report.page import assemble
 from updyn.report.section import Content
-from updyn.report.templates import write_page
+from updyn.report.templates import render_template, write_page
 
 __all__ = ["write_plant_page"]
 
@@ -35,12 +34,11 @@ def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
 
 def render(result: PlantResult) -> str:
     """Return the page as text."""
-    badge = ("Updated", "good") if result.updated else ("Not updated", "warn")
+    badge, kind = "Not updated", "warn"
     if not result.met:
-        badge = ("Tolerance not met", "bad")
+        badge, kind = "Tolerance not met", "bad"
+    elif result.updated:
+        badge, kind = "Updated", "good"
+    head = render_template("updyn.control.report/head.html", result=result, badge=badge, kind=kind)
     content = Content(further={"plant": result})
-    head = (
-        f"<header><h1>{m.esc(result.title)}</h1>{m.paragraph(result.source, 'byline')}"
-        f'<p><span class="badge {badge[1]}">{m.esc(badge[0])}</span></p></header>'
-    )
     return assemble(content, head, f"{result.title}: plant", __version__)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
+from updyn.control.ports import Port
 from updyn.control.weight import UncertaintyWeight
-from updyn.report import formats as w
-from updyn.report import markup as m
+from updyn.report.formats import counted, number
 from updyn.report.plots import (
     Figure,
     Panel,
@@ -28,16 +29,17 @@ from updyn.report.section import Content, Section
 __all__ = [
     "PLANT",
     "bode_name",
+    "channel_name",
     "channels",
     "degree_axis",
     "plant_figures",
-    "plant_tiles",
     "share",
     "unit_of",
+    "unit_ratio",
     "weight_name",
 ]
 
-#: Channels that are drawn at most; those with the largest errors are.
+#: Largest number of channels that are drawn, those with the largest errors.
 _DRAWN = 6
 _ERROR_FLOOR = 1e-7
 
@@ -71,11 +73,22 @@ def weight_name(output: int, input: int) -> str:
     return f"weight-{output}-{input}"
 
 
+def channel_name(plant: Plant, output: int, input: int) -> str:
+    """Return the name of a channel, as ``speed over torque``."""
+    return f"{plant.outputs[output]} over {plant.inputs[input]}"
+
+
 def unit_of(plant: Plant, output: int, input: int) -> str:
     """Return the unit of a channel, as ``(rad/s)/(N m)``."""
-    top, below = plant.output_units[output].replace("s2", "s²"), plant.input_units[input]
-    top, below = (f"({u})" if "/" in u or " " in u else u for u in (top, below))
-    return f"{top}/{below}"
+    return unit_ratio(plant.output_units[output], plant.input_units[input])
+
+
+def unit_ratio(above: str, below: str) -> str:
+    """Return the unit of a ratio; a unit that is a product or a ratio stands in brackets."""
+    parts = []
+    for unit in (above.replace("s2", "s²"), below):
+        parts.append(f"({unit})" if "/" in unit or " " in unit else unit)
+    return "/".join(parts)
 
 
 def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
@@ -135,8 +148,11 @@ def _weight(found: UncertaintyWeight) -> Figure:
     )
 
 
-#: Poles that are listed at most, and channels in the table of errors.
-_LISTED, _CHANNELS = 60, 40
+#: Largest number of poles that are listed.
+_LISTED = 60
+#: Largest number of channels in the table of errors.
+_CHANNELS = 40
+#: Conversions in words, and whether `updyn.plant` offers them.
 _CONVERSIONS = {
     "modal": ("real modes, full modal damping matrix", "offered"),
     "complex": ("complex modes of the damped structure", "offered"),
@@ -153,38 +169,55 @@ class PlantSection(Section):
     name = "Plant"
     heading = "Plant"
     place = 2000
+    template = "updyn.control.report/plant.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether there is one: any page shows it."""
+        """Whether a page with a plant result has the section: every one."""
         return True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return Bode diagrams and weights."""
         return plant_figures(content.further["plant"])
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words, Bode diagrams, and tables of errors, poles and conversions."""
-        return _body(content.further["plant"], figures)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return key figures, and the cells of the tables."""
+        result: PlantResult = content.further["plant"]
+        context: dict[str, Any] = {
+            "about": _about(result),
+            "notes": [result.message, *result.notes],
+            "plant": result.plant,
+            "conversions": _conversions(result),
+            "conversion_head": _conversion_head(result),
+            "weights": [],
+            "text_kinds": ("text", "text", "text", "text"),
+            "pole_kinds": ("", "", "text", "text"),
+            "conversion_kinds": ("", "text", "", "", "text", "note-cell"),
+            "weight_kinds": ("", "", "", "", "", "note-cell"),
+        }
+        if result.plant is not None:
+            context |= _plant_context(result, result.plant)
+        return context
 
 
 PLANT = PlantSection()
 
 
-def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
-    parts = [
-        m.paragraph(_about(result), "lead"),
-        m.note(*_notes(result)),
-    ]
-    plant = result.plant
-    if plant is not None:
-        parts.append(plant_tiles(result, plant))
-        parts.append(_ports(plant))
-        parts += _diagrams(result, plant, figures)
-        parts.append(_channel_table(result, plant))
-        parts.append(_pole_table(plant))
-    parts.append(_conversions(result))
-    parts.append(_weights(result, figures))
-    return "".join(parts)
+def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
+    poles = _poles(plant)
+    diagrams = []
+    for i, j in channels(result):
+        diagrams.append((bode_name(i, j), channel_name(plant, i, j), unit_of(plant, i, j)))
+    return {
+        "key_figures": _key_figures(result, plant),
+        "ports": _ports(plant),
+        "model": "updated model" if result.updated else "model",
+        "diagrams": diagrams,
+        "n_channels": len(plant.inputs) * len(plant.outputs),
+        "errors": _channel_errors(result, plant),
+        "poles": [_pole_cells(plant, pole) for pole in poles[:_LISTED]],
+        "n_poles": len(poles),
+        "weights": _weights(result, plant),
+    }
 
 
 def share(value: float) -> str:
@@ -192,188 +225,121 @@ def share(value: float) -> str:
     if not math.isfinite(value):
         return "–"
     if value >= 10.0:
-        return f"{w.number(value, 3)} times"
-    return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{w.number(100.0 * value, 2)} %"
+        return f"{number(value, 3)} times"
+    return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{number(100.0 * value, 2)} %"
 
 
 def _about(result: PlantResult) -> str:
-    plant, (low, high) = result.plant, result.band
-    band = f"{w.number(low, 4)} to {w.number(high, 4)} Hz"
+    plant = result.plant
+    low, high = result.band
+    band = f"{number(low, 4)} to {number(high, 4)} Hz"
     if plant is None:
         return f"No plant holds the tolerance of {share(result.tolerance)} from {band}."
     of = "the updated model" if result.updated else "the model as it stands, which is NOT updated"
     return (
-        f"A real state-space model of {of}: {w.counted(len(plant.inputs), 'input')},"
-        f" {w.counted(len(plant.outputs), 'output')}, {w.counted(plant.n_states, 'state')}. From"
+        f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
+        f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
         f" {band} it is off by at most {share(plant.error)} of a channel's peak."
     )
 
 
-def _notes(result: PlantResult) -> list[str]:
-    return [result.message, *result.notes]
-
-
-def plant_tiles(result: PlantResult, plant: Plant) -> str:
-    """Return the figures that a reader looks for first."""
-    motions = f"{len(plant.modes) - plant.rigid} flexible modes"
-    motions += f", {plant.rigid} of rigid-body motion" if plant.rigid else ", no rigid-body motion"
+def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
+    """Return name, value and hint of the key figures."""
+    rigid = f"{plant.rigid} of rigid-body motion" if plant.rigid else "no rigid-body motion"
+    modes = f"{len(plant.modes) - plant.rigid} flexible modes, {rigid}"
     tiles = [
         ("Error", share(plant.error), f"of the peak, at most; asked {share(plant.tolerance)}"),
         ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
-        ("Order", str(plant.n_states), motions),
+        ("Order", str(plant.n_states), modes),
         ("Route", plant.route, _CONVERSIONS.get(plant.route, ("", ""))[0]),
     ]
     if result.sampled is not None and result.sampled.dt is not None:
-        late = f", input late by {result.sampled.delay} intervals" if result.sampled.delay else ""
-        states = w.counted(result.sampled.n_states, "state")
-        tiles.append(("Sampled", f"{w.number(1e3 * result.sampled.dt, 4)} ms", f"{states}{late}"))
+        states = counted(result.sampled.n_states, "state")
+        if result.sampled.delay:
+            states += f", input late by {result.sampled.delay} intervals"
+        tiles.append(("Sampled", f"{number(1e3 * result.sampled.dt, 4)} ms", states))
     if result.family is not None:
-        tiles.append(
-            ("Family", str(len(result.family)), "plants from the uncertainty of the update")
-        )
-    made = "".join(
-        f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
-        for name, value, hint in tiles
-    )
-    return f'<dl class="tiles">{made}</dl>'
+        size = str(len(result.family))
+        tiles.append(("Family", size, "plants from the uncertainty of the update"))
+    return tiles
 
 
-def _ports(plant: Plant) -> str:
-    def weights(port: object) -> str:
-        found = getattr(port, "weights", {})
-        return " + ".join(
-            f"{w.number(v, 4)} · {k}" if v != 1.0 else k for k, v in found.items()
-        ).replace("+ −", "− ")
-
-    kinds = ("text", "text", "text", "text")
-    rows = [
-        m.row([p.name, "input", p.force_unit, weights(p)], kinds) for p in plant.input_ports
-    ] + [
-        m.row([p.name, f"output, {q}", unit.replace("s2", "s²"), weights(p)], kinds)
-        for p, q, unit in zip(plant.output_ports, plant.quantities, plant.output_units, strict=True)
-    ]
-    return m.table(["port", "is", "unit", "DOFs"], rows, kinds=kinds)
+def _ports(plant: Plant) -> list[list[str]]:
+    """Return name, kind, unit and weights of each port."""
+    rows = []
+    for port in plant.input_ports:
+        rows.append([port.name, "input", port.force_unit, _port_weights(port)])
+    for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
+        unit = port.motion_unit(quantity).replace("s2", "s²")
+        rows.append([port.name, f"output, {quantity}", unit, _port_weights(port)])
+    return rows
 
 
-def _diagrams(result: PlantResult, plant: Plant, figures: Mapping[str, Figure]) -> list[str]:
-    drawn = channels(result)
-    total = len(plant.inputs) * len(plant.outputs)
-    more = (
-        f" The {len(drawn)} of {total} channels with the largest errors are drawn."
-        if len(drawn) < total
-        else ""
-    )
-    model = "updated model with its" if result.updated else "model with its"
-    caption = (
-        f"Grey: the {model} structural damping, one factorisation a line; blue: the plant, from its"
-        f" matrices. Below: their difference as a share of the channel's peak.{more}"
-    )
-    places = []
-    for i, j in drawn:
-        name = bode_name(i, j)
-        heading = f"{plant.outputs[i]} over {plant.inputs[j]}"
-        place = m.figure(
-            name,
-            f"Bode diagram of {heading} in {unit_of(plant, i, j)}",
-            "",
-            height=figures[name]["height"],
-        )
-        places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
-    return [m.paragraph(caption), f'<div class="pair wide">{"".join(places)}</div>']
+def _port_weights(port: Port) -> str:
+    terms = []
+    for dof, weight in port.weights.items():
+        terms.append(dof if weight == 1.0 else f"{number(weight, 4)} · {dof}")
+    return " + ".join(terms).replace("+ −", "− ")
 
 
-def _channel_table(result: PlantResult, plant: Plant) -> str:
+def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
+    """Return the channels and their errors, the largest first."""
     errors = result.channel_errors()
-    if errors.size == 1:
-        return ""
-    order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])[:_CHANNELS]
-    rows = [
-        m.row([f"{plant.outputs[i]} over {plant.inputs[j]}", share(float(errors[i, j]))])
-        for i, j in order
-    ]
-    rest = f"; the {_CHANNELS} largest of {errors.size}" if errors.size > _CHANNELS else ""
-    return m.table(
-        ["channel", "error / peak"],
-        rows,
-        caption=f"Largest error of each channel in the band{rest}",
-    )
+    order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
+    return [[channel_name(plant, i, j), share(float(errors[i, j]))] for i, j in order[:_CHANNELS]]
 
 
-def _pole_table(plant: Plant) -> str:
+def _poles(plant: Plant) -> NDArray[np.complex128]:
+    """Return the poles by frequency, one of each pair, without those at 0."""
     poles = plant.poles[np.argsort(np.abs(plant.poles), kind="stable")]
     poles = poles[poles.imag >= 0]
     at_zero = int((np.abs(poles) <= 1e-9 * np.abs(poles).max(initial=1e-300)).sum())
-    rest = poles[at_zero:]
-    rows = []
-    for p in rest[:_LISTED]:
-        f, z = abs(p) / (2.0 * np.pi), -p.real / abs(p)
-        what = "mode" if p.imag > 0 else "real pole"
-        inside = "" if plant.band[0] <= f <= plant.band[1] else "outside the band"
-        rows.append(m.row([w.number(f, 5), w.number(z, 3), what, inside], ("", "", "text", "text")))
-    said = (
-        f"Poles of the plant; {w.counted(plant.rigid, 'rigid-body mode')} with a pole at 0"
-        if plant.rigid
-        else "Poles of the plant"
-    )
-    said += f". The first {_LISTED} of {len(rest)}" if len(rest) > _LISTED else ""
-    kinds = ("", "", "text", "text")
-    return m.table(["frequency (Hz)", "damping ratio", "", ""], rows, caption=said, kinds=kinds)
+    return np.asarray(poles[at_zero:])
 
 
-def _conversions(result: PlantResult) -> str:
-    if not result.conversions:
-        return ""
-    noted = any(found.note for found in result.conversions)
-    kinds = ("", "text", "", "", "text", *(["note-cell"] if noted else []))
+def _pole_cells(plant: Plant, pole: complex) -> list[str]:
+    frequency = abs(pole) / (2.0 * np.pi)
+    kind = "mode" if pole.imag > 0 else "real pole"
+    low, high = plant.band
+    outside = "" if low <= frequency <= high else "outside the band"
+    return [number(frequency, 5), number(-pole.real / abs(pole), 3), kind, outside]
+
+
+def _conversion_head(result: PlantResult) -> list[str]:
+    """Return the head of the table of conversions; the notes have a column where there are any."""
+    head = ["conversion", "", "error / peak", "height of resonances", ""]
+    if any(found.note for found in result.conversions):
+        head.append("note")
+    return head
+
+
+def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
+    """Return the cells of each conversion, and whether it holds the tolerance."""
+    route = "" if result.plant is None else result.plant.route
     rows = []
     for found in result.conversions:
-        words, kind = _CONVERSIONS.get(found.name, (found.name, ""))
-        used = result.plant is not None and found.name == result.plant.route
-        state = "used" if used else kind
-        good = max(found.error, found.peak_error) <= result.tolerance
-        cells = [found.name, words, share(found.error), share(found.peak_error), state]
-        cells += [found.note] if noted else []
-        rows.append(m.row(cells, kinds, "" if good else "open"))
-    caption = (
-        "Structural damping turned into poles in several ways, all modes kept, each against the"
-        " model itself; marked: not within the tolerance."
-    )
-    head = [
-        "conversion",
-        "",
-        "error / peak",
-        "height of resonances",
-        "",
-        *(["note"] if noted else []),
-    ]
-    return f"<h3>Conversions of the damping</h3>{m.table(head, rows, caption=caption, kinds=kinds)}"
+        words, state = _CONVERSIONS.get(found.name, (found.name, ""))
+        if found.name == route:
+            state = "used"
+        errors = [share(found.error), share(found.peak_error)]
+        holds = max(found.error, found.peak_error) <= result.tolerance
+        cells = [found.name, words, *errors, state, found.note]
+        rows.append((cells[: len(_conversion_head(result))], holds))
+    return rows
 
 
-def _weights(result: PlantResult, figures: Mapping[str, Figure]) -> str:
-    if not result.weights or result.plant is None:
-        return ""
-    plant, places, rows = result.plant, [], []
-    kinds = ("", "", "", "", "", "note-cell")
+def _weights(result: PlantResult, plant: Plant) -> list[tuple[str, list[str]]]:
+    """Return the name of the figure of each weight, and the cells of its row."""
+    rows = []
     for (i, j), found in result.weights.items():
-        name, heading = weight_name(i, j), f"{plant.outputs[i]} over {plant.inputs[j]}"
-        place = m.figure(
-            name, f"Uncertainty of {heading} and its weight", "", height=figures[name]["height"]
-        )
-        places.append(f"<div><h3>{m.esc(heading)}</h3>{place}</div>")
         ((weight,),) = found.weights
-        over = f"{w.number(weight.largest, 3)}, mean {w.number(weight.mean, 3)}"
-        farthest = [share(weight.peak), f"{w.number(weight.peak_at, 4)} Hz"]
-        rows.append(m.row([heading, *farthest, str(weight.order), over, weight.note], kinds))
-    said = (
-        "How far the plants of the family are from the nominal one, relative to it, and a stable"
-        " minimum-phase weight of low order that covers them, for a robust design. Zeros, poles and"
-        " gains are in control.json."
-    )
-    head = ["channel", "farthest", "at", "order of the weight", "weight over radius", "note"]
-    drawn = m.details(
-        "Radius and weight over frequency", f'<div class="pair wide">{"".join(places)}</div>'
-    )
-    return (
-        "<h3>Uncertainty for a robust"
-        f" design</h3>{m.paragraph(said)}{m.table(head, rows, kinds=kinds)}{drawn}"
-    )
+        cells = [
+            channel_name(plant, i, j),
+            share(weight.peak),
+            f"{number(weight.peak_at, 4)} Hz",
+            str(weight.order),
+            f"{number(weight.largest, 3)}, mean {number(weight.mean, 3)}",
+            weight.note,
+        ]
+        rows.append((weight_name(i, j), cells))
+    return rows

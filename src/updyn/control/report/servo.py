@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
-from updyn.control.report.nonlinear import nonlinear_figures, nonlinear_part
-from updyn.control.report.plant import degree_axis
+from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
+from updyn.control.report.plant import degree_axis, unit_ratio
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins
 from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
-from updyn.report import formats as w
-from updyn.report import markup as m
+from updyn.report.formats import number
 from updyn.report.plots import (
     Figure,
     Panel,
@@ -37,11 +36,16 @@ __all__ = [
     "servo_figures",
 ]
 
-#: Members of a family that are drawn one by one at most, and lines of a curve, points of a series.
-_MEMBERS, _LINES, _POINTS = 40, 3000, 4000
-#: Range of dB that is shown of a loop function at most, about 0 dB.
-_LOUD, _QUIET = 60.0, -80.0
-#: Loops are drawn up to this multiple of the plant's band at most.
+#: Largest number of members of a family that are drawn one by one.
+_MEMBERS = 40
+#: Largest number of lines of a curve.
+_LINES = 3000
+#: Largest number of points of a series.
+_POINTS = 4000
+#: Largest and smallest magnitude of a loop function that is drawn, in dB.
+_LOUD = 60.0
+_QUIET = -80.0
+#: Largest frequency of a drawn loop over the end of the plant's band.
 _REACH = 2.0
 #: The circle about -1 that the Nichols plot shows: |1 + L| = 0.5, a sensitivity of 6 dB.
 _MODULUS = 0.5
@@ -50,7 +54,7 @@ _Real = NDArray[np.float64]
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
-    """Return every figure that has something to show, by the name of its place in the page."""
+    """Return the figures of a servo by the name of their place in the page."""
     torque_unit = plant.input_units[plant.inputs.index(servo.torque)]
     out: dict[str, Figure] = {}
     high = _REACH * float(servo.plant["band"][1])
@@ -80,7 +84,7 @@ def _drawn(loop: Loop, high: float) -> NDArray[np.intp]:
         m.phase_margin_at,
         m.delay_margin_at,
     ]
-    ends = [loop.freq[near].min(), loop.freq[near].max()] if near.any() else []
+    ends = list(loop.freq[near][[0, -1]]) if near.any() else []
     ends += [f for f in (*marks, m.modulus_margin_at) if f is not None and math.isfinite(f)]
     if len(ends) < 2:
         return with_peaks(size, _LINES)
@@ -98,22 +102,16 @@ def _bode(loop: Loop, at: NDArray[np.intp]) -> Figure:
         members = loop.family[:, at]
         low, high = _spread(_decibels(members), _decibels(L))
         size += band_traces(freq, low, high, f"family of {len(members)}")
-        turns = turn + np.degrees(np.angle(members * np.conj(L)))
-        low_turn, high_turn = _spread(turns, turn)
+        low_turn, high_turn = _spread(turn + np.degrees(np.angle(members * np.conj(L))), turn)
         phase += band_traces(freq, low_turn, high_turn, f"family of {len(members)}", legend=False)
     size.append(curve(freq, _decibels(L), "L, nominal", "@after", unit="dB"))
     phase.append(curve(freq, turn, "phase", "@after", unit="°", legend=False))
     size += _marks(loop, "gain")
     phase += _marks(loop, "phase")
+    turns = np.concatenate([low_turn, high_turn])
     panels = [
         Panel("|L| (dB)", size, _db_axis(_decibels(L)), 1.2, (0.0,)),
-        Panel(
-            "phase (°)",
-            phase,
-            degree_axis(np.concatenate([low_turn, high_turn])),
-            1.0,
-            _half_turns(turn),
-        ),
+        Panel("phase (°)", phase, degree_axis(turns), 1.0, tuple(_critical(turn))),
     ]
     return stacked(panels, log_frequency(freq), 480)
 
@@ -160,22 +158,22 @@ def _nichols(loop: Loop, at: NDArray[np.intp]) -> Figure:
     traces: list[dict[str, Any]] = []
     members = loop.family[:_MEMBERS, at]
     spread: list[_Real] = []
-    for number, member in enumerate(members):
+    for index, member in enumerate(members):
         turns = turn + np.degrees(np.angle(member * np.conj(L)))
         line = _along(turns, _decibels(member), loop.freq[at], "family", "@measured", 0.8)
-        traces.append(line | {"showlegend": number == 0})
+        traces.append(line | {"showlegend": index == 0})
         spread.append(turns[(_decibels(member) > _QUIET / 2) & (_decibels(member) < _LOUD)])
     traces.append(_along(turn, _decibels(L), loop.freq[at], "L, nominal", "@after", 1.8))
     centres = _critical(turn[shown] if shown.any() else turn)
     circle = -1.0 + _MODULUS * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 181))
-    for number, centre in enumerate(centres):
+    for index, centre in enumerate(centres):
         around = centre + np.degrees(np.angle(-circle))
         traces.append(
             {
                 "type": "scatter",
                 "mode": "lines",
                 "name": f"|1 + L| = {_MODULUS:g}",
-                "showlegend": number == 0,
+                "showlegend": index == 0,
                 "x": numbers(around),
                 "y": numbers(_decibels(circle)),
                 "line": {"color": "@before", "dash": "dash", "width": 1.5},
@@ -231,14 +229,13 @@ def _along(x: _Real, y: _Real, freq: _Real, name: str, colour: str, width: float
 
 def _critical(turn: _Real) -> list[float]:
     """Return the odd half turns in degrees that a curve passes, or the nearest one."""
-    low, high = (float(turn.min()), float(turn.max())) if turn.size else (-180.0, -180.0)
-    first, last = math.ceil((low - 180.0 - 30.0) / 360.0), math.floor((high - 180.0 + 30.0) / 360.0)
+    low = high = -180.0
+    if turn.size:
+        low, high = float(turn.min()), float(turn.max())
+    first = math.ceil((low - 180.0 - 30.0) / 360.0)
+    last = math.floor((high - 180.0 + 30.0) / 360.0)
     found = [180.0 + 360.0 * k for k in range(first, last + 1)]
     return found or [180.0 + 360.0 * round((0.5 * (low + high) - 180.0) / 360.0)]
-
-
-def _half_turns(turn: _Real) -> tuple[float, ...]:
-    return tuple(_critical(turn))
 
 
 # -- closed loop ----------------------------------------------------------------------------------
@@ -272,20 +269,17 @@ def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
 def _compliance_unit(servo: Servo, plant: Plant) -> str:
     """Return the unit of position (of velocity, without a position loop) over disturbance."""
     assert servo.disturbance is not None
-    read = (
-        servo.velocity if servo.position_loop is None or servo.position is None else servo.position
-    )
-    quantity = "mobility" if servo.position_loop is None else "receptance"
-    top = plant.output_ports[plant.outputs.index(read)].motion_unit(quantity)
-    below = plant.input_units[plant.inputs.index(servo.disturbance)]
-    top, below = (f"({u})" if "/" in u or " " in u else u for u in (top, below))
-    return f"{top}/{below}"
+    read, quantity = servo.velocity, "mobility"
+    if servo.position_loop is not None:
+        read, quantity = servo.position or servo.velocity, "receptance"
+    motion = plant.output_ports[plant.outputs.index(read)].motion_unit(quantity)
+    return unit_ratio(motion, plant.input_units[plant.inputs.index(servo.disturbance)])
 
 
 # -- over time ------------------------------------------------------------------------------------
 def _step_figure(step: StepResponse, unit: str) -> Figure:
     value = _timed(step.time, step.value, step.output, step.output_unit, "@after")
-    final = [] if not math.isfinite(step.final) else [step.final]
+    final = filter(math.isfinite, [step.final])
     panels = [
         Panel(f"{label(step.output)} ({_unit(step.output_unit)})", [value], {}, 1.2, tuple(final)),
         Panel(
@@ -344,14 +338,18 @@ def _spread(members: _Real, nominal: _Real) -> tuple[_Real, _Real]:
 
 def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
     seen = values[np.isfinite(values)]
-    low, high = (float(seen.min()), float(seen.max())) if seen.size else (-20.0, 20.0)
-    low, high = max(min(low, -12.0), lowest), min(max(high, 6.0), _LOUD)
+    low = max(float(seen.min(initial=-12.0)), lowest)
+    high = min(float(seen.max(initial=6.0)), _LOUD)
+    if not seen.size:
+        low, high = max(-20.0, lowest), 20.0
     step = next((s for s in (3, 6, 10, 20) if (high - low) / s <= 8), 40)
     return {"dtick": step, "tick0": 0, "range": [low - 0.3 * step, high + 0.3 * step]}
 
 
-#: Crossings that are listed for each loop at most.
+#: Largest number of crossings that are listed for each loop.
 _CROSSINGS = 12
+#: Largest number of unstable members that are listed.
+_MEMBERS_LISTED = 12
 
 
 class ServoSection(Section):
@@ -361,9 +359,10 @@ class ServoSection(Section):
     name = "Servo"
     heading = "Servo"
     place = 2100
+    template = "updyn.control.report/servo.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether there is a servo or a drive: any page shows it."""
+        """Whether the plant result has a servo or a drive."""
         result: PlantResult = content.further["plant"]
         return result.servo is not None or result.drive is not None
 
@@ -375,222 +374,194 @@ class ServoSection(Section):
         assert result.plant is not None
         return nonlinear_figures(result.nonlinear) | servo_figures(result.servo, result.plant)
 
-    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return words, tables and places of figures."""
-        return _body(content.further["plant"], figures)
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return words, key figures, and the cells of the tables."""
+        result: PlantResult = content.further["plant"]
+        context: dict[str, Any] = {"servo": result.servo, "drive": result.drive}
+        if result.servo is not None:
+            context |= _servo_context(result.servo)
+            nonlinear = enumerate(result.nonlinear)
+            context["nonlinear"] = [nonlinear_context(number, found) for number, found in nonlinear]
+            context["cycle_kinds"] = ("", "", "text", "", "note-cell")
+        if result.drive is not None:
+            context["drive_figures"] = _drive_cells(result.drive)
+            context["drive_kinds"] = ("", "", "text")
+        return context
 
 
 SERVO = ServoSection()
 
 
-def _body(result: PlantResult, figures: Mapping[str, Figure]) -> str:
-    parts = []
-    if result.servo is not None:
-        parts += _servo(result.servo, figures)
-        parts += [
-            nonlinear_part(number, found, figures) for number, found in enumerate(result.nonlinear)
-        ]
-    if result.drive is not None:
-        parts.append(_drive(result.drive))
-    return "".join(parts)
+def _servo_context(servo: Servo) -> dict[str, Any]:
+    head, margins = _margins(servo)
+    return {
+        "verdict": _verdict(servo),
+        "notes": [_sentence(note) for note in servo.notes],
+        "key_figures": _key_figures(servo),
+        "controller": _controller(servo),
+        "margins_head": head,
+        "margins": margins,
+        "has_family": bool(servo.velocity_loop.members),
+        "unstable": _unstable(servo),
+        "loops": [_loop(loop) for loop in servo.loops],
+        "crossing_kinds": ("", "text", "", ""),
+        "over_time": _over_time(servo),
+    }
 
 
 # -- the loop -------------------------------------------------------------------------------------
-def _servo(servo: Servo, figures: Mapping[str, Figure]) -> list[str]:
-    parts = [
-        m.paragraph(_verdict(servo), "lead"),
-        m.note(*map(_sentence, servo.notes)),
-        _tiles(servo),
-        _controller(servo),
-    ]
-    parts.append(_margins(servo))
-    for loop in servo.loops:
-        parts.append(_loop(loop, figures))
-    parts.append("<h3>Closed loop</h3>")
-    bandwidth = (
-        ""
-        if servo.bandwidth is None
-        else f" Vertical: the bandwidth, {w.number(servo.bandwidth, 4)} Hz (−3 dB)."
-    )
-    caption = f"From the reference, and the sensitivity of the outer loop.{bandwidth}"
-    parts.append(_place(figures, "closed-loop", "Closed loop and sensitivity", caption))
-    over_time = [
-        ("step", "Step of the reference", None if servo.step is None else _step(servo.step)),
-        (
-            "disturbance-step",
-            "Step of the disturbance",
-            None if servo.disturbance_step is None else _step(servo.disturbance_step),
-        ),
-        ("wind", "Wind", None if servo.wind is None else _wind(servo.wind)),
-    ]
-    places = [
-        f"<div><h3>{m.esc(heading)}</h3>{_place(figures, name, heading, said)}</div>"
-        for name, heading, said in over_time
-        if said is not None
-    ]
-    if places:
-        parts.append(f"<div class='pair wide'>{''.join(places)}</div>")
-    return parts
-
-
-def _loop(loop: Loop, figures: Mapping[str, Figure]) -> str:
-    """Return the part on one loop: Bode diagram, Nichols plot and crossings."""
-    name = loop.name
-    other = "the velocity loop closed" if name == "position" else "the position loop open"
-    caption = f"L of the {name} loop, broken at the {name}, {other}"
-    if loop.members:
-        caption += f"; the band holds the {len(loop.members)} plants of the family"
-    caption += ". Circles: where the margins are read; dotted: 0 dB and −180°."
-    nichols = "The same in the Nichols plane. Inside the dashed line the sensitivity is above 6 dB."
-    places = (
-        _place(figures, f"bode-{name}", f"Bode diagram of the {name} loop", caption),
-        _place(figures, f"nichols-{name}", f"Nichols plot of the {name} loop", nichols),
-    )
-    pair = "".join(f"<div>{place}</div>" for place in places)
-    heading = f"<h3>{m.esc(name.capitalize())} loop</h3>"
-    return f"{heading}<div class='pair wide'>{pair}</div>{_crossings(loop)}"
-
-
-def _place(figures: Mapping[str, Figure], name: str, alternative: str, caption: str) -> str:
-    if name not in figures:
-        return ""
-    return m.figure(name, alternative, caption, height=figures[name]["height"])
+def _loop(loop: Loop) -> dict[str, Any]:
+    """Return name, size of the family and crossings of a loop."""
+    crossings = _crossings(loop)
+    return {
+        "name": loop.name,
+        "n_members": len(loop.members),
+        "crossings": crossings[:_CROSSINGS],
+        "n_crossings": len(crossings),
+    }
 
 
 def _verdict(servo: Servo) -> str:
     if not all(loop.margins.stable for loop in servo.loops):
         return "The loop is UNSTABLE on the nominal plant; its crossings are no margins."
-    bad = sorted({i for loop in servo.loops for i in loop.unstable_members})
+    bad = {i for loop in servo.loops for i in loop.unstable_members}
     count = len(servo.loops[0].members)
     if bad:
         return (
             f"The loop is stable on the nominal plant, and UNSTABLE on {len(bad)} of {count} plants"
             " of the family."
         )
-    return "The loop is stable" + (f", on all {count} plants of the family too." if count else ".")
+    if count:
+        return f"The loop is stable, on all {count} plants of the family too."
+    return "The loop is stable."
 
 
-def _tiles(servo: Servo) -> str:
-    smallest = (
-        "smallest of all loops and plants"
-        if servo.velocity_loop.members
-        else "smallest of the loops"
-    )
-    outer, inner = servo.loops[-1].margins, servo.velocity_loop.margins
-    tiles = [("Bandwidth", _hz(servo.bandwidth), f"closed {servo.loops[-1].name} loop, −3 dB")]
+def _key_figures(servo: Servo) -> list[tuple[str, str, str]]:
+    """Return name, value and hint of the key figures."""
+    smallest = "smallest of the loops"
+    if servo.velocity_loop.members:
+        smallest = "smallest of all loops and plants"
+    outer = servo.loops[-1]
+    tiles = [("Bandwidth", _hz(servo.bandwidth), f"closed {outer.name} loop, −3 dB")]
     if servo.position_loop is not None:
-        tiles.append(("Position crossover", _hz(outer.crossover), "|L| falls through 1"))
-    tiles.append(("Velocity crossover", _hz(inner.crossover), "|L| falls through 1"))
-    tiles.append(("Phase margin", _degrees(_worst_of(servo, "phase_margin")), smallest))
-    gain = _worst_of(servo, "gain_margin")
-    tiles.append(("Gain margin", _db(gain), smallest))
-    modulus = _worst_of(servo, "modulus_margin")
-    tiles.append(("Modulus margin", w.number(modulus, 3), "smallest |1 + L|; above 0.5 is usual"))
+        crossover = _hz(outer.margins.crossover)
+        tiles.append(("Position crossover", crossover, "|L| falls through 1"))
+    crossover = _hz(servo.velocity_loop.margins.crossover)
+    modulus = number(_worst_of(servo, "modulus_margin"), 3)
+    tiles += [
+        ("Velocity crossover", crossover, "|L| falls through 1"),
+        ("Phase margin", _degrees(_worst_of(servo, "phase_margin")), smallest),
+        ("Gain margin", _db(_worst_of(servo, "gain_margin")), smallest),
+        ("Modulus margin", modulus, "smallest |1 + L|; above 0.5 is usual"),
+    ]
     if servo.wind is not None:
-        unit = servo.wind.output_unit
-        tiles.append(
-            (
-                "Error in wind",
-                f"{w.number(servo.wind.rms, 3)} {unit}",
-                f"rms of {servo.wind.output}",
-            )
-        )
-    made = "".join(
-        f"<div><dt>{m.esc(name)}</dt><dd>{m.esc(value)}<small>{m.esc(hint)}</small></dd></div>"
-        for name, value, hint in tiles
-    )
-    return f'<dl class="tiles">{made}</dl>'
+        rms = f"{number(servo.wind.rms, 3)} {servo.wind.output_unit}"
+        tiles.append(("Error in wind", rms, f"rms of {servo.wind.output}"))
+    return tiles
 
 
 def _worst_of(servo: Servo, name: str) -> float | None:
-    found = [getattr(each, name) for loop in servo.loops for each in (loop.margins, *loop.members)]
-    if any(not each.stable for loop in servo.loops for each in (loop.margins, *loop.members)):
+    """Return the smallest value of a margin over loops and plants; None if one is unstable."""
+    every: list[Margins] = []
+    for loop in servo.loops:
+        every += [loop.margins, *loop.members]
+    if not all(margins.stable for margins in every):
         return None
-    known = [v for v in found if v is not None]
-    return min(known, key=abs) if known else None
+    known = [value for value in (getattr(margins, name) for margins in every) if value is not None]
+    return min(known, key=abs, default=None)
 
 
-def _controller(servo: Servo) -> str:
+def _controller(servo: Servo) -> list[tuple[str, str]]:
+    """Return the settings of the controller, name and value."""
     c = servo.controller
+    reads = servo.velocity
+    if servo.position:
+        reads += f", {servo.position}"
+    kp = f"{number(c.kp, 5)} (unit of {servo.torque} per unit of velocity)"
     rows = [
-        (
-            "gain of the velocity loop, kp",
-            f"{w.number(c.kp, 5)} (unit of {servo.torque} per unit of velocity)",
-        ),
-        ("integral time, ti", "none" if c.ti is None else f"{w.number(c.ti, 5)} s"),
-        ("gain of the position loop, kv", "none" if c.kv is None else f"{w.number(c.kv, 5)} 1/s"),
+        ("loop", f"{servo.torque} → {reads}"),
+        ("gain of the velocity loop, kp", kp),
+        ("integral time, ti", _with_unit(c.ti, 5, "s")),
+        ("gain of the position loop, kv", _with_unit(c.kv, 5, "1/s")),
     ]
-    rows += [
-        (
-            "notch",
-            (
-                f"{w.number(n.frequency, 5)} Hz, width {w.number(n.width, 4)} Hz, depth"
-                f" {w.number(n.depth, 3)}"
-            ),
-        )
-        for n in c.notches
-    ]
+    for n in c.notches:
+        width = f"width {number(n.width, 4)} Hz, depth {number(n.depth, 3)}"
+        rows.append(("notch", f"{number(n.frequency, 5)} Hz, {width}"))
     if c.low_pass is not None:
-        order = (
-            "first order"
-            if c.low_pass_damping is None
-            else f"damping ratio {w.number(c.low_pass_damping, 3)}"
-        )
-        rows.append(("low-pass", f"{w.number(c.low_pass, 5)} Hz, {order}"))
+        order = "first order"
+        if c.low_pass_damping is not None:
+            order = f"damping ratio {number(c.low_pass_damping, 3)}"
+        rows.append(("low-pass", f"{number(c.low_pass, 5)} Hz, {order}"))
     if c.feed_forward:
-        rows.append(("velocity feed-forward", f"{w.number(100 * c.feed_forward, 3)} %"))
-    rows.append(("dead time", f"{w.number(1e3 * c.dead_time, 4)} ms" if c.dead_time else "none"))
-    reads = f"{servo.torque} → {servo.velocity}" + (f", {servo.position}" if servo.position else "")
+        rows.append(("velocity feed-forward", f"{number(100 * c.feed_forward, 3)} %"))
+    rows.append(("dead time", _with_unit(1e3 * c.dead_time or None, 4, "ms")))
     inertia = servo.plant.get("inertia")
-    rows = [("loop", reads), *rows]
     if inertia is not None:
-        rows.append(("rigid-body inertia of the plant", w.number(float(inertia), 5)))
-    return m.details("Controller", m.definition_table(rows))
+        rows.append(("rigid-body inertia of the plant", number(float(inertia), 5)))
+    return rows
+
+
+def _with_unit(value: float | None, digits: int, unit: str) -> str:
+    return "none" if value is None else f"{number(value, digits)} {unit}"
 
 
 # -- margins --------------------------------------------------------------------------------------
-def _margins(servo: Servo) -> str:
-    head, kinds = ["figure"], [""]
+def _margins(servo: Servo) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of the table of margins."""
+    head = ["figure"]
+    bandwidth = ["closed-loop bandwidth"]
     for loop in servo.loops:
-        head += [f"{loop.name} loop", "at"] + (["worst of family", "plant"] if loop.members else [])
-        kinds += ["", ""] + (["", ""] if loop.members else [])
+        head += [f"{loop.name} loop", "at"]
+        bandwidth += [_hz(loop.bandwidth), "–"]
+        if loop.members:
+            head += ["worst of family", "plant"]
+            bandwidth += ["–", "–"]
     rows = []
-    for title, name, say in _FIGURES:
-        cells = [title]
+    for title, name, text in _FIGURES:
+        cells = []
         for loop in servo.loops:
-            cells += [say(getattr(loop.margins, name)), _hz(_at(loop.margins, name))]
+            cells += [text(getattr(loop.margins, name)), _hz(_at(loop.margins, name))]
             if loop.members:
-                spread = loop.worst[name]
-                high = name == "gain_reduction"
-                value = spread.largest if high else spread.smallest
-                which = spread.largest_member if high else spread.smallest_member
-                none = which is None or say(value) in ("–", "∞")
-                cells += [say(value), "–" if none else str(which)]
-        if any(cell != "–" for cell in cells[1:]):
-            rows.append(m.row(cells, kinds))
-    closed = ["closed-loop bandwidth"]
+                cells += _worst_cells(loop, name, text)
+        if set(cells) != {"–"}:
+            rows.append([title, *cells])
+    return head, [*rows, bandwidth]
+
+
+def _worst_cells(loop: Loop, name: str, text: Callable[[float | None], str]) -> list[str]:
+    """Return the worst value of a margin over the family, and its plant."""
+    spread = loop.worst[name]
+    value, which = spread.smallest, spread.smallest_member
+    if name == "gain_reduction":
+        value, which = spread.largest, spread.largest_member
+    if which is None or text(value) in ("–", "∞"):
+        return [text(value), "–"]
+    return [text(value), str(which)]
+
+
+def _unstable(servo: Servo) -> str:
+    """Return a note on the unstable members of the family; empty without any."""
+    bad = []
+    some = False
     for loop in servo.loops:
-        closed += [_hz(loop.bandwidth), "–"] + (["–", "–"] if loop.members else [])
-    rows.append(m.row(closed, kinds))
-    caption = "Margins; a dash: there is none, as the loop is unstable or nothing bounds it"
-    caption += ". Plants of the family are counted from 0" if servo.loops[0].members else ""
-    bad = [
-        f"{loop.name} loop: plants {_listed(loop.unstable_members)}"
-        for loop in servo.loops
-        if loop.unstable_members
-    ]
-    some = any(0 < len(loop.unstable_members) < len(loop.members) for loop in servo.loops)
+        unstable = loop.unstable_members
+        if unstable:
+            bad.append(f"{loop.name} loop: plants {_listed(unstable)}")
+            some |= len(unstable) < len(loop.members)
+    if not bad:
+        return ""
     rest = " The worst are of the stable ones." if some else ""
-    more = m.note(f"Unstable: {'; '.join(bad)}.{rest}") if bad else ""
-    return m.table(head, rows, caption=caption, kinds=kinds) + more
+    return f"Unstable: {'; '.join(bad)}.{rest}"
 
 
 def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")
+    sentence = text[:1].upper() + text[1:]
+    return sentence.removesuffix(".") + "."
 
 
 def _listed(members: tuple[int, ...]) -> str:
-    return ", ".join(str(i) for i in members[:12]) + (", ..." if len(members) > 12 else "")
+    listed = ", ".join(map(str, members[:_MEMBERS_LISTED]))
+    return f"{listed}, ..." if len(members) > _MEMBERS_LISTED else listed
 
 
 def _at(margins: Margins, name: str) -> float | None:
@@ -598,148 +569,125 @@ def _at(margins: Margins, name: str) -> float | None:
 
 
 def _hz(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{w.number(value, 4)} Hz"
+    return "–" if value is None or not math.isfinite(value) else f"{number(value, 4)} Hz"
 
 
 def _degrees(value: float | None) -> str:
-    return "–" if value is None or not math.isfinite(value) else f"{w.number(value, 3)}°"
+    return "–" if value is None or not math.isfinite(value) else f"{number(value, 3)}°"
 
 
 def _db(value: float | None) -> str:
     if value is None or math.isnan(value) or value <= 0:
         return "–"
-    return "∞" if math.isinf(value) else f"{w.number(20.0 * math.log10(value), 3)} dB"
+    return "∞" if math.isinf(value) else f"{number(20.0 * math.log10(value), 3)} dB"
 
 
 def _ms(value: float | None) -> str:
     if value is None or math.isnan(value):
         return "–"
-    return "∞" if math.isinf(value) else f"{w.number(1e3 * value, 3)} ms"
+    return "∞" if math.isinf(value) else f"{number(1e3 * value, 3)} ms"
 
 
+def _modulus(value: float | None) -> str:
+    return number(value, 3)
+
+
+#: Rows of the table of margins: title, attribute of `Margins`, text of a value.
 _FIGURES = (
     ("crossover", "crossover", _hz),
     ("phase margin", "phase_margin", _degrees),
     ("gain margin", "gain_margin", _db),
     ("gain reduction", "gain_reduction", _db),
     ("delay margin", "delay_margin", _ms),
-    ("modulus margin", "modulus_margin", lambda v: w.number(v, 3)),
+    ("modulus margin", "modulus_margin", _modulus),
 )
 
 
-def _crossings(loop: Loop) -> str:
-    found = loop.margins
-    rows = [
-        (
-            float(f),
-            m.row(
-                [_hz(float(f)), "|L| = 1", _degrees(float(p)), f"delay {_ms(float(d))}"],
-                ("", "text", "", ""),
-            ),
-        )
-        for f, p, d in zip(
-            found.gain_crossings, found.phase_margins, found.delay_margins, strict=True
-        )
-    ] + [
-        (float(f), m.row([_hz(float(f)), "phase −180°", _db(float(g)), ""], ("", "text", "", "")))
-        for f, g in zip(found.phase_crossings, found.gain_margins, strict=True)
-    ]
-    if not rows:
-        return ""
-    shown = [text for _, text in sorted(rows, key=lambda r: r[0])[:_CROSSINGS]]
-    more = f"; the first {_CROSSINGS} of {len(rows)}" if len(rows) > _CROSSINGS else ""
-    table = m.table(["at", "crossing", "margin", ""], shown, kinds=("", "text", "", ""))
-    return m.details(f"All crossings of the {loop.name} loop{more}", table)
+def _crossings(loop: Loop) -> list[list[str]]:
+    """Return the cells of all crossings of a loop, ascending."""
+    m = loop.margins
+    rows = []
+    gains = zip(m.gain_crossings, m.phase_margins, m.delay_margins, strict=True)
+    for frequency, phase, delay in gains:
+        cells = [_hz(float(frequency)), "|L| = 1", _degrees(float(phase))]
+        rows.append((float(frequency), [*cells, f"delay {_ms(float(delay))}"]))
+    for frequency, gain in zip(m.phase_crossings, m.gain_margins, strict=True):
+        cells = [_hz(float(frequency)), "phase −180°", _db(float(gain)), ""]
+        rows.append((float(frequency), cells))
+    rows.sort(key=lambda row: row[0])
+    return [cells for _, cells in rows]
 
 
 # -- over time ------------------------------------------------------------------------------------
+def _over_time(servo: Servo) -> list[tuple[str, str, str]]:
+    """Return figure, heading and caption of each response over time."""
+    out = []
+    if servo.step is not None:
+        out.append(("step", "Step of the reference", _step(servo.step)))
+    if servo.disturbance_step is not None:
+        caption = _step(servo.disturbance_step)
+        out.append(("disturbance-step", "Step of the disturbance", caption))
+    if servo.wind is not None:
+        out.append(("wind", "Wind", _wind(servo.wind)))
+    return out
+
+
 def _step(step: StepResponse) -> str:
+    size = f"{number(step.size, 4)} {step.input_unit}"
     if step.of == "disturbance":
-        text = (
-            f"{w.number(step.size, 4)} {step.input_unit} at {step.input}: {step.output} deviates by"
-            " at most "
+        peak = f"{number(step.peak, 4)} {step.output_unit}"
+        return (
+            f"{size} at {step.input}: {step.output} deviates by at most {peak} after"
+            f" {number(step.peak_time, 3)} s, and comes to {number(step.final, 4)}"
+            f" {step.output_unit}."
         )
-        text += f"{w.number(step.peak, 4)} {step.output_unit} after {w.number(step.peak_time, 3)} s"
-        return f"{text}, and comes to {w.number(step.final, 4)} {step.output_unit}."
-    said = (
-        []
-        if step.rise_time is None
-        else [f"rises from 10 to 90 % in {w.number(step.rise_time, 3)} s"]
-    )
+    parts = []
+    if step.rise_time is not None:
+        parts.append(f"rises from 10 to 90 % in {number(step.rise_time, 3)} s")
     if step.overshoot is not None:
-        said.append(f"overshoots by {w.number(100 * step.overshoot, 3)} %")
+        parts.append(f"overshoots by {number(100 * step.overshoot, 3)} %")
     if step.settling_time is None:
-        said.append("is not within 2 % when the record ends")
+        parts.append("is not within 2 % when the record ends")
     else:
-        said.append(f"stays within 2 % after {w.number(step.settling_time, 3)} s")
-    return f"A step of {w.number(step.size, 4)} {step.input_unit} {', '.join(said)}."
+        parts.append(f"stays within 2 % after {number(step.settling_time, 3)} s")
+    return f"A step of {size} {', '.join(parts)}."
 
 
 def _wind(wind: WindResponse) -> str:
-    text = f"{wind.output} is off by {w.number(wind.rms, 3)} {wind.output_unit} rms, at most by "
-    text += (
-        f"{w.number(wind.peak, 3)} {wind.output_unit}; in the mean by {w.number(wind.mean, 3)}"
-        f" {wind.output_unit}."
+    unit = wind.output_unit
+    text = (
+        f"{wind.output} is off by {number(wind.rms, 3)} {unit} rms, at most by"
+        f" {number(wind.peak, 3)} {unit}; in the mean by {number(wind.mean, 3)} {unit}."
     )
     if wind.rms_expected is not None:
-        text += (
-            f" From the spectrum, mean left out: {w.number(wind.rms_expected, 3)}"
-            f" {wind.output_unit} rms."
-        )
+        expected = f"{number(wind.rms_expected, 3)} {unit} rms"
+        text += f" From the spectrum, mean left out: {expected}."
     return text
 
 
 # -- the drive ------------------------------------------------------------------------------------
-def _drive(drive: DriveFigures) -> str:
-    mass, stiff = ("kg m²", "N m/rad") if "R" in drive.motor else ("kg", "N/m")
-    load_mass, load_stiff = ("kg m²", "N m/rad") if "R" in drive.load else ("kg", "N/m")
+def _drive_cells(drive: DriveFigures) -> list[tuple[str, str, str]]:
+    """Return name, value and unit of each figure of the drive."""
+    mass, stiff = _units(drive.motor)
+    load_mass, load_stiff = _units(drive.load)
+    ratio = "–"
+    if drive.ratio is not None:
+        ratio = f"{number(drive.ratio, 6)} ({drive.ratio_from})"
     rows = [
-        ("gear ratio", _ratio(drive), ""),
-        ("inertia at the motor", w.number(drive.inertia, 5), f"{mass}, all in rigid-body motion"),
-        ("the motor's own", w.number(drive.motor_inertia, 5), mass),
-        ("the rest, at the motor", w.number(drive.rest_inertia, 5), mass),
-        ("the rest, at the load", w.number(drive.load_inertia, 5), load_mass),
-        ("inertia ratio", w.number(drive.inertia_ratio, 4), "rest over motor, at the motor"),
-        ("stiffness at the motor", w.number(drive.stiffness_at_motor, 5), f"{stiff}, load held"),
-        (
-            "stiffness at the load",
-            w.number(drive.stiffness_at_load, 5),
-            f"{load_stiff}, motor held",
-        ),
+        ("gear ratio", ratio, ""),
+        ("inertia at the motor", number(drive.inertia, 5), f"{mass}, all in rigid-body motion"),
+        ("the motor's own", number(drive.motor_inertia, 5), mass),
+        ("the rest, at the motor", number(drive.rest_inertia, 5), mass),
+        ("the rest, at the load", number(drive.load_inertia, 5), load_mass),
+        ("inertia ratio", number(drive.inertia_ratio, 4), "rest over motor, at the motor"),
+        ("stiffness at the motor", number(drive.stiffness_at_motor, 5), f"{stiff}, load held"),
+        ("stiffness at the load", number(drive.stiffness_at_load, 5), f"{load_stiff}, motor held"),
     ]
     if drive.first_resonance is not None:
-        rows.append(("first resonance", w.number(drive.first_resonance, 5), "Hz"))
-    kinds = ("", "", "text")
-    parts = [
-        f"<h3>The drive from {m.esc(drive.motor)} to {m.esc(drive.load)}</h3>",
-        m.note(*drive.notes),
-        m.table(["figure", "value", ""], [m.row(row, kinds) for row in rows], kinds=kinds),
-    ]
-    if drive.pairs:
-        pairs = [
-            m.row(
-                [
-                    w.number(v, 5)
-                    for v in (
-                        p.antiresonance,
-                        p.antiresonance_damping,
-                        p.resonance,
-                        p.resonance_damping,
-                    )
-                ]
-            )
-            for p in drive.pairs
-        ]
-        head = ["antiresonance (Hz)", "damping ratio", "resonance (Hz)", "damping ratio"]
-        caption = (
-            "Torque to motor speed: antiresonances are the frequencies with the rotor locked,"
-            " resonances with it free"
-        )
-        parts.append(m.table(head, pairs, caption=caption))
-    if drive.bandwidth is not None:
-        parts.append(m.paragraph(drive.bandwidth.rule))
-    return "".join(parts)
+        rows.append(("first resonance", number(drive.first_resonance, 5), "Hz"))
+    return rows
 
 
-def _ratio(drive: DriveFigures) -> str:
-    return "–" if drive.ratio is None else f"{w.number(drive.ratio, 6)} ({drive.ratio_from})"
+def _units(dof: str) -> tuple[str, str]:
+    """Return the units of inertia and stiffness at a DOF."""
+    return ("kg m²", "N m/rad") if "R" in dof else ("kg", "N/m")

@@ -591,8 +591,8 @@ def _stated_or_found(
 def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _Real:
     """Return the stiffness condensed onto motor and load, shape (2, 2).
 
-    Rigid-body motions in which both DOFs rest bear no load: supporting them statically determinately
-    changes nothing.
+    Rigid-body motions in which both DOFs rest bear no load: a statically determinate support of
+    them changes nothing.
     """
     resting = rigid
     if rigid.shape[1]:

@@ -116,11 +116,10 @@ class Margins:
     def summary(self) -> str:
         """Return the figures, one a line."""
         if not self.stable:
-            poles = f"{self.unstable_poles} pole{'s' if self.unstable_poles != 1 else ''}"
-            return (
-                f"UNSTABLE: the closed loop has {poles} that"
-                f" grow{'s' if self.unstable_poles == 1 else ''}; no margins"
-            )
+            poles = f"{self.unstable_poles} poles that grow"
+            if self.unstable_poles == 1:
+                poles = "1 pole that grows"
+            return f"UNSTABLE: the closed loop has {poles}; no margins"
         lines = [
             f"crossover       {_at(self.crossover, 'Hz')}",
             f"phase margin    {_figure(self.phase_margin, 'deg', self.phase_margin_at)}",
@@ -131,11 +130,10 @@ class Margins:
                 f"gain reduction  {_figure(self.gain_reduction_db, 'dB', self.gain_reduction_at)}"
             )
         delay = self.delay_margin
+        if delay is not None:
+            delay *= 1e3
         lines += [
-            (
-                "delay margin   "
-                f" {_figure(None if delay is None else 1e3 * delay, 'ms', self.delay_margin_at)}"
-            ),
+            f"delay margin    {_figure(delay, 'ms', self.delay_margin_at)}",
             f"modulus margin  {_figure(self.modulus_margin, '', self.modulus_margin_at)}",
         ]
         crossings = len(self.gain_crossings), len(self.phase_crossings)
@@ -176,12 +174,12 @@ def ranges(members: Sequence[Margins]) -> dict[str, Range]:
     """
     out = {}
     for name in FIGURES:
-        given = [getattr(m, name) if m.stable else None for m in members]
-        known = [
-            (abs(v) if name == "phase_margin" else v, v, i)
-            for i, v in enumerate(given)
-            if v is not None
-        ]
+        known = []
+        for i, member in enumerate(members):
+            value = getattr(member, name)
+            if member.stable and value is not None:
+                size = abs(value) if name == "phase_margin" else value
+                known.append((size, value, i))
         if not known:
             out[name] = Range(np.nan, None, np.nan, None)
             continue
@@ -195,7 +193,10 @@ def _figure(value: float | None, unit: str, at: float | None) -> str:
         return "none"
     if np.isinf(value):
         return "unlimited"
-    return f"{value:.4g}{' ' + unit if unit else ''}" + ("" if at is None else f" at {at:.6g} Hz")
+    text = f"{value:.4g} {unit}".rstrip()
+    if at is not None:
+        text += f" at {at:.6g} Hz"
+    return text
 
 
 def _at(value: float | None, unit: str) -> str:

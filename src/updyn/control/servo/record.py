@@ -252,7 +252,7 @@ class Servo:
         return self.velocity_loop, self.position_loop
 
     def summary(self) -> str:
-        """Return what an engineer wants to know, as text."""
+        """Return margins, time responses and notes as text."""
         return servo_text(self)
 
 
@@ -275,9 +275,9 @@ def servo_text(servo: Servo) -> str:
         What was found.
     """
     plant = servo.plant
-    reads = f"{servo.torque} -> {servo.velocity}" + (
-        f", {servo.position}" if servo.position else ""
-    )
+    reads = f"{servo.torque} -> {servo.velocity}"
+    if servo.position:
+        reads += f", {servo.position}"
     parts = [f"Servo on {reads} ({plant['states']} states, {plant['rigid']} rigid-body modes)"]
     if plant.get("inertia"):
         parts.append(f"rigid-body inertia {plant['inertia']:.6g} (from torque to acceleration)")
@@ -305,8 +305,12 @@ def _family(loop: Loop) -> str:
     bad = loop.unstable_members
     lines = [f"over {len(loop.members)} members of the family:"]
     if bad:
-        shown = ", ".join(str(i) for i in bad[:8]) + (", ..." if len(bad) > 8 else "")
-        rest = "; the ranges below are those of the others" if len(bad) < len(loop.members) else ""
+        shown = ", ".join(map(str, bad[:8]))
+        if len(bad) > 8:
+            shown += ", ..."
+        rest = ""
+        if len(bad) < len(loop.members):
+            rest = "; the ranges below are those of the others"
         lines.append(f"  UNSTABLE for {len(bad)} of them ({shown}){rest}")
     for name, unit in FIGURES.items():
         spread = loop.worst[name]
@@ -320,11 +324,9 @@ def _family(loop: Loop) -> str:
         if np.isinf(low) and np.isinf(high):
             text, who = "unlimited", "all members"
         else:
-            text = (
-                f"{low:.4g} to {high:.4g} {unit}"
-                if np.isfinite(high)
-                else f"{low:.4g} {unit} to unlimited"
-            )
+            text = f"{low:.4g} to {high:.4g} {unit}"
+            if np.isinf(high):
+                text = f"{low:.4g} {unit} to unlimited"
             who = f"members {spread.smallest_member} and {spread.largest_member}"
         lines.append(f"  {_NAMES[name]:<14}  {text.rstrip()} ({who})")
     return "\n".join(lines)
@@ -338,13 +340,15 @@ def _step(step: StepResponse) -> str:
         )
         text += f"{step.peak:.4g} {step.output_unit} after {step.peak_time:.4g} s"
         return text + f", comes to {step.final:.4g} {step.output_unit}"
-    parts = [] if step.rise_time is None else [f"rises in {step.rise_time:.4g} s"]
+    parts = []
+    if step.rise_time is not None:
+        parts.append(f"rises in {step.rise_time:.4g} s")
     if step.overshoot is not None:
         parts.append(f"overshoots by {100 * step.overshoot:.3g} %")
-    settled = "is not settled when the record ends"
-    parts.append(
-        settled if step.settling_time is None else f"settles to 2 % in {step.settling_time:.4g} s"
-    )
+    if step.settling_time is None:
+        parts.append("is not settled when the record ends")
+    else:
+        parts.append(f"settles to 2 % in {step.settling_time:.4g} s")
     return f"step of {step.input}: {', '.join(parts)}"
 
 

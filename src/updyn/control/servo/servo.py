@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -113,11 +114,11 @@ def servo(
     judged = judge_all(cascade)
     members = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
     lines = _lines(freq, judged, members)
-    loops = [
-        _loop(name, j, lines, [_one(m[k]) for m in members])
-        for k, (name, j) in enumerate(zip(("velocity", "position"), judged, strict=True))
-        if j is not None
-    ]
+    loops = []
+    for k, name in enumerate(("velocity", "position")):
+        own = judged[k]
+        if own is not None:
+            loops.append(_loop(name, own, lines, [_one(m[k]) for m in members]))
     outer = judged[1] or judged[0]
     s = 1j * _TWO_PI * lines
     over_time = Timed()
@@ -201,7 +202,7 @@ def _drawable(
 ) -> NDArray[np.bool_]:
     """Tell at which lines every loop function has a magnitude and a phase."""
     good = np.ones(len(lines), dtype=bool)
-    for one in (*judged, *(own for m in members for own in m)):
+    for one in chain(judged, *members):
         if one is not None:
             L = one.loop(2j * np.pi * lines)
             good &= np.isfinite(L) & (L != 0)
@@ -271,11 +272,12 @@ def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | 
         )
     for loop in loops:
         m = loop.margins
-        places = [("gain 1", f) for f in m.gain_crossings]
+        places: list[tuple[str, float | None]] = [("gain 1", f) for f in m.gain_crossings]
         places += [("gain margin", m.gain_margin_at), ("modulus margin", m.modulus_margin_at)]
-        outside = [
-            f"{what} ({at:.4g} Hz)" for what, at in places if at is not None and at > plant.band[1]
-        ]
+        outside = []
+        for what, at in places:
+            if at is not None and at > plant.band[1]:
+                outside.append(f"{what} ({at:.4g} Hz)")
         if outside:
             notes.append(
                 f"{loop.name} loop: {', '.join(outside)} above {plant.band[1]:g} Hz, the end of the"

@@ -229,7 +229,7 @@ def judge(
 
 
 def _sizes(features: _Complex) -> _Real:
-    """Return the moduli of poles and zeros without those at 0, in rad/s; 1 if there are no others."""
+    """Return the moduli of poles and zeros other than 0, in rad/s; 1 if there are none."""
     size = np.abs(features)
     size = size[size > _SMALLEST * size.max(initial=0.0)]
     return size if len(size) else np.ones(1)

@@ -71,9 +71,8 @@ def resolve(R: _Matrix, inflation: float = 1.0) -> Resolution:
     """
     scale, s, Vt = _scaled_svd(R)
     seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
-    spread = (
-        inflation * (Vt[seen].T / s[seen]) / scale[:, None]
-    )  # columns: one standard deviation each
+    # Columns of one standard deviation each.
+    spread = inflation * (Vt[seen].T / s[seen]) / scale[:, None]
     axes, std, _ = np.linalg.svd(spread, full_matrices=False)
     known = std <= WIDEST
     unseen = _orthonormal(Vt[~seen].T / scale[:, None])

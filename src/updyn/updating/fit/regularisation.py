@@ -263,9 +263,14 @@ CHOICES = (*_STRENGTHS, "tsvd")
 #: The strength from which a choice starts, and the smallest that it may make: a prior of a factor
 #: e.
 WEAKEST = 1.0
-#: How often a fit is repeated, with a new strength or other directions; and what has settled: a
-#: strength that changed by less than this, directions whose cosine is above that.
-_ROUNDS, _TURNS, _SETTLED, _SAME = 8, 4, 0.05, 1.0 - 1e-4
+#: How often a fit is repeated with a new strength.
+_ROUNDS = 8
+#: How often a fit is repeated with other directions.
+_TURNS = 4
+#: A strength has settled when its logarithm changes by less than this.
+_SETTLED = 0.05
+#: Directions have settled when their cosine is above this.
+_SAME = 1.0 - 1e-4
 #: Points of the curve in the record.
 _POINTS = 41
 
@@ -441,11 +446,9 @@ class _Run:
             return first
         run = self._after(first)
         fit = run._pulled(run._held(noises, first), first.x, strength)
-        return (
-            fit
-            if _broken(fit)
-            else run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
-        )
+        if _broken(fit):
+            return fit
+        return run._tikhonov(fit, strength / _inflation(fit), "stated", [strength])
 
     def chosen(self, noises: Sequence[NoiseModel], x: _Vector, how: str) -> Fit:
         """Fit with the strength that a criterion chooses where the fit ends."""
@@ -464,11 +467,9 @@ class _Run:
                 break
             strength = wanted
             fit = run._pulled(noises, fit.x, strength)
-        return (
-            fit
-            if _broken(fit)
-            else run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
-        )
+        if _broken(fit):
+            return fit
+        return run._tikhonov(fit, strength / _inflation(fit), how, tried, settled)
 
     def _pulled(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""

@@ -58,8 +58,14 @@ _STAGES = (1 / 3, 2 / 3)
 _SAME = 1e-3
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
-#: Unknowns with a larger standard deviation than this are moved, at most so many, so far, so often.
-_UNSURE, _HOPS, _FAR, _ROUNDS = 0.01, 6, 8.0, 2
+#: Unknowns with a larger standard deviation than this are moved.
+_UNSURE = 0.01
+#: Largest number of unknowns that are moved.
+_HOPS = 6
+#: How far they are moved, in standard deviations.
+_FAR = 8.0
+#: How often.
+_ROUNDS = 2
 #: Stop a try when the remaining decrease is below 0.01 standard deviations.
 _ENOUGH = 1e-6
 
@@ -283,11 +289,8 @@ def _log_misfits(problem: Problem, x: _Vector) -> list[NDArray[np.complex128]]:
     for part in problem.parts:
         H, measured = part.responses(x), part.frf.values
         usable = (H != 0) & (measured != 0)
-        out.append(
-            np.where(
-                usable, np.log(np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)), 0.0
-            )
-        )
+        ratio = np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)
+        out.append(np.where(usable, np.log(ratio), 0.0))
     return out
 
 

@@ -145,11 +145,9 @@ class TrustRegion:
                 there = evaluate(trial)
             except Stopped:
                 return Outcome(x, here, "stopped")
-            gain = (
-                -1.0
-                if there is None or not np.isfinite(there.cost)
-                else (here.cost - there.cost) / fall
-            )
+            gain = -1.0
+            if there is not None and np.isfinite(there.cost):
+                gain = (here.cost - there.cost) / fall
             accepted = gain > 1e-4
             stop = observe is not None and observe(Step(trial, there, length, accepted))
             size = float(np.linalg.norm(p))
@@ -158,13 +156,10 @@ class TrustRegion:
                     length <= self.tolerance or here.cost - there.cost <= self._share * here.cost
                 )
                 x, here = trial, there
-                radius = (
-                    max(radius, 2.0 * size)
-                    if gain > 0.75
-                    else radius
-                    if gain > 0.25
-                    else 0.5 * size
-                )
+                if gain > 0.75:
+                    radius = max(radius, 2.0 * size)
+                elif gain <= 0.25:
+                    radius = 0.5 * size
                 if small and gain > 0.25 and not limited:
                     return Outcome(x, here, "converged")
             else:
@@ -175,7 +170,8 @@ class TrustRegion:
                     # left to gain can.
                     if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
                         left = _step(there, trial, lower, upper, radius, within)[1]
-                        x, here = (trial, there) if left < fall else (x, here)
+                        if left < fall:
+                            x, here = trial, there
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
@@ -203,7 +199,9 @@ def _step(
     p = np.zeros(len(x))
     p[free], damping = _ball_step(here.R[:, free], here.q, radius)
     if ((x + p < lower) | (x + p > upper)).any():
-        damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))]) if damping else here.R
+        damped = here.R
+        if damping:
+            damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))])
         p = _box_step(
             damped,
             np.append(here.q, np.zeros(len(damped) - len(here.q))),
@@ -231,7 +229,9 @@ def _step_within(
     held = np.zeros(len(x), dtype=np.bool_)
     p, damping, share = np.zeros(len(x)), 0.0, 1.0
     for _ in range(len(x) + 1):
-        basis = within @ null_space(within[held]) if held.any() else within
+        basis = within
+        if held.any():
+            basis = within @ null_space(within[held])
         if basis.shape[1] == 0:
             return np.zeros(len(x)), 0.0, False
         along, damping = _ball_step(here.R @ basis, here.q, radius)
@@ -243,7 +243,8 @@ def _step_within(
         if share > _ROUNDING:
             break
         held |= room <= _ROUNDING
-    moved = here.R @ (p := share * p)
+    p = share * p
+    moved = here.R @ p
     return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or share < 1.0
 
 

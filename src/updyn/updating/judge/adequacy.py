@@ -38,8 +38,10 @@ _CUT = 3.0
 #: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many
 #: points.
 _LONG = 512
-#: Smallest band, in lines; and most bands.
-_LEAST, _MOST = 8, 24
+#: Smallest band, in lines.
+_LEAST = 8
+#: Largest number of bands.
+_MOST = 24
 
 
 def clipped(values: _Complex) -> _Complex:
@@ -246,8 +248,10 @@ LEVEL = 0.02
 _EXACT = 1e-7
 #: Real numbers over which the size of noise that was told from averages has errors of its own.
 _SHARED = 32.0
-#: Places that are listed, and groups that are named.
-_LISTED, _NAMED = 12, 3
+#: Places that are listed.
+_LISTED = 12
+#: Groups that are named.
+_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)

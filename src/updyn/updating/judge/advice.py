@@ -57,13 +57,9 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
             )
         return ""
     parts = []
-    silent = [
-        n
-        for n, d in zip(names, np.linalg.norm(analysis.null_space, axis=1), strict=True)
-        if d > 1 - 1e-6
-    ]
-    if silent:
-        parts.append(f"The data do not see {_list(silent)} at all.")
+    unseen = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
+    if unseen.size:
+        parts.append(f"The data do not see {_list([names[i] for i in unseen])} at all.")
     line = _best_of([(p.name, _best_line(analysis, p, x)) for p in problem.parts])
     sensor = _best_of([(p.name, _best_sensor(analysis, p, x)) for p in problem.parts])
     needed = max(noise, _VISIBLE)
@@ -75,37 +71,43 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
         parts.append(
             f"Adding a sensor at {sensor[0]} would determine all unknowns{_accuracy(sensor[1])}."
         )
-    if len(parts) == bool(silent):
+    if len(parts) == bool(unseen.size):
         k = analysis.null_space.shape[1]
+        combinations = "combination" if k == 1 else "combinations"
         parts.append("No single further line or sensor on this model would determine all unknowns.")
         if noise > _NOISY:
             parts.append(
                 "Less noise (more averages) or several further lines and sensors may help."
             )
         parts.append(
-            f"Fix {k} of the unknowns in the open combination{'s' if k > 1 else ''} at known"
-            " values, join groups, or give priors."
+            f"Fix {k} of the unknowns in the undetermined {combinations} at known values, join"
+            " groups, or give priors."
         )
     return " ".join(parts)
 
 
 def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, float] | None:
     """Return the best candidate of all tests, with the name of its test where there are several."""
-    there = [
-        (f"{best[0]} in test {name!r}" if name else best[0], best[1])
-        for name, best in found
-        if best
-    ]
-    return max(there, key=lambda t: t[1], default=None)
+    candidates = []
+    for test, best in found:
+        if best is not None:
+            place, seen = best
+            candidates.append((f"{place} in test {test!r}" if test else place, seen))
+    return max(candidates, key=lambda candidate: candidate[1], default=None)
 
 
 def _accuracy(seen: float) -> str:
     """Return how well a candidate has to be measured to know each combination to 10 %."""
-    return f", to 10 % if it is measured to {10.0 * seen:.1g} %" if seen < 1.0 else ""
+    if seen >= 1.0:
+        return ""
+    return f", to 10 % if it is measured to {10.0 * seen:.1g} %"
 
 
 def _list(names: list[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+    text = ", ".join(names[:6])
+    if len(names) > 6:
+        text += f" and {len(names) - 6} more"
+    return text
 
 
 def _sees(
@@ -122,7 +124,10 @@ def _sees(
 def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
     """Return the best further line and the least relative change that it would see."""
     freq = part.frf.freq
-    low, high = float(freq[freq > 0][0]) if (freq > 0).any() else 1.0, float(max(freq[-1], 1e-3))
+    low = float(freq[freq > 0].min(initial=np.inf))
+    if np.isinf(low):
+        low = 1.0
+    high = float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
     candidates = replace(part, frf=_blank(part, lines))
     items = [(x, analysis.null_space, block) for block in candidates.partition()]
@@ -161,7 +166,8 @@ def _best_sensor(
         parts = list(few.each(_motion_elsewhere, items))
     except SolverError:
         return None
-    H, dH = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts], axis=1)
+    answers, derivatives = zip(*parts, strict=True)
+    H, dH = np.concatenate(answers), np.concatenate(derivatives, axis=1)
     seen = [_sees(dH[:, :, i], H[:, i], analysis.null_space) for i in range(len(others))]
     best = int(np.argmax(seen))
     return str(system.dofs[int(others[best])]), seen[best]

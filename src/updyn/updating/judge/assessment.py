@@ -229,9 +229,8 @@ def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:
     lower, upper = problem.coordinates.bounds
     near = 1e-9 * (upper - lower)
     sides = np.where(x <= lower + near, "lower", np.where(x >= upper - near, "upper", ""))
-    return {
-        n: str(s) for n, s in zip(problem.coordinates.parameters.names, sides, strict=True) if s
-    }
+    names = problem.coordinates.parameters.names
+    return {names[i]: str(sides[i]) for i in np.flatnonzero(sides)}
 
 
 def _correlation(
@@ -243,17 +242,21 @@ def _correlation(
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
     # none.
     end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))
-    parts = {"fitted": split.fitted} | ({} if split.held is None else {"held": split.held})
-    scored = {"before": _scores(untouched, start, parts), "after": _scores(whole, end, parts)}
-    out: dict[str, Any] = {when: scored[when].get("fitted", {}) for when in scored}
+    parts = {"fitted": split.fitted}
     if split.held is not None:
-        out["validation"] = {when: scored[when].get("held", {}) for when in scored}
+        parts["held"] = split.held
+    before, after = _scores(untouched, start, parts), _scores(whole, end, parts)
+    out: dict[str, Any] = {"before": before.get("fitted", {}), "after": after.get("fitted", {})}
+    if split.held is not None:
+        out["validation"] = {"before": before.get("held", {}), "after": after.get("held", {})}
     return out
 
 
 def _no_figures(split: Split) -> dict[str, Any]:
     none: dict[str, Any] = {"before": {}, "after": {}}
-    return none if split.held is None else none | {"validation": {"before": {}, "after": {}}}
+    if split.held is not None:
+        none["validation"] = {"before": {}, "after": {}}
+    return none
 
 
 def _scores(
@@ -265,12 +268,11 @@ def _scores(
         answer = FRF(frf.freq, whole.responses(x), frf.responses, frf.references, frf.quantity)
     except SolverError:
         return {}
-    return {
-        name: dict(
-            correlate(answer.select(lines=part.freq, responses=part.responses), part).figures()
-        )
-        for name, part in parts.items()
-    }
+    scores = {}
+    for name, part in parts.items():
+        computed = answer.select(lines=part.freq, responses=part.responses)
+        scores[name] = dict(correlate(computed, part).figures())
+    return scores
 
 
 #: A fit is not settled if its unknowns could still reduce the residual by more than this share.
@@ -338,10 +340,8 @@ def examine(
         return tuple(found)
     beyond = None
     if all(a.absolute for a in found):
-        beyond = (
-            sum(float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened)
-            + problem.n
-        )
+        excesses = [float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened]
+        beyond = sum(excesses) + problem.n
     suspects = localise(problem, x, residual, whitened, beyond)
     return tuple(blamed(a, suspects) for a in found)
 

@@ -134,12 +134,12 @@ class Identifiability:
     singular_values : tuple of float
         Of the Jacobian with columns scaled to unit norm, falling.
     null_directions : list of dict of str to float
-        Each combination that the data leave open, as weights by unknown: moving all of them
+        Each undetermined combination, as weights by unknown: moving all of them
         together by these weights changes nothing that was measured. Largest weight 1; weights below
         1e-3 left out.
     determined_directions : list of dict of str to float
-        Among the unknowns that take part in an open combination, the combinations that the data do
-        determine.
+        Among the unknowns that take part in an undetermined combination, the combinations that the
+        data do determine.
     collinearity : float
         Brun's collinearity index 1 / smallest singular value (above 10-15: not separable in
         practice).

@@ -35,14 +35,17 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Quantities that are tried, and how many suspects are kept.
-_MOST_TRIED, _KEPT = 240, 8
+#: Largest number of quantities that are tried.
+_MOST_TRIED = 240
+#: Largest number of suspects that are kept.
+_KEPT = 8
 _MOST_SENSORS = 80
 #: Lines at which the energy is looked at: the worst.
 _MOST_LINES = 60
-#: A suspect explains at least this share of what is left, and at least so many squared standard
-#: deviations.
-_LEAST_SHARE, _LEAST_GAIN = 0.1, 12.0
+#: A suspect explains at least this share of the residual.
+_LEAST_SHARE = 0.1
+#: It lowers the sum of squares by at least this, in squared standard deviations.
+_LEAST_GAIN = 12.0
 
 
 def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
@@ -233,8 +236,6 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
 def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
     """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
     tried = calibration([part.frf for part in problem.parts], references="all")
-    return (
-        [p for p in tried if (p.group, p.quantity) not in free]
-        if len(tried) <= _MOST_SENSORS
-        else []
-    )
+    if len(tried) > _MOST_SENSORS:
+        return []
+    return [p for p in tried if (p.group, p.quantity) not in free]

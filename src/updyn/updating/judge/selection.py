@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +19,7 @@ from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.lines import on_lines
 from updyn.updating.problem.noise import choose_noise
-from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 
@@ -398,22 +398,25 @@ def cluster_jointly(
         )
     R = _sensitivity(tests, before)
     cosine = _cosines(R)
-    kinds = [None if (kind := _kind(p)) is None else f"{kind} from {p.start!r}" for p in given]
+    kinds = [_kind_and_start(p) for p in given]
     clusters = [members for members in alike(cosine, kinds, threshold) if _joinable(given, members)]
-    first = {members[0]: members for members in clusters}
-    inside = {i for members in clusters for i in members}
+    first: dict[int, list[int]] = {}
+    inside: set[int] = set()
+    for members in clusters:
+        first[members[0]] = members
+        inside |= set(members)
     items: list[Parameter] = []
     columns: list[_Vector] = []
     merged, least = dict(before.merged), dict(before.cosines)
     for i, p in enumerate(given):
         if i in first:
-            p = _joined(given, first[i], {q.name for q in given})
-            merged[p.name] = tuple(given.names[j] for j in first[i])
-            least[p.name] = float(cosine[np.ix_(first[i], first[i])].min())
+            linked = _joined(given, first[i])
+            merged[linked.name] = tuple(np.array(given.names)[first[i]].tolist())
+            least[linked.name] = float(cosine[np.ix_(first[i], first[i])].min())
             columns.append(R[:, first[i]].sum(axis=1))
+            items.append(linked)
         elif i not in inside:
             columns.append(R[:, i])
-        if i in first or i not in inside:
             items.append(p)
     s = np.linalg.svd(unit(np.stack(columns, axis=1)), compute_uv=False)
     return replace(
@@ -433,43 +436,55 @@ def _kind(p: Parameter) -> str | None:
     """Return the quantity of an unknown that may be joined; None for sensors and mixed laws."""
     if p.is_channel:
         return None
-    quantities = {d.quantity for d in p.acts_on}
-    return (
-        quantities.pop()
-        if len(quantities) == 1 and all(d.power == 1.0 for d in p.acts_on)
-        else None
-    )
+    kinds = {(d.quantity, d.power) for d in p.acts_on}
+    if len(kinds) > 1:
+        return None
+    quantity, power = kinds.pop()
+    return quantity if power == 1.0 else None
+
+
+def _kind_and_start(p: Parameter) -> str | None:
+    """Return what unknowns that may be joined have in common; None for those that may not."""
+    kind = _kind(p)
+    return None if kind is None else f"{kind} from {p.start!r}"
+
+
+def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
+    """Return what all of some unknowns act on."""
+    return tuple(chain.from_iterable(given[i].acts_on for i in members))
 
 
 def _joinable(given: ParameterSet, members: list[int]) -> bool:
     """Whether unknowns can be one: within bounds that leave room, each group once."""
-    own = [given[i] for i in members]
-    driven = [d.name for p in own for d in p.acts_on]
-    room = max(p.lower for p in own) < min(p.upper for p in own)
-    return room and len(set(driven)) == len(driven)
+    drives = _drives(given, members)
+    room = given.lower[members].max() < given.upper[members].min()
+    return bool(room) and len(set(drives)) == len(drives)
 
 
-def _joined(given: ParameterSet, members: list[int], taken: set[str]) -> Parameter:
+def _joined(given: ParameterSet, members: list[int]) -> Parameter:
+    """Return the linked unknown that stands for several."""
     own = [given[i] for i in members]
-    quantity = (
-        own[0].quantity if len({p.quantity for p in own}) == 1 else own[0].acts_on[0].quantity
-    )
+    first = own[0]
+    quantity = first.quantity
+    if len({p.quantity for p in own}) > 1:
+        quantity = first.acts_on[0].quantity
     stem = "+".join(p.group for p in own)
     if len(stem) > _LONG:
-        stem = f"{own[0].group}+{len(own) - 1} more"
-    while f"{stem}.{quantity}" in taken:
+        stem = f"{first.group}+{len(own) - 1} more"
+    while f"{stem}.{quantity}" in given.names:
         stem += "+"
     priors = [p.prior_std for p in own if p.prior_std is not None]
-    shown = {(p.nominal, p.unit) for p in own}
-    nominal, unit = shown.pop() if len(shown) == 1 else (None, "")
+    nominal, unit = first.nominal, first.unit
+    if len({(p.nominal, p.unit) for p in own}) > 1:
+        nominal, unit = None, ""
     return Parameter(
         stem,
         quantity,
-        own[0].start,
-        max(p.lower for p in own),
-        min(p.upper for p in own),
-        min(priors) if priors else None,
-        tuple(d for p in own for d in p.acts_on),
+        first.start,
+        given.lower[members].max(),
+        given.upper[members].min(),
+        min(priors, default=None),
+        _drives(given, members),
         nominal,
         unit,
     )
@@ -478,13 +493,12 @@ def _joined(given: ParameterSet, members: list[int], taken: set[str]) -> Paramet
 def _remarks(
     given: ParameterSet, cosine: _Matrix, threshold: float, clusters: list[list[int]]
 ) -> list[str]:
-    """Name what is alike, or opposite, and was not joined."""
-    home = {i: number for number, members in enumerate(clusters) for i in members}
-    out = [
-        f"the data do not see {p.name}"
-        for i, p in enumerate(given)
-        if not np.isfinite(cosine[i, i])
-    ]
+    """Return remarks on unknowns with parallel or opposite effects that were not joined."""
+    home: dict[int, int] = {}
+    for number, members in enumerate(clusters):
+        home |= dict.fromkeys(members, number)
+    unseen = np.flatnonzero(~np.isfinite(np.diag(cosine)))
+    out = [f"the data do not see {given.names[i]}" for i in unseen]
     seen: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
         # Of a cluster, one pair with an outsider tells it all.
@@ -493,20 +507,14 @@ def _remarks(
             continue
         seen.add(pair)
         a, b = given[i], given[j]
-        kinds = _kind(a), _kind(b)
-        why = (
-            "opposite effects, the data see only what one does against the other"
-            if cosine[i, j] < 0
-            else (
-                "not of one quantity"
-                if kinds[0] is None or kinds[0] != kinds[1]
-                else (
-                    "they start differently; give them one start to have them joined"
-                    if a.start != b.start
-                    else "not alike with all of the others, or without bounds in common"
-                )
-            )
-        )
+        if cosine[i, j] < 0:
+            why = "opposite effects, the data see only what one does against the other"
+        elif _kind(a) is None or _kind(a) != _kind(b):
+            why = "not of one quantity"
+        elif a.start != b.start:
+            why = "they start differently; give them one start to have them joined"
+        else:
+            why = "not alike with all of the others, or without bounds in common"
         out.append(f"{a.name} and {b.name} are not joined (cosine {cosine[i, j]:+.4f}): {why}")
     return out
 

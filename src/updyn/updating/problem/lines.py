@@ -23,9 +23,12 @@ __all__ = [
 ]
 
 _RELATIVE_FLOOR = 1e-2
-#: Lines are exchanged where there are at most so many times as many as unknowns, at most so often,
-#: and for a rise of log det of at least this.
-_FEW, _EXCHANGES, _RISE = 2, 20, 1e-6
+#: Lines are exchanged where they are at most this many times the unknowns.
+_FEW = 2
+#: Largest number of exchanges.
+_EXCHANGES = 20
+#: Least increase of log det for an exchange.
+_RISE = 1e-6
 
 
 def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:

@@ -166,9 +166,9 @@ class Parameter:
                 self, "nominal", finite(self.nominal, f"unknown {self.name!r}: nominal")
             )
             if not self.is_factor or self.nominal <= 0:
-                expected = (
-                    "a number above 0" if self.is_factor else f"none, as a {self._said} is a value"
-                )
+                expected = "a number above 0"
+                if not self.is_factor:
+                    expected = f"none, as a {self._said} is a value"
                 raise ParameterError(
                     f"unknown {self.name!r}: nominal {self.nominal:g}; expected {expected}",
                     key=("nominal",),
@@ -209,7 +209,13 @@ class Parameter:
     @property
     def law(self) -> str:
         """What a linked unknown acts on: ``"skin.stiffness, bend.stiffness^3"``; else empty."""
-        return ", ".join(d.name + (f"^{d.power:g}" if d.power != 1.0 else "") for d in self.drives)
+        laws = []
+        for drive in self.drives:
+            law = drive.name
+            if drive.power != 1.0:
+                law += f"^{drive.power:g}"
+            laws.append(law)
+        return ", ".join(laws)
 
     def physical(self, value: float, std: float = math.nan) -> str:
         """Return a value of the unknown as text in physical units; empty without `nominal`.
@@ -221,8 +227,10 @@ class Parameter:
         """
         if self.nominal is None:
             return ""
-        spread = f" ± {std * self.nominal:.2g}" if math.isfinite(std) else ""
-        return f"{value * self.nominal:.6g}{spread} {self.unit}".rstrip()
+        text = f"{value * self.nominal:.6g}"
+        if math.isfinite(std):
+            text += f" ± {std * self.nominal:.2g}"
+        return f"{text} {self.unit}".rstrip()
 
     @property
     def is_factor(self) -> bool:
@@ -307,22 +315,26 @@ class ParameterSet(Sequence[Parameter]):
     @property
     def start(self) -> NDArray[np.float64]:
         """Start values, shape (n,)."""
-        return np.array([p.start for p in self.items])
+        return self._column("start")
 
     @property
     def lower(self) -> NDArray[np.float64]:
         """Lower bounds, shape (n,)."""
-        return np.array([p.lower for p in self.items])
+        return self._column("lower")
 
     @property
     def upper(self) -> NDArray[np.float64]:
         """Upper bounds, shape (n,)."""
-        return np.array([p.upper for p in self.items])
+        return self._column("upper")
 
     @property
     def is_factor(self) -> NDArray[np.bool_]:
         """Which unknowns are positive factors, not values of damping; shape (n,)."""
-        return np.array([p.is_factor for p in self.items])
+        return self._column("is_factor")
+
+    def _column(self, attribute: str) -> NDArray[Any]:
+        """Return an attribute of all unknowns, shape (n,)."""
+        return np.array([getattr(p, attribute) for p in self.items])
 
     def with_start(self, values: ArrayLike | Mapping[str, float]) -> ParameterSet:
         """Return a copy that starts elsewhere.
@@ -375,12 +387,11 @@ class ParameterSet(Sequence[Parameter]):
         """
         for name in nominal.keys() - set(self.names):
             raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
-        return ParameterSet(
-            tuple(
-                replace(p, nominal=nominal[p.name], unit=unit) if p.name in nominal else p
-                for p in self.items
-            )
-        )
+        items = list(self.items)
+        for i, p in enumerate(items):
+            if p.name in nominal:
+                items[i] = replace(p, nominal=nominal[p.name], unit=unit)
+        return ParameterSet(tuple(items))
 
     def apply(self, model: Model, values: ArrayLike) -> Model:
         """Return `model` with the unknowns at `values`; calibration factors do not act on it.
@@ -426,7 +437,9 @@ class ParameterSet(Sequence[Parameter]):
         """
         changes: dict[str, dict[str, float]] = {}
         for parameter, value in zip(self.items, self._vector(values, "values"), strict=True):
-            for d in () if parameter.is_channel else parameter.acts_on:
+            if parameter.is_channel:
+                continue
+            for d in parameter.acts_on:
                 change = changes.setdefault(d.group, {})
                 if d.quantity in VALUES:
                     change[d.quantity] = float(value)
@@ -465,10 +478,9 @@ DEFAULT_BOUNDS = {
     "mass_damping": (0.0, 6e5),
     "stiffness_damping": (0.0, 16.0),
 }
-_LINKED = (
-    0.1,
-    10.0,
-)  # a factor that drives others by powers: ten times a thickness is a thousand times its bending
+#: Bounds of a factor that drives others by powers: ten times a thickness is a thousand times its
+#: bending stiffness.
+_LINKED = (0.1, 10.0)
 
 
 def parameters(
@@ -599,41 +611,51 @@ def link(
         )
     named = [drives] if isinstance(drives, str) else drives
     powers = named if isinstance(named, Mapping) else dict.fromkeys(named, 1.0)
-    acts = tuple(
-        drive for key, power in powers.items() for drive in _drives(model, name, key, power)
-    )
+    acts: list[Drive] = []
+    for key, power in powers.items():
+        acts += _drives(model, name, key, power)
     if not acts:
         raise ParameterError(f"unknown {name!r} acts on nothing: drives is empty", key=("drives",))
-    if kinds := sorted({d.quantity for d in acts} & set(VALUES)):
-        values = sorted(
-            {model.group(d.group).value(d.quantity) for d in acts if d.quantity == kinds[0]}
-        )
+    first, limits = 1.0, _LINKED
+    kinds = sorted({d.quantity for d in acts} & set(VALUES))
+    if kinds:
+        damped = [d for d in acts if d.quantity == kinds[0]]
+        values = sorted({model.group(d.group).value(d.quantity) for d in damped})
         if start is None and len(values) > 1:
             raise ParameterError(
                 f"unknown {name!r}: its {kinds[0].replace('_', ' ')}s start at {values}; give start"
             )
         first, limits = values[0], DEFAULT_BOUNDS[kinds[0]]
-    else:
-        first, limits = 1.0, _LINKED
-    low, high = limits if bounds is None else _pair(bounds, f"bounds of {name!r}")
-    begin = first if start is None else finite(start, f"unknown {name!r}: start")
+    if bounds is not None:
+        limits = _pair(bounds, f"bounds of {name!r}")
+    if start is not None:
+        first = finite(start, f"unknown {name!r}: start")
     return ParameterSet(
-        (Parameter(stem, quantity, begin, low, high, prior_std, acts, nominal, unit),)
+        (Parameter(stem, quantity, first, *limits, prior_std, tuple(acts), nominal, unit),)
     )
+
+
+def _fitting(names: Iterable[str], pattern: str) -> list[str]:
+    """Return the names that fit a glob, case-sensitive."""
+    return [name for name in names if fnmatch.fnmatchcase(name, pattern)]
 
 
 def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     """Return the drives that a key of `link` stands for."""
-    able = [
-        f"{g}.{q}" for g, group in model.groups.items() for q in GROUP_QUANTITIES if group.has(q)
-    ]
-    found = [a for a in able if isinstance(key, str) and fnmatch.fnmatchcase(a, key)]
+    able = []
+    for group_name, group in model.groups.items():
+        able += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
+    found = _fitting(able, key) if isinstance(key, str) else []
     if not found:
         raise ParameterError(
             f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}",
             key=("drives",),
         )
-    return [Drive(a.rpartition(".")[0], a.rpartition(".")[2], power) for a in found]
+    drives = []
+    for full_name in found:
+        group_name, _, quantity = full_name.rpartition(".")
+        drives.append(Drive(group_name, quantity, power))
+    return drives
 
 
 def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[str]:
@@ -650,7 +672,7 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         if not isinstance(pattern, str):
             raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
-        fits = [name for name in model.groups if fnmatch.fnmatchcase(name, pattern)]
+        fits = _fitting(model.groups, pattern)
         if not fits:
             raise ParameterError(
                 f"{quantity}: no group {pattern!r}; {suggest(pattern, model.groups)}"
@@ -661,7 +683,7 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
                 f"{quantity}: group {lacking[0]!r} has no {GROUP_QUANTITIES[quantity]};"
                 f" {suggest(pattern, able)}"
             )
-        found.update(f for f in fits if f in able)
+        found |= set(fits) & set(able)
     return found
 
 
@@ -684,11 +706,10 @@ def _table(
         raise ParameterError(
             f"{what}: expected a mapping by quantity, unknown or glob, found {given!r}"
         )
-    known = dict.fromkeys([*(p.quantity for p in items), *(p.name for p in items)])
+    names = [p.name for p in items]
+    known = dict.fromkeys([p.quantity for p in items] + names)
     for key in given:
-        if key in known or (
-            isinstance(key, str) and any(fnmatch.fnmatchcase(p.name, key) for p in items)
-        ):
+        if key in known or (isinstance(key, str) and _fitting(names, key)):
             continue
         raise ParameterError(
             f"{what}: {key!r} is neither a quantity nor an unknown that is chosen;"

@@ -304,9 +304,10 @@ _Matrix = NDArray[np.float64]
 #: Directions that the data hardly see keep the Jacobian's own length, beyond this share of what
 #: rounding leaves.
 _CLEAR = 10.0 * RANK_TOLERANCE
-#: Noise over |H| from which the logarithm of a value is off by its curvature; the share of such
-#: values worth a word.
-_LOUD, _MANY = 0.5, 0.02
+#: Noise over |H| from which the logarithm of a value is biased by its curvature.
+_LOUD = 0.5
+#: Share of such values from which the note says so.
+_MANY = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)

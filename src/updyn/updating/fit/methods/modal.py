@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import repeat
 from typing import ClassVar
 
 import numpy as np
@@ -154,31 +155,41 @@ class ModalMethod(Method):
             "chi_square": 1.0,
             "inflation": 1.0,
         }
-        missing = [_shown(target, ~like) for target, like in zip(measured, kept, strict=True)]
-        records = tuple({**common, "left_out": text} if text else common for text in missing)
-        missing = [text for text in missing if text]
-        note = (
-            f"Measured modes that resemble none of the model are left out: {', '.join(missing)}."
-            if missing
-            else ""
-        )
+        records, missing = [], []
+        for target, like in zip(measured, kept, strict=True):
+            text = _shown(target, ~like)
+            if text:
+                missing.append(text)
+                records.append({**common, "left_out": text})
+            else:
+                records.append(common)
+        note = ""
+        if missing:
+            said = ", ".join(missing)
+            note = f"Measured modes that resemble none of the model are left out: {said}."
         if left["lowest_mac"] < self.mac:
             note += (
                 f" A mode is paired with MAC {left['lowest_mac']:.2f}: the pairing may be wrong."
             )
         unit = sigma if sigma > 0 else 1.0
-        return Fit(outcome.x, outcome.reason, local.R / unit, records, note.strip(), advice=_ADVICE)
+        return Fit(
+            outcome.x,
+            outcome.reason,
+            local.R / unit,
+            tuple(records),
+            note.strip(),
+            advice=_ADVICE,
+        )
 
     def _check_unknowns(self, problem: Problem) -> None:
-        unseen = [
-            p.name
-            for p in problem.coordinates.parameters
-            if any(d.quantity in self.cannot for d in p.acts_on)
-        ]
+        unseen = []
+        for p in problem.coordinates.parameters:
+            if {d.quantity for d in p.acts_on} & set(self.cannot):
+                unseen.append(p.name)
         if unseen:
-            shown = ", ".join(unseen[:4]) + (
-                f" and {len(unseen) - 4} more" if len(unseen) > 4 else ""
-            )
+            shown = ", ".join(unseen[:4])
+            if len(unseen) > 4:
+                shown += f" and {len(unseen) - 4} more"
             raise ParameterError(
                 "method 'modal': real modes show neither damping nor the level of a channel"
                 f" ({shown}); leave these unknowns out, or use a method that fits the FRFs, such as"
@@ -191,7 +202,9 @@ class ModalMethod(Method):
                 "option modes: there are several tests; give modes by the name of the test",
                 key=("modes",),
             )
-        for name in self.modes if isinstance(self.modes, Mapping) else ():
+        if not isinstance(self.modes, Mapping):
+            return
+        for name in self.modes:
             if name not in names:
                 raise OptionError(
                     f"option modes: no test {name!r}; {suggest(str(name), names)}", key=("modes",)
@@ -209,23 +222,18 @@ class ModalMethod(Method):
         self, problem: Problem, measured: Sequence[Target], x: _Vector, monitor: Monitor
     ) -> tuple[Outcome, ModalError, list[NDArray[np.bool_]]]:
         """Fit the modes that pair, and again with those that pair where the fit ends."""
-        left, kept = (
-            self.max_iterations,
-            [np.zeros(len(target.value), dtype=np.bool_) for target in measured],
-        )
+        left = self.max_iterations
+        kept = [np.zeros(len(target.value), dtype=np.bool_) for target in measured]
         found: tuple[Outcome, ModalError] | None = None
         while True:
-            pairs = [
-                Pairs.at(part, target, x)
-                for part, target in zip(problem.parts, measured, strict=True)
-            ]
+            pairs = list(map(Pairs.at, problem.parts, measured, repeat(x)))
             like = [k | (own.mac >= self.mac) for k, own in zip(kept, pairs, strict=True)]
             if found is None:
                 _check_any(like, pairs, measured, self.mac)
-            elif all((a == b).all() for a, b in zip(like, kept, strict=True)):
+            elif all(map(np.array_equal, like, kept)):
                 return *found, kept
             kept = like
-            targets = tuple(target.keep(k) for target, k in zip(measured, kept, strict=True))
+            targets = tuple(map(Target.keep, measured, kept))
             residual = ModalError(targets, self.shape_weight if self.shapes else 0.0)
             residual.solved(problem, x)  # a start without derivatives is said with its frequency
             before = len(monitor.history)
@@ -258,12 +266,16 @@ def _check_any(
 def _shown(target: Target, which: NDArray[np.bool_]) -> str:
     """Return the frequencies of some modes; empty where there are none."""
     found = np.sqrt(target.value[which]) / (2.0 * np.pi)
-    return f"{', '.join(f'{f:.4g}' for f in found)} Hz" if len(found) else ""
+    if not len(found):
+        return ""
+    return ", ".join(f"{f:.4g}" for f in found) + " Hz"
 
 
 def _spread(local: Local, count: int, n: int) -> float:
     """Return the standard deviation of a frequency: sqrt(2 cost / (count - n)), else `_ASSUMED`."""
-    return float(np.sqrt(2.0 * local.cost / (count - n))) if count > n else _ASSUMED
+    if count <= n:
+        return _ASSUMED
+    return float(np.sqrt(2.0 * local.cost / (count - n)))
 
 
 _Real = NDArray[np.float64]
@@ -291,7 +303,7 @@ class Target:
         Sign of each sensor over the level of all modes at sensors of its unit (translation or
         rotation).
     digest : str
-        What tells it from others.
+        Part of the cache key.
     """
 
     value: _Real
@@ -344,7 +356,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Which mode of the model each measured one is taken for.
+    """Modes of the model that are paired with the measured ones.
 
     Attributes
     ----------
@@ -353,7 +365,7 @@ class Pairs:
     which : ndarray of int, shape (m,)
         Its modes.
     mac : ndarray of float, shape (m,)
-        How alike each pair is.
+        MAC of each pair.
     """
 
     modes: RealModes
@@ -417,8 +429,11 @@ class ModalError:
     @property
     def count(self) -> int:
         """Number of independent residuals; k - 1 of a shape with k sensors (its length is free)."""
-        shapes = [t.shapes.shape[0] - 1 if self.shape_weight else 0 for t in self.targets]
-        return sum(len(t.value) * (1 + s) for t, s in zip(self.targets, shapes, strict=True))
+        total = 0
+        for target in self.targets:
+            by_mode = len(target.rows) if self.shape_weight else 1
+            total += len(target.value) * by_mode
+        return total
 
     def local(self, problem: Problem, x: _Real) -> Local | None:
         """Return the reduced problem at x, or None where modes cannot be computed."""
@@ -435,8 +450,7 @@ class ModalError:
         SolverError
             If the modes of a part, or their derivatives, cannot be computed.
         """
-        parts = zip(problem.parts, self.targets, strict=True)
-        return joined([self._part(part, target, x) for part, target in parts], problem.n)
+        return joined(list(map(self._part, problem.parts, self.targets, repeat(x))), problem.n)
 
     def _part(self, part: Part, target: Target, x: _Real) -> Local:
         if not len(target.value):  # all left out
@@ -494,17 +508,17 @@ def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Rea
 
 
 def measured_rms(problems: Sequence[Part], targets: Sequence[Target], x: _Real) -> dict[str, float]:
-    """Return, for the record, what is left of frequencies and shapes, and the least alike pair."""
-    found = [
-        (Pairs.at(p, target, x), target)
-        for p, target in zip(problems, targets, strict=True)
-        if len(target.value)
-    ]
-    off = [0.5 * np.log(pairs.modes.value[pairs.which] / target.value) for pairs, target in found]
-    alike = np.concatenate([pairs.mac for pairs, _ in found])
+    """Return the record of the residuals of frequencies and shapes, and of the lowest MAC."""
+    off, found = [], []
+    for problem, target in zip(problems, targets, strict=True):
+        if len(target.value):
+            pairs = Pairs.at(problem, target, x)
+            off.append(0.5 * np.log(pairs.modes.value[pairs.which] / target.value))
+            found.append(pairs.mac)
+    macs = np.concatenate(found)
     return {
-        "modes": float(len(alike)),
+        "modes": float(len(macs)),
         "frequency_rms": float(np.sqrt(np.mean(np.concatenate(off) ** 2))),
-        "shape_rms": float(np.sqrt(np.mean(1.0 - alike))),
-        "lowest_mac": float(alike.min()),
+        "shape_rms": float(np.sqrt(np.mean(1.0 - macs))),
+        "lowest_mac": float(macs.min()),
     }

@@ -229,10 +229,16 @@ def _learn(frf: FRF) -> Steady:
     return steady(size**2 * share + least, size, max((frf.averages or _USUAL) - 1, 1))
 
 
-#: Degrees of freedom that a variance should rest on, and what stands out from the lines around it.
-_FREEDOM, _APART = 48, 10.0
-#: Of the fit of two parts: steps, lines, knots along the lines.
-_STEPS, _SAMPLES, _KNOTS = 100, 400, 8
+#: Degrees of freedom that a smoothed variance should have.
+_FREEDOM = 48
+#: A variance is an outlier above this multiple of the median of the lines around it.
+_APART = 10.0
+#: Steps of the fit of floor and relative noise.
+_STEPS = 100
+#: Lines of that fit.
+_SAMPLES = 400
+#: Knots along the lines.
+_KNOTS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
