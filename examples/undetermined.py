@@ -58,7 +58,7 @@ def show(title: str, result: updyn.UpdateResult) -> None:
     for name, value in result.values.items():
         print(f"  {name} = {value:.4f}, standard deviation {result.std[name]:.2g}")
     for direction in ident.null_directions:
-        print("  open: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
+        print("  undetermined: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
     for direction in ident.determined_directions:
         print("  determined: " + ", ".join(f"{w:+.3g} {name}" for name, w in direction.items()))
     print(f"  advice: {ident.advice or 'none needed'}\n")

@@ -68,7 +68,7 @@ def _figures(row: Row) -> tuple[str, str]:
     if row.status == "max-iterations":  # where it is by then depends on the rounding of each step
         return "not settled", "not settled"
     misfit = _number(row.fitted["after"]["db_error_median"])
-    return misfit, "open" if row.status == "not-identifiable" else _number(row.error_max)
+    return misfit, "undetermined" if row.status == "not-identifiable" else _number(row.error_max)
 
 
 def _fewest(row: Row) -> str:
