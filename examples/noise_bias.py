@@ -1,9 +1,9 @@
 """A spring chain updated from noisy FRFs: maximum likelihood against the paper's equation error.
 
-The measured H_X multiplies the unknowns in the equation error (Z_red H_X = I), so that noise does
-not average out but biases the estimate: with ten times the frequency lines its error bars shrink
-and its error stays. Maximum likelihood compares H_X with the model's H_A, weighted with the noise,
-and its error falls as the square root of the number of lines.
+The residual of the equation error, Z_red H_X - I, has the measured H_X as a factor, so that noise
+does not average out but biases the estimate: with ten times the frequency lines its standard
+deviations decrease and its error does not. Maximum likelihood compares H_X with the model's H_A, weighted with
+the noise, and its error decreases as the inverse square root of the number of lines.
 
 Run it with ``python examples/noise_bias.py``; it prints the largest error of any stiffness or mass
 factor.
@@ -30,7 +30,8 @@ def chain() -> updyn.Model:
     """Return fixed - k - m - k - m - ... - m in three groups of two springs and masses."""
     groups = {}
     for number, name in enumerate(TRUTH):
-        K, M = np.zeros((N, N)), np.zeros((N, N))
+        K = np.zeros((N, N))
+        M = np.zeros((N, N))
         for i in (2 * number, 2 * number + 1):
             M[i, i] = 1.0
             K[i, i] += 1e4
@@ -46,23 +47,21 @@ def measure(model: updyn.Model, n_lines: int, seed: int) -> updyn.FRF:
     """Return receptances of the true chain with relative complex Gaussian noise."""
     exact = updyn.response(model.scaled(TRUTH), np.linspace(1.0, 32.0, n_lines), SENSORS, HAMMER)
     rng = np.random.default_rng(seed)
-    noise = (
-        rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)
-    ) / np.sqrt(2.0)
-    return updyn.FRF(
-        exact.freq, exact.values * (1.0 + NOISE * noise), SENSORS, HAMMER, "receptance"
-    )
+    real, imaginary = rng.normal(size=(2, *exact.values.shape)) / np.sqrt(2.0)
+    values = exact.values * (1.0 + NOISE * (real + 1j * imaginary))
+    return updyn.FRF(exact.freq, values, SENSORS, HAMMER, "receptance")
 
 
 def worst(result: updyn.UpdateResult, quantities: tuple[str, ...]) -> tuple[float, float]:
-    """Return the largest relative error, and the largest error in standard deviations."""
-    error, in_std = [], []
+    """Return the largest error, relative to the true value and to its standard deviation."""
+    relative = []
+    in_std = []
     for p in result.parameters:
         if p.quantity in quantities:
             true = TRUTH[p.group][p.quantity]
-            error.append(abs(result.values[p.name] / true - 1.0))
+            relative.append(abs(result.values[p.name] / true - 1.0))
             in_std.append(abs(result.values[p.name] - true) / result.std[p.name])
-    return max(error), max(in_std)
+    return max(relative), max(in_std)
 
 
 def main() -> None:
@@ -81,7 +80,7 @@ def main() -> None:
             error, in_std = worst(result, ("stiffness", "mass"))
             found[n_lines, method] = error, in_std
             print(f"{n_lines:>6}  {method:<20}{100 * error:>7.2f}%  {in_std:>11.1f}")
-    # What the figures are there to show.
+    # The claims of the docstring.
     assert found[600, "maximum-likelihood"][1] < 4.0
     assert found[600, "equation-error"][0] > 10 * found[600, "maximum-likelihood"][0]
     assert found[600, "equation-error"][1] > 4.0

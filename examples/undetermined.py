@@ -1,9 +1,9 @@
-"""An undetermined case, and two ways to determine it: springs in series, no sensor between them.
+"""An undetermined case and its remedies: two springs in series with no sensor between them.
 
-A flange couples two shafts and is too light to matter. Whatever is measured on the shafts sees only
-the sum of the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes
-softer. updyn names the undetermined combination and the determined one, and advises what to
-measure. Two remedies are shown: a sensor on the flange, and one spring known from a static test.
+A flange of negligible mass couples two shafts. Measurements on the shafts depend only on the sum of
+the two compliances 1/k1 + 1/k2: one spring may become stiffer as the other becomes softer. The
+result states the undetermined combination, the determined one, and an advice for the experiment:
+here a sensor on the flange, or one spring known from another test.
 
 Run it with ``python examples/undetermined.py``.
 """
@@ -43,16 +43,13 @@ def measure(model: updyn.Model, responses: list[str]) -> updyn.FRF:
         model.scaled(TRUTH), np.linspace(5.0, 60.0, 111), responses, ["1:RZ"], quantity="mobility"
     )
     rng = np.random.default_rng(7)
-    noise = (
-        rng.normal(size=exact.values.shape) + 1j * rng.normal(size=exact.values.shape)
-    ) / np.sqrt(2.0)
-    return updyn.FRF(
-        exact.freq, exact.values * (1.0 + 0.01 * noise), responses, ["1:RZ"], "mobility"
-    )
+    real, imaginary = rng.normal(size=(2, *exact.values.shape)) / np.sqrt(2.0)
+    values = exact.values * (1.0 + 0.01 * (real + 1j * imaginary))
+    return updyn.FRF(exact.freq, values, responses, ["1:RZ"], "mobility")
 
 
 def show(title: str, result: updyn.UpdateResult) -> None:
-    """Print status, values, combinations and advice of a result."""
+    """Print status, values and identifiability of a result."""
     ident = result.identifiability
     print(f"{title}\n  status: {result.status}, rank {ident.rank} of {ident.n_parameters}")
     for name, value in result.values.items():
@@ -73,7 +70,7 @@ def main() -> None:
     show("Sensors on motor and load", shafts)
     assert shafts.status == "not-identifiable"
     assert shafts.identifiability.rank == 1
-    # The determined combination, the sum of the compliances, is right all the same.
+    # The determined combination, the sum of the compliances, is correct all the same.
     k1 = 2000.0 * shafts.values["coupling 1.stiffness"]
     k2 = 3000.0 * shafts.values["coupling 2.stiffness"]
     compliance = 1.0 / k1 + 1.0 / k2

@@ -1,4 +1,4 @@
-"""Write the tables of docs/compare.md: the methods, and the gear train by each of them.
+"""Write the tables of docs/compare.md: all methods, and the gear train updated by each.
 
 python tools/make_compare_doc.py
 """

@@ -244,7 +244,7 @@ def true_values(parameters: Sequence[Any]) -> dict[str, float]:
 
 
 def epilogue(results: Sequence[JointResult], folder: Path) -> str:
-    """Compare with the values that made the data: by unknown, and first frequencies of both tests."""
+    """Compare with the values that made the data: unknowns, and first frequencies of both tests."""
     result = results[-1]
     true = true_values(result.parameters)
     lines = [

@@ -299,7 +299,7 @@ def _add_tube(body: _Body) -> None:
 
 
 def _dish(along: float, up: float = 0.0, across: float = 0.0) -> NDArray[np.float64]:
-    """Return a point `along` the axis of the dish, `up` and `across` from it; the elevation is 45 deg."""
+    """Return a point `along` the axis of the dish, `up` and `across` from it, at 45 degrees."""
     s = math.sqrt(0.5)
     return np.array([s * along - s * up, across, _AXIS_HEIGHT + s * along + s * up])
 

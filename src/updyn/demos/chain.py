@@ -70,7 +70,7 @@ validation = ["7:X"]
 
 
 def build() -> Model:
-    """Return the chain before the update: fixed - k1 - m1 - ... - k12 - m12, three of each a group."""
+    """Return the chain before the update: fixed - k1 - m1 - ... - k12 - m12, in groups of three."""
     groups = {}
     for number in range(4):
         K = np.zeros((12, 12))

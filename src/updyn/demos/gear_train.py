@@ -235,7 +235,7 @@ def _write_job(
 
 # -- results
 def epilogue(results: Sequence[UpdateResult], folder: Path) -> str:
-    """Compare with the paper; show the combination that its data do not determine, and a fifth line."""
+    """Compare with the paper; show the undetermined combination, and the result of a fifth line."""
     published, second, fifth_line = results
     moved = on_the_family(published)
     parts = [
@@ -358,7 +358,7 @@ def decimals(x: float) -> int:
 
 
 def paper_matrices() -> dict[str, float]:
-    """Return the entries that the paper prints after five iterations, by ``M(i,j)``, ``K(i,j)`` (1e6)."""
+    """Return the printed entries after five iterations, by ``M(i,j)`` and ``K(i,j)`` (1e6)."""
     data = table()["paper_result_after_5_iterations"]
     out: dict[str, float] = {}
     for symbol, unit in (("M", ""), ("K", "_1e6")):

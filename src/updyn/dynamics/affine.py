@@ -133,13 +133,10 @@ class AffineSystem:
     )
 
     def __post_init__(self) -> None:
-        static, inertial = (
-            np.array([[float(t.quantity == what)] for t in self.terms])
-            for what in ("stiffness", "mass")
-        )
-        object.__setattr__(
-            self, "_kinds", (static, inertial, [i for i, t in enumerate(self.terms) if t.table])
-        )
+        quantity = np.array([[t.quantity] for t in self.terms])
+        static, inertial = (quantity == "stiffness") * 1.0, (quantity == "mass") * 1.0
+        tabled = [i for i, t in enumerate(self.terms) if t.table]
+        object.__setattr__(self, "_kinds", (static, inertial, tabled))
 
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
@@ -158,15 +155,13 @@ class AffineSystem:
             )
             for name, group, quantity, matrix in stored
         )
-        loss = [
-            group.loss_factor if quantity == "stiffness" else 0.0
-            for _, group, quantity, _ in stored
-        ]
-        rate = [
-            1.0 if quantity == "viscous" else group.value(_RATES[quantity])
-            for _, group, quantity, _ in stored
-        ]
-        start = State(np.ones(len(terms)), np.array(loss), np.array(rate))
+        loss, rate = np.zeros(len(terms)), np.ones(len(terms))
+        for t, (_, group, quantity, _) in enumerate(stored):
+            if quantity == "stiffness":
+                loss[t] = group.loss_factor
+            if quantity != "viscous":
+                rate[t] = group.value(_RATES[quantity])
+        start = State(np.ones(len(terms)), loss, rate)
         return cls(
             terms,
             start,
@@ -194,12 +189,10 @@ class AffineSystem:
 
     def _at(self, group: str, quantity: str) -> int | None:
         wanted = GROUP_QUANTITIES.get(quantity)
-        places = (
-            i
-            for i, term in enumerate(self.terms)
-            if term.group == group and term.quantity == wanted
-        )
-        return next(places, None)
+        for i, term in enumerate(self.terms):
+            if term.group == group and term.quantity == wanted:
+                return i
+        return None
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""

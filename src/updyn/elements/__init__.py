@@ -1,4 +1,4 @@
-"""Builders of models: beams, drive trains, structures in space and meshes, and constraints between DOFs.
+"""Builders of models: beams, drive trains, structures in space and meshes, and constraints.
 
 `MODEL_KINDS` holds the builders that a job file asks for by ``[model] kind = "..."``.
 """

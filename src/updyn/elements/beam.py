@@ -520,7 +520,7 @@ def _read_stations(
 def _node_numbers(
     x: NDArray[np.float64], stations: Iterable[tuple[float, int | None]]
 ) -> NDArray[np.int64]:
-    """Return the node numbers, shape (n,): those given to stations, else 1, 2, ... in order of x."""
+    """Return the node numbers, shape (n,): those of stations, else 1, 2, ... in order of x."""
     numbers = np.zeros(len(x), dtype=np.int64)
     for position, node in stations:
         if node is None:
@@ -637,6 +637,6 @@ def _symmetric4(
     f: NDArray[np.float64],
     g: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return matrices of a uniform element, whose second half mirrors its first, shape (n, 4, 4)."""
+    """Return matrices of uniform elements, whose second half mirrors the first, shape (n, 4, 4)."""
     rows = [[a, b, c, d], [b, e, f, g], [c, f, a, -b], [d, g, -b, e]]
     return np.moveaxis(np.array(rows), -1, 0)

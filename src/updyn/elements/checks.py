@@ -149,7 +149,7 @@ def store(part: Any, **values: Any) -> None:
 
 
 def material(what: str, part: Any) -> dict[str, float]:
-    """Return the checked material of a part: E, rho, loss_factor, and nu and G where it has them."""
+    """Return the checked material of a part: E, rho, loss_factor, and nu and G if it has them."""
     check_name(what, part.name)
     out = {"E": positive(what, "E", part.E), "rho": not_negative(what, "rho", part.rho)}
     if getattr(part, "G", None) is not None:

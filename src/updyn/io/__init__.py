@@ -311,7 +311,7 @@ def _options(reader: Callable[..., Any]) -> set[str]:
 def _known(
     reader: Callable[..., Any], kind: str, options: dict[str, Any], others: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """Return the options, each of which the reader must have by name; `others` are those of the front door."""
+    """Return the options; the reader must have each, `others` are those of `read_frf` itself."""
     known = _options(reader)
     for name in options:
         if name not in known:

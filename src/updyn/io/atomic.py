@@ -17,7 +17,7 @@ __all__ = ["atomic_path", "write_json"]
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path in the same folder, with the same suffix; it replaces `path` when the block ends well.
+    """Yield a temporary path in the same folder; it replaces `path` when the block ends well.
 
     Parameters
     ----------

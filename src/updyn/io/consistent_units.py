@@ -1,4 +1,4 @@
-"""Consistent units of decks and matrix files, which do not say theirs: conversion to SI, and whether numbers fit.
+"""Consistent units of decks and matrix files: conversion to SI, and a check of moduli.
 
 With a unit of length L (m) and one of energy W (J), angles in rad, a matrix of stiffness, damping
 or mass becomes W T A T with T = 1/L at translations and 1 at rotations, as u^T A u is an energy (or

@@ -7,10 +7,11 @@ For instance::
     freq_Hz,H(3:Z/1:X) re,H(3:Z/1:X) im,H(3:Z/1:X) coh
     10.0,0.12,-0.03,0.98
 
-Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is ``freq_Hz``. The others
-are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and
-optionally ``coh`` (ordinary coherence) and ``var`` (variance), for every pair of response and reference. Lines that
-start with ``#`` may stand before the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
+Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is
+``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
+and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
+(variance), for every pair of response and reference. Lines that start with ``#`` may stand before
+the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
 """
 
 from __future__ import annotations
@@ -73,7 +74,10 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         ) from error
     head, lines = _split_head(text, path)
     number, header = lines[0]
-    separator = next((s for s in (";", "\t") if s in header), ",")
+    separator = ","
+    for other in ("\t", ";"):
+        if other in header:
+            separator = other
     columns = _columns(header, separator, path, number)
     table = _table(lines[1:], separator, len(columns) + 1, path)
     rows, references = _sides(columns, path, number)
@@ -112,10 +116,8 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[t
     """Return pair and kind of each column after the first."""
     # A name such as H(3:Z,1:X) may hold the separator, in quotes or not: commas in brackets do not
     # separate.
-    cells = [
-        c.strip().strip('"').strip()
-        for c in re.split(re.escape(separator) + r"(?![^(]*\))", header)
-    ]
+    parts = re.split(re.escape(separator) + r"(?![^(]*\))", header)
+    cells = [part.strip().strip('"').strip() for part in parts]
     if cells[0] != "freq_Hz":
         raise FormatError(
             f"header: the first column is {cells[0][:40]!r}; expected 'freq_Hz'", path, line
@@ -150,10 +152,11 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[t
 def _sides(
     columns: Sequence[tuple[_Pair, str]], path: str | Path, line: int
 ) -> tuple[DofSet, DofSet]:
+    """Return the responses and the references, each in the order of the columns."""
+    responses = {pair[0]: None for pair, _ in columns}
+    references = {pair[1]: None for pair, _ in columns}
     try:
-        return DofSet(dict.fromkeys(p[0] for p, _ in columns)), DofSet(
-            dict.fromkeys(p[1] for p, _ in columns)
-        )
+        return DofSet(responses), DofSet(references)
     except DofError as error:  # one DOF with both senses
         raise FormatError(f"header: {error}", path, line) from error
 
@@ -183,11 +186,9 @@ def _number(cell: str, column: int, path: str | Path, line: int) -> float:
     try:
         value = float(cell)
     except ValueError as error:
-        hint = (
-            ": a decimal comma; decimals have a point"
-            if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell)
-            else ""
-        )
+        hint = ""
+        if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell):
+            hint = ": a decimal comma; decimals have a point"
         raise FormatError(
             f"column {column + 1}: {cell!r} is not a number{hint}", path, line
         ) from error
@@ -221,20 +222,23 @@ def _arrays(
                     path,
                     line,
                 )
-            first, second = (at[pair, kind] for kind in held)
             if held[0] == "re":
-                values[:, i, j].real, values[:, i, j].imag = first, second
+                values[:, i, j].real = at[pair, "re"]
+                values[:, i, j].imag = at[pair, "im"]
             else:
-                values[:, i, j] = _polar(first, second, pair, path)
-            for kind, array in extra.items():
+                values[:, i, j] = _polar(at[pair, "abs"], at[pair, "phase_deg"], pair, path)
+            for kind in extra:
                 if (pair, kind) not in at:
                     raise FormatError(
                         f"header: H({response}/{reference}) has no column {kind!r}, others have",
                         path,
                         line,
                     )
-                array[:, i, j] = at[pair, kind]
-    return {"values": values, **{_OPTIONAL[kind]: array for kind, array in extra.items()}}
+                extra[kind][:, i, j] = at[pair, kind]
+    arrays: dict[str, NDArray[np.complex128] | NDArray[np.float64]] = {"values": values}
+    for kind, array in extra.items():
+        arrays[_OPTIONAL[kind]] = array
+    return arrays
 
 
 def _polar(
@@ -248,7 +252,7 @@ def _polar(
 
 
 def _one(head: dict[str, list[str]], name: str, path: str | Path) -> str | None:
-    found = {x.strip() for x in head.get(name, [])}
+    found = set(map(str.strip, head.get(name, [])))
     if len(found) > 1:
         raise FormatError(f"{name} is said twice: {' and '.join(sorted(found))}", path)
     return found.pop() if found else None
@@ -304,17 +308,17 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         head.append(f"# averages: {frf.averages}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
-    names, columns = ["freq_Hz"], [frf.freq]
+    parts = {"re": frf.values.real, "im": frf.values.imag}
+    for kind, name in _OPTIONAL.items():
+        if getattr(frf, name) is not None:
+            parts[kind] = getattr(frf, name)
+    names = ["freq_Hz"]
+    columns = [frf.freq]
     for j, reference in enumerate(frf.references):
         for i, response in enumerate(frf.responses):
-            parts = {"re": frf.values[:, i, j].real, "im": frf.values[:, i, j].imag}
-            parts |= {
-                k: getattr(frf, n)[:, i, j]
-                for k, n in _OPTIONAL.items()
-                if getattr(frf, n) is not None
-            }
-            names += [f"H({response}/{reference}) {kind}" for kind in parts]
-            columns += list(parts.values())
+            for kind, array in parts.items():
+                names.append(f"H({response}/{reference}) {kind}")
+                columns.append(array[:, i, j])
     body = [",".join(map(repr, row)) for row in np.column_stack(columns).tolist()]
     with atomic_path(path) as temporary:
         temporary.write_text("\n".join([*head, ",".join(names), *body]) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The damping coefficients of a group as formats keep them: under their own names, a table as two rows."""
+"""The damping coefficients of a group as file formats keep them: by name, a table as two rows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["DAMPING", "plain_damping", "refuse_damping"]
 
 
 def plain_damping(group: Group) -> dict[str, Any]:
-    """Return the damping of a group by name: numbers, and the table as two lists, lines in Hz and factors.
+    """Return the damping of a group by name; the table is two lists, lines in Hz and factors.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Groups of a model out of a program that gives only the sums K and M: by difference, with a check that they add up.
+"""Groups of a model from a program that gives only the sums K and M: by difference, checked.
 
 A deck is run as it stands, then once for each group with its stiffness and its density doubled;
 what grows is the group's. Elements whose stiffness is not proportional to what was doubled, and

@@ -1,4 +1,4 @@
-"""Small tables beside a model: its DOFs, and where its nodes stand. Comma-separated, with a header line.
+"""Comma-separated tables beside a model: its DOFs, and the positions of its nodes.
 
 DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
 header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns
@@ -20,7 +20,7 @@ from updyn.io.items import placed
 __all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
 
 _POINT = ("node", "x", "y", "z")
-_AXES = tuple(a + b for a in "xyz" for b in "xyz")
+_AXES = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 _LINE = ("from", "to")
 
 
@@ -32,12 +32,12 @@ def read_dofs(path: str | Path) -> DofSet:
     FormatError
         If the header or a line is not as described; the message says which line.
     """
-    header, rows = _table(path, (("dof",), ("node", "direction")))
+    _, rows = _table(path, (("dof",), ("node", "direction")))
     dofs: list[Dof] = []
     seen: dict[tuple[int, str], int] = {}
     for line, cells in rows:
         try:
-            dof = Dof.parse(cells[0] if len(header) == 1 else f"{cells[0]}:{cells[1]}")
+            dof = Dof.parse(":".join(cells))
         except DofError as error:
             raise FormatError(str(error), path, line) from error
         if (dof.node, dof.direction) in seen:
@@ -51,9 +51,7 @@ def read_dofs(path: str | Path) -> DofSet:
 
 def write_dofs(dofs: DofSet, path: str | Path) -> None:
     """Write a table of DOFs."""
-    Path(path).write_text(
-        "dof\n" + "".join(f"{label}\n" for label in dofs.labels), encoding="utf-8"
-    )
+    Path(path).write_text("\n".join(["dof", *dofs.labels, ""]), encoding="utf-8")
 
 
 def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geometry:
@@ -65,32 +63,34 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
         If a header or a line is not as described, or the geometry is not valid.
     """
     header, rows = _table(path, (_POINT, _POINT + _AXES))
-    nodes = [_whole(cells[0], path, line) for line, cells in rows]
-    numbers = np.array(
-        [[_number(c, path, line) for c in cells[1:]] for line, cells in rows], dtype=np.float64
-    )
-    numbers = numbers.reshape(len(nodes), len(header) - 1)
-    axes = numbers[:, 3:].reshape(-1, 3, 3) if len(header) > len(_POINT) else None
+    nodes = np.zeros(len(rows), dtype=np.int64)
+    numbers = np.zeros((len(rows), len(header) - 1))
+    for i, (line, cells) in enumerate(rows):
+        nodes[i] = _whole(cells[0], path, line)
+        numbers[i] = [_number(cell, path, line) for cell in cells[1:]]
+    axes = None
+    if len(header) > len(_POINT):
+        axes = numbers[:, 3:].reshape(-1, 3, 3)
     pairs: list[list[int]] = []
     if lines_path is not None:
-        pairs = [
-            [_whole(c, lines_path, line) for c in cells]
-            for line, cells in _table(lines_path, (_LINE,))[1]
-        ]
+        _, lines = _table(lines_path, (_LINE,))
+        for line, cells in lines:
+            pairs.append([_whole(cell, lines_path, line) for cell in cells])
     with placed(path):
         return Geometry(nodes, numbers[:, :3], np.array(pairs, dtype=np.int64).reshape(-1, 2), axes)
 
 
 def write_geometry(geometry: Geometry, path: str | Path) -> None:
     """Write node positions, exactly."""
-    axes = geometry.axes
-    columns = _POINT if axes is None else _POINT + _AXES
-    numbers = geometry.xyz if axes is None else np.hstack([geometry.xyz, axes.reshape(-1, 9)])
-    body = [
-        ",".join([str(node), *(repr(float(x)) for x in row)])
-        for node, row in zip(geometry.nodes.tolist(), numbers, strict=True)
-    ]
-    Path(path).write_text("\n".join([",".join(columns), *body]) + "\n", encoding="utf-8")
+    columns: tuple[str, ...] = _POINT
+    numbers = geometry.xyz
+    if geometry.axes is not None:
+        columns = _POINT + _AXES
+        numbers = np.hstack([numbers, geometry.axes.reshape(-1, 9)])
+    lines = [",".join(columns)]
+    for node, row in zip(geometry.nodes.tolist(), numbers.tolist(), strict=True):
+        lines.append(",".join([str(node), *map(repr, row)]))
+    Path(path).write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def write_lines(geometry: Geometry, path: str | Path) -> None:
@@ -108,12 +108,11 @@ def _table(
         raise FormatError(
             f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
         ) from error
-    rows = [
-        (number, [cell.strip() for cell in line.split(",")])
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    expected = " or ".join(repr(",".join(h)) for h in headers)
+    rows = []
+    for number, row in enumerate(text.splitlines(), 1):
+        if row.strip() and not row.lstrip().startswith("#"):
+            rows.append((number, [cell.strip() for cell in row.split(",")]))
+    expected = " or ".join(repr(",".join(known)) for known in headers)
     if not rows:
         raise FormatError(f"the table is empty; expected the header {expected}", path)
     line, first = rows[0]

@@ -2,14 +2,17 @@
 
 Layout (``*`` where present)::
 
-    /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping below), updyn_version,
-                           title
+    /                      attributes updyn_kind = "model", updyn_format = 1 (2: with the damping
+                           below), updyn_version, title
     /dofs/node             int64 (N,)         node numbers
     /dofs/direction        text (N,)          X Y Z RX RY RZ
-    /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2), axes * float64 (n, 3, 3)
-    /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *, stiffness_damping *
+    /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2),
+                           axes * float64 (n, 3, 3)
+    /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *,
+                           stiffness_damping *
         loss_table *       freq float64 (n,) in Hz, relative float64 (n,)
-        stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr; attribute size = N
+        stiffness *        upper triangle with the diagonal in CSR form: data, indices, indptr;
+                           attribute size = N
         mass *
         viscous *
 

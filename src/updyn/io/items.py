@@ -1,4 +1,9 @@
-"""Single items of a file (number arrays, matrices, texts, DOFs), checked and converted, or refused by name."""
+"""Items of a file (arrays, matrices, texts, DOFs), checked and converted, or refused by name.
+
+The libraries that read archives raise many kinds of exceptions for a damaged file. `library`
+catches them at the call into the library and nowhere else, so that a mistake of our own is not
+taken for a bad file.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +107,7 @@ def compressed(
 
 
 def dofs(given: Any, name: str, path: str | Path) -> DofSet:
-    """Return DOFs from a list of labels, one label, or a table of node and direction 1..6, which may be negative.
+    """Return DOFs from labels, or from a table of node and direction 1..6, negative if opposite.
 
     Raises
     ------
@@ -287,7 +292,7 @@ FAILURES = (
 
 @contextmanager
 def library(path: str | Path, what: str) -> Iterator[None]:
-    """Report any failure of a library that reads `path` as a `FormatError`; `what` is what the file should be."""
+    """Report any failure of a library that reads `path`, a `what`, as a `FormatError`."""
     try:
         yield
     except InputError:

@@ -1,14 +1,15 @@
-"""MATLAB ``.mat`` files of a model or of FRFs: version 5 to 7.2 and 7.3 are read, version 5 is written.
+"""MATLAB ``.mat`` files of a model or of FRFs: versions 5 to 7.3 are read, version 5 is written.
 
 Variables, or the fields of the one struct that the file holds, are named as in `updyn.io.named`::
 
     K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
-    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where the name is not a MATLAB name
+    groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where NAME cannot be the name
     freq, H, responses, references, quantity        FRFs; H is n_f x n_responses x n_references
 
-Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node direction] with direction
-1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops trailing axes of length 1: with one reference, H
-is n_f x n_responses. MATLAB string arrays ("text") are not stored in a documented way: use cellstr.
+Labels are a cell array of texts ({'12:Z'; '13:-Z'}), a char matrix, or an N x 2 table [node
+direction] with direction 1..6 for X Y Z RX RY RZ, negative for the opposite sense. MATLAB drops
+trailing axes of length 1: with one reference, H is n_f x n_responses. MATLAB string arrays ("text")
+are not stored in a documented way: use cellstr.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ def _contents(path: str | Path) -> Mapping[str, Any]:
 
 
 def write_model(model: Model, path: str | Path) -> None:
-    """Write a model as a version 5 file with variables ``dofs``, ``groups`` and so on, matrices sparse.
+    """Write a model as a version 5 file, with sparse matrices.
 
     Parameters
     ----------
@@ -128,12 +129,11 @@ def write_model(model: Model, path: str | Path) -> None:
     items = model_items(model)
     groups: dict[str, Any] = {}
     for number, (name, parts) in enumerate(items["groups"].items(), 1):
-        field = (
-            name
-            if _FIELD.fullmatch(name) and not re.fullmatch(r"group_\d+", name)
-            else f"group_{number}"
-        )
-        groups[field] = parts if field == name else {**parts, "name": name}
+        is_field = _FIELD.fullmatch(name) and not re.fullmatch(r"group_\d+", name)
+        if is_field:
+            groups[name] = parts
+        else:
+            groups[f"group_{number}"] = {**parts, "name": name}
     _save({**items, "groups": groups}, path)
 
 
@@ -185,11 +185,11 @@ def _storable(items: Mapping[str, Any]) -> dict[str, Any]:
         elif sp.issparse(value):
             out[name] = sp.csc_matrix(value)
         elif isinstance(value, np.ndarray) and value.dtype.kind == "i":
-            out[name] = value.astype(
-                np.float64
-            )  # node numbers: double is what MATLAB computes with
+            out[name] = value.astype(np.float64)  # node numbers: MATLAB computes with doubles
+        elif isinstance(value, int):
+            out[name] = float(value)
         else:
-            out[name] = float(value) if isinstance(value, int) else value
+            out[name] = value
     return out
 
 
@@ -242,11 +242,11 @@ def read_variables(path: str | Path) -> dict[str, Any]:
                     )
             return _read_5(path)
         with h5py.File(path, "r") as file:
-            return {
-                name: _item_73(file, item, name, path, 0)
-                for name, item in file.items()
-                if not name.startswith("#")
-            }
+            variables = {}
+            for name, item in file.items():
+                if not name.startswith("#"):
+                    variables[name] = _item_73(file, item, name, path, 0)
+            return variables
 
 
 # -- version 5 ----------------------------------------------------------------------------------
@@ -270,26 +270,29 @@ def _read_5(path: str | Path) -> dict[str, Any]:
             )
         except (MatReadError, MatReadWarning) as error:
             raise FormatError(f"not a readable MATLAB file ({error})", path) from error
-    return {
-        name: _item_5(value, name, path)
-        for name, value in stored.items()
-        if not name.startswith("__")
-    }
+    variables = {}
+    for name, value in stored.items():
+        if not name.startswith("__"):
+            variables[name] = _item_5(value, name, path)
+    return variables
 
 
 def _check_5(path: str | Path) -> None:
-    """Walk the variables of a version 5 file by their stated lengths: scipy trusts these, and may not survive it."""
+    """Check the stated lengths of the variables of a version 5 file."""
+    # scipy trusts these lengths; where they are wrong, the process may crash.
     size = Path(path).stat().st_size
     with Path(path).open("rb") as file:
         header = file.read(_HEADER_5)
         if len(header) < _HEADER_5 or header[126:128] not in (b"IM", b"MI"):
             raise FormatError("not a MATLAB file of version 5: no complete header", path)
         order: Literal["little", "big"] = "little" if header[126:128] == b"IM" else "big"
-        at, number = _HEADER_5, 0
+        at = _HEADER_5
+        number = 0
         while at < size:
             number += 1
             tag = file.read(8)
-            kind, length = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
+            kind = int.from_bytes(tag[:4], order)
+            length = int.from_bytes(tag[4:], order)
             if len(tag) < 8 or kind not in _VARIABLES_5 or at + 8 + length > size:
                 raise FormatError(
                     f"cut short or damaged in variable {number}, at byte {at} of {size}", path
@@ -303,7 +306,7 @@ def _item_5(value: Any, name: str, path: str | Path) -> Any:
     from scipy.io.matlab import MatlabFunction, MatlabOpaque, mat_struct
 
     if sp.issparse(value):
-        csc = sp.csc_array(value) if value.format != "csc" else value
+        csc = sp.csc_array(value)
         return compressed(sp.csc_array, csc.data, csc.indices, csc.indptr, csc.shape, name, path)
     if isinstance(value, MatlabFunction | MatlabOpaque) or not isinstance(value, np.ndarray):
         raise FormatError(f"{name}: {_unusable('object')}", path)
@@ -312,24 +315,20 @@ def _item_5(value: Any, name: str, path: str | Path) -> Any:
     if value.dtype != object:
         return value
     cells = _vector(value, name, path)
-    if cells and all(isinstance(c, mat_struct) for c in cells):
-        if len(cells) > 1 and name.rpartition(".")[2] != _ARRAY:
-            raise FormatError(
-                f"{name}: struct array of shape {value.shape}; expected one struct", path
-            )
-        if len(cells) > 1:
-            return [
-                {
-                    key: _item_5(getattr(cell, key), f"{name}({i}).{key}", path)
-                    for key in cell._fieldnames
-                }
-                for i, cell in enumerate(cells, 1)
-            ]
-        return {
-            field: _item_5(getattr(cells[0], field), f"{name}.{field}", path)
-            for field in cells[0]._fieldnames
-        }
-    return [_cell(_item_5(c, name, path), name, i, path) for i, c in enumerate(cells)]
+    if not cells or not all(isinstance(cell, mat_struct) for cell in cells):
+        return [_cell(_item_5(cell, name, path), name, i, path) for i, cell in enumerate(cells)]
+    if len(cells) == 1:
+        return _struct_5(cells[0], name, path)
+    if name.rpartition(".")[2] != _ARRAY:
+        raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+    return [_struct_5(cell, f"{name}({i})", path) for i, cell in enumerate(cells, 1)]
+
+
+def _struct_5(struct: Any, name: str, path: str | Path) -> dict[str, Any]:
+    fields = {}
+    for key in struct._fieldnames:
+        fields[key] = _item_5(getattr(struct, key), f"{name}.{key}", path)
+    return fields
 
 
 # -- version 7.3 --------------------------------------------------------------------------------
@@ -339,7 +338,8 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
     if depth > _DEPTH:
         raise FormatError(f"{name}: structs nested more than {_DEPTH} deep", path)
     kind = item.attrs.get("MATLAB_class", b"")
-    kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
+    if isinstance(kind, bytes):
+        kind = kind.decode("ascii", "replace")
     if not kind:
         raise FormatError(
             f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it"
@@ -353,48 +353,50 @@ def _item_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> A
             raise FormatError(f"{name}: {_unusable(kind)}", path)
         if name.rpartition(".")[2] == _ARRAY and _is_array_73(item):
             return _array_73(file, item, name, path, depth)
-        return {
-            key: _item_73(file, item[key], f"{name}.{key}", path, depth + 1)
-            for key in _fields(item)
-        }
+        fields = {}
+        for key in _fields(item):
+            fields[key] = _item_73(file, item[key], f"{name}.{key}", path, depth + 1)
+        return fields
     if item.attrs.get("MATLAB_empty"):
-        # An empty array is stored as its size.
-        return [] if kind in ("char", "cell") else np.empty(tuple(int(n) for n in item[()]))
+        if kind in ("char", "cell"):
+            return []
+        return np.empty(tuple(map(int, item[()])))  # an empty array is stored as its size
     values = item[()]
     if kind == "char":
         rows = np.atleast_2d(np.asarray(values, dtype="<u2").T)
         return _rows([row.tobytes().decode("utf-16-le") for row in rows])
     if kind == "cell":
-        cells = [file[ref] for ref in _vector(np.asarray(values), name, path)]
-        return [
-            _cell(_item_73(file, c, name, path, depth + 1), name, i, path)
-            for i, c in enumerate(cells)
-        ]
+        texts = []
+        for i, reference in enumerate(_vector(np.asarray(values), name, path)):
+            cell = _item_73(file, file[reference], name, path, depth + 1)
+            texts.append(_cell(cell, name, i, path))
+        return texts
     if kind not in _NUMBERS:
         raise FormatError(f"{name}: {_unusable(kind)}", path)
     return _complex(np.asarray(values)).T
 
 
 def _is_array_73(item: Any) -> bool:
-    """Return whether a struct is an array of them: each field is then one reference an element, of no class."""
-    return len(item) > 0 and all(
-        "MATLAB_class" not in field.attrs and getattr(field, "dtype", np.dtype("i1")).kind == "O"
-        for field in item.values()
-    )
+    """Return whether a struct is an array of them."""
+    # Each field is then one reference an element, of no class.
+    for field in item.values():
+        is_reference = getattr(field, "dtype", np.dtype("i1")).kind == "O"
+        if "MATLAB_class" in field.attrs or not is_reference:
+            return False
+    return len(item) > 0
 
 
 def _array_73(file: Any, item: Any, name: str, path: str | Path, depth: int) -> list[Any]:
-    columns = {
-        key: [file[ref] for ref in _vector(np.asarray(item[key][()]), name, path)]
-        for key in _fields(item)
-    }
-    return [
-        {
-            key: _item_73(file, column[i], f"{name}({i + 1}).{key}", path, depth + 1)
-            for key, column in columns.items()
-        }
-        for i in range(len(next(iter(columns.values()))))
-    ]
+    """Return a struct array as one dict an element."""
+    elements: list[dict[str, Any]] = []
+    for key in _fields(item):
+        references = _vector(np.asarray(item[key][()]), name, path)
+        if not elements:
+            elements = [{} for _ in references]
+        for i, (element, reference) in enumerate(zip(elements, references, strict=True), 1):
+            where = f"{name}({i}).{key}"
+            element[key] = _item_73(file, file[reference], where, path, depth + 1)
+    return elements
 
 
 def _fields(struct: Any) -> list[str]:
@@ -411,8 +413,12 @@ def _sparse_73(item: Any, name: str, path: str | Path) -> Any:
     rows = int(item.attrs["MATLAB_sparse"])
     indptr = np.asarray(item["jc"][()])
     # A matrix without entries has no data and ir.
-    data = _complex(np.asarray(item["data"][()])) if "data" in item else np.empty(0)
-    indices = np.asarray(item["ir"][()]) if "ir" in item else np.empty(0, dtype=np.int64)
+    data = np.empty(0)
+    indices = np.empty(0, dtype=np.int64)
+    if "data" in item:
+        data = _complex(np.asarray(item["data"][()]))
+    if "ir" in item:
+        indices = np.asarray(item["ir"][()])
     return compressed(sp.csc_array, data, indices, indptr, (rows, len(indptr) - 1), name, path)
 
 
@@ -420,14 +426,17 @@ def _complex(values: NDArray[Any]) -> NDArray[Any]:
     if values.dtype.names != ("real", "imag"):
         return values
     out = np.empty(values.shape, dtype=np.complex128)
-    out.real, out.imag = values["real"], values["imag"]
+    out.real = values["real"]
+    out.imag = values["imag"]
     return out
 
 
 # -- both ---------------------------------------------------------------------------------------
 def _rows(texts: list[str]) -> list[str]:
     """Return the rows of a char matrix, which MATLAB pads with blanks to one length."""
-    return [text.rstrip(" \0") for text in texts] if len(texts) > 1 else texts
+    if len(texts) <= 1:
+        return texts
+    return [text.rstrip(" \0") for text in texts]
 
 
 def _vector(cells: NDArray[Any], name: str, path: str | Path) -> list[Any]:
@@ -445,11 +454,9 @@ def _cell(value: Any, name: str, at: int, path: str | Path) -> str:
 
 
 def _unusable(kind: str) -> str:
-    hint = (
-        " (a MATLAB string array? save cellstr(...) or char(...) of it)"
-        if kind in ("string", "object")
-        else ""
-    )
+    hint = ""
+    if kind in ("string", "object"):
+        hint = " (a MATLAB string array? save cellstr(...) or char(...) of it)"
     return (
         f"MATLAB class {kind!r} cannot be used{hint}; expected numbers, char, a cell array of char,"
         " or a struct"

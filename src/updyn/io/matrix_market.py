@@ -1,9 +1,9 @@
-"""Matrix Market: a model as a small TOML file that names its matrices, one ``.mtx`` a matrix, and its DOFs.
+"""Matrix Market: a model as a small TOML file that names its matrix files and its DOFs.
 
 ::
 
     title = "Gear case"
-    dofs = "dofs.csv"                 # a table, see updyn.io.dof_table; or the labels: ["1:X", "1:Y"]
+    dofs = "dofs.csv"                 # a table (updyn.io.dof_table), or labels: ["1:X", "1:Y"]
 
     [geometry]                        # optional
     nodes = "nodes.csv"
@@ -18,9 +18,9 @@
     stiffness_damping = 2e-5          # optional: C = 2e-5 K, in s
     loss_table = [[10, 200], [1, 3]]  # optional: lines in Hz, factors on loss_factor
 
-File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or general. Where they are
-those that Abaqus writes, the file reads as in `updyn.io.abaqus.table`; OUTPUT4 and DMIG files of Nastran, as in
-`updyn.io.nastran.matrices`.
+File names are relative to the TOML file. Matrices are real, coordinate or array, symmetric or
+general. Where they are those that Abaqus writes, the file reads as in `updyn.io.abaqus.table`;
+OUTPUT4 and DMIG files of Nastran, as in `updyn.io.nastran.matrices`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _DIGITS = 17  # enough for any double to come back as it was
 
 
 def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> Model:
-    """Read a model from its TOML file. Matrix files of Abaqus, told by their content, are read by `updyn.io.abaqus.model`.
+    """Read a model from its TOML file, or from a matrix file of Abaqus.
 
     Parameters
     ----------

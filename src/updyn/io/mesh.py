@@ -1,4 +1,4 @@
-"""Mesh files (Gmsh, VTK, MED): with a material for each physical group, a structure of shells, solids and beams."""
+"""Mesh files (Gmsh, VTK, MED): structures, with a material for each physical group."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The TOML file of a model whose matrices are files of their own, with its tables of DOFs and nodes.
+"""The TOML file of a model whose matrices are in other files, with tables of DOFs and nodes.
 
 Readers of matrix files share what stands here: the keys ``title``, ``dofs``, ``geometry`` and
 ``group``, checked, with the lines on which they stand. What a group may name is said in
@@ -30,7 +30,7 @@ _GEOMETRY = ("nodes", "lines")
 
 
 class ModelTable:
-    """A TOML file of a model: its content, and checks of its keys with the lines on which they stand.
+    """A TOML file of a model: its content, and checks of its keys that name their lines.
 
     Parameters
     ----------

@@ -1,11 +1,14 @@
 """Models and FRFs as named items: what ``.npz`` and ``.mat`` files have in common.
 
-An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB struct). A model is::
+An item is a number array, a sparse matrix, a list of texts, or a mapping of items (a MATLAB
+struct). A model is::
 
-    dofs                    N labels "node:direction", or an (N, 2) table of node and direction 1..6 for X Y Z RX RY RZ
-    K, M, C, loss_factor    one group, called "model"; K or M or C at least                     } one of
-    groups                  mapping of group name to K, M, C, loss_factor, name                 } these
-                            (or one of the ways in `updyn.io.named`)
+    dofs                    N labels "node:direction", or an (N, 2) table of node and direction
+                            1..6 for X Y Z RX RY RZ; or dof_ref, the same with 0..5
+    K, M, C, loss_factor    one group, called "model": K or M or C at least; or each a mapping of
+                            group name to what it is of that group
+    groups                  instead: mapping of group name to K, M, C, loss_factor, name; or a list
+                            of such mappings
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
     loss_table              (2, n): lines in Hz, factors on loss_factor
@@ -16,7 +19,8 @@ and an FRF is::
 
     freq                    n_f lines in Hz
     H (or values)           complex, (n_f, n_responses, n_references)
-    responses, references   signed labels, or tables of node and direction, negative for the opposite sense
+    responses, references   signed labels, or tables of node and direction, negative for the
+                            opposite sense
     quantity                "receptance", "mobility" or "accelerance"
     coherence, variance     of the shape of H, optional
     averages, source        optional
@@ -27,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +88,7 @@ _FRF = (
     "source",
 )
 _AXES = ("freq", "response", "reference")
+_READERS = {"model": "read_model", "frf": "read_frf"}
 
 
 # -- model --------------------------------------------------------------------------------------
@@ -125,7 +131,12 @@ def build_model(items: Items, path: str | Path) -> Model:
 
 
 def _title(items: Items, path: str | Path) -> str:
-    return text(items["title"], "title", path) if "title" in items else ""
+    return _text(items, "title", path)
+
+
+def _text(items: Items, name: str, path: str | Path) -> str:
+    """Return a text; empty where there is none of that name."""
+    return text(items[name], name, path) if name in items else ""
 
 
 def _groups(given: Any, path: str | Path) -> dict[str, Group]:
@@ -137,26 +148,26 @@ def _groups(given: Any, path: str | Path) -> dict[str, Group]:
             raise FormatError(
                 f"groups: {key!r} is {kind_of(parts)}; expected K, M, C and loss_factor in it", path
             )
-        name = text(parts["name"], f"name of group {key!r}", path) if "name" in parts else key
+        rest = dict(parts)
+        name = text(rest.pop("name", key), f"name of group {key!r}", path)
         if name in out:
             raise FormatError(f"group {name!r} stands twice", path)
-        out[name] = _group({k: v for k, v in parts.items() if k != "name"}, name, path)
+        out[name] = _group(rest, name, path)
     return out
 
 
 def _group(parts: Items, name: str, path: str | Path) -> Group:
     where = f"group {name!r}"
     known_only(parts, (*_MATRICES, *DAMPING), path, where)
-    matrices = {
-        what: matrix(parts[key], f"{where}: {key}", path)
-        for key, what in _MATRICES.items()
-        if key in parts
-    }
-    for what, given in matrices.items():
-        refuse_triangle(given, f"{where}: {what}", path)
-    damping: dict[str, Any] = {
-        name: number(parts[name], f"{where}: {name}", path) for name in VALUES if name in parts
-    }
+    matrices = {}
+    for key, what in _MATRICES.items():
+        if key in parts:
+            matrices[what] = matrix(parts[key], f"{where}: {key}", path)
+            refuse_triangle(matrices[what], f"{where}: {what}", path)
+    damping: dict[str, Any] = {}
+    for quantity in VALUES:
+        if quantity in parts:
+            damping[quantity] = number(parts[quantity], f"{where}: {quantity}", path)
     if "loss_table" in parts:
         damping["loss_table"] = real(parts["loss_table"], f"{where}: loss_table", path)
     with placed(path, where):
@@ -164,25 +175,27 @@ def _group(parts: Items, name: str, path: str | Path) -> Group:
 
 
 def model_items(model: Model) -> dict[str, Any]:
-    """Return a model as named items, with its matrices in CSR form and geometry where there is one."""
+    """Return a model as named items, with its matrices in CSR form."""
     groups: dict[str, dict[str, Any]] = {}
     for name, group in model.groups.items():
-        parts: dict[str, Any] = {
-            key: getattr(group, what)
-            for key, what in _MATRICES.items()
-            if getattr(group, what) is not None
-        }
-        groups[name] = {**parts, **plain_damping(group)}
-        if group.loss_table is not None:
-            groups[name]["loss_table"] = np.array(
-                [group.loss_table.freq, group.loss_table.relative]
-            )
-    items: dict[str, Any] = {
+        parts: dict[str, Any] = {}
+        for key, what in _MATRICES.items():
+            if getattr(group, what) is not None:
+                parts[key] = getattr(group, what)
+        parts |= plain_damping(group)
+        table = group.loss_table
+        if table is not None:
+            parts["loss_table"] = np.array([table.freq, table.relative])
+        groups[name] = parts
+    items: dict[str, Any] = _marks("model")
+    if model.title:
+        items["title"] = model.title
+    return {
+        **items,
         "dofs": model.dofs.labels,
         "groups": groups,
         **_geometry_items(model.geometry),
     }
-    return {**_marks("model"), **({"title": model.title} if model.title else {}), **items}
 
 
 # -- FRF ----------------------------------------------------------------------------------------
@@ -229,32 +242,35 @@ def build_frf(
     _check_kind(items, "frf", path)
     known_only(items, (*_FRF, *_GEOMETRY, *_MARKS), path)
     key = _values_key(items, path)
-    options = {
-        "responses": "response_labels",
-        "references": "reference_labels",
-        "quantity": "quantity",
-    }
-    given = {"responses": response_labels, "references": reference_labels, "quantity": quantity}
-    lacking = [name for name in ("freq", *options) if name not in items and given.get(name) is None]
+    lacking = []
+    offered = []
+    for name, option, given in (
+        ("freq", "", None),
+        ("responses", "response_labels=...", response_labels),
+        ("references", "reference_labels=...", reference_labels),
+        ("quantity", "quantity=...", quantity),
+    ):
+        if name not in items and given is None:
+            lacking.append(repr(name))
+            offered.append(option)
     if lacking:
-        shape = numbers(items[key], key, path).shape
-        offered = [f"{options[name]}=..." for name in lacking if name in options]
-        hint = f"; can also be given when reading: {', '.join(offered)}" if offered else ""
+        hint = ", ".join(filter(None, offered))
+        if hint:
+            hint = f"; can also be given when reading: {hint}"
         raise FormatError(
-            f"no {' and no '.join(repr(n) for n in lacking)}: found {listed(items)} ({key} of shape"
-            f" {shape}); expected freq, H (lines, responses, references), responses, references,"
-            f" quantity{hint}",
+            f"no {' and no '.join(lacking)}: found {listed(items)} ({key} of shape"
+            f" {numbers(items[key], key, path).shape}); expected freq, H (lines, responses,"
+            f" references), responses, references, quantity{hint}",
             path,
         )
     freq = vector(items["freq"], "freq", path)
     rows = _labels(items, "responses", response_labels, path)
     columns = _labels(items, "references", reference_labels, path)
     shape = (len(freq), len(rows), len(columns))
-    arrays = {
-        name: _arranged(items[name], name, shape, order, path)
-        for name in (key, "coherence", "variance")
-        if name in items
-    }
+    arrays = {}
+    for name in (key, "coherence", "variance"):
+        if name in items:
+            arrays[name] = _arranged(items[name], name, shape, order, path)
     _check_phase(arrays[key], key, path)
     with placed(path):
         return FRF(
@@ -267,7 +283,7 @@ def build_frf(
             variance=arrays.get("variance"),
             averages=_averages(items, path),
             geometry=_geometry(items, path),
-            source=text(items["source"], "source", path) if "source" in items else "",
+            source=_text(items, "source", path),
         )
 
 
@@ -281,12 +297,14 @@ def _values_key(items: Items, path: str | Path) -> str:
 
 
 def _quantity(items: Items, given: str | None, path: str | Path) -> str:
-    said = text(items["quantity"], "quantity", path) if "quantity" in items else None
-    if said is not None and given is not None and said != given:
+    if "quantity" not in items:
+        return str(given)
+    said = text(items["quantity"], "quantity", path)
+    if given is not None and said != given:
         raise FormatError(
             f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
         )
-    return str(given if said is None else said)
+    return said
 
 
 def _averages(items: Items, path: str | Path) -> int | None:
@@ -300,11 +318,11 @@ def _averages(items: Items, path: str | Path) -> int | None:
 
 def _labels(items: Items, name: str, given: Iterable[str | Dof] | None, path: str | Path) -> DofSet:
     with placed(path, name):
-        option = None if given is None else DofSet(given)
+        option = DofSet(() if given is None else given)
     if name not in items:
-        return option if option is not None else DofSet([])
+        return option
     stored = dofs(items[name], name, path)
-    if option is not None and option != stored:
+    if given is not None and option != stored:
         raise FormatError(
             f"{name}: the argument {option!r} contradicts the file, which says {stored!r}",
             path,
@@ -335,9 +353,10 @@ def _arranged(
     if array.ndim == 2 and shape[2] == 1 and order is None:
         array = array[:, :, None]
     if array.shape != shape:
+        advice = f" in the order {tuple(order)!r}" if order else _advice(found, shape)
         raise FormatError(
-            f"{name}: found shape {found}, expected (lines, responses, references) = {shape}"
-            + (f" in the order {tuple(order)!r}" if order else _advice(found, shape)),
+            f"{name}: found shape {found}, expected (lines, responses, references) ="
+            f" {shape}{advice}",
             path,
         )
     return array
@@ -346,19 +365,20 @@ def _arranged(
 def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
     if len(found) != 3:
         return ""
-    fits = [p for p in permutations(range(3)) if tuple(expected[i] for i in p) == found]
+    fits = []
+    for order in permutations(range(3)):
+        if itemgetter(*order)(expected) == found:
+            fits.append(itemgetter(*order)(_AXES))
     if not fits:
         return ""
     if len(fits) > 1:
         return "; more than one order of its axes would fit: say which with order=(...)"
-    return (
-        "; if its axes are as their lengths suggest, read with"
-        f" order={tuple(_AXES[i] for i in fits[0])!r}"
-    )
+    return f"; if its axes are as their lengths suggest, read with order={fits[0]!r}"
 
 
 def _check_phase(array: NDArray[Any], name: str, path: str | Path) -> None:
-    """Refuse what looks like magnitudes. MATLAB stores an FRF without damping as real numbers, of both signs."""
+    """Refuse what looks like magnitudes."""
+    # MATLAB stores an FRF without damping as real numbers, of both signs.
     if array.dtype.kind != "c" and array.size and not (array < 0).any():
         raise FormatError(
             f"{name}: holds real numbers, none of them negative: a magnitude without phase cannot"
@@ -386,7 +406,7 @@ def frf_items(frf: FRF) -> dict[str, Any]:
 
 
 # -- shared -------------------------------------------------------------------------------------
-def _marks(kind: str) -> dict[str, str]:
+def _marks(kind: str) -> dict[str, Any]:
     from updyn import __version__
 
     return {"updyn_kind": kind, "updyn_version": __version__}
@@ -394,31 +414,32 @@ def _marks(kind: str) -> dict[str, str]:
 
 def _check_kind(items: Items, expected: str, path: str | Path) -> None:
     """Refuse the other kind by name, from the mark of updyn or from what is there."""
-    kind = text(items["updyn_kind"], "updyn_kind", path) if "updyn_kind" in items else None
-    if kind is None and expected == "model" and ("freq" in items and "dofs" not in items):
+    if "updyn_kind" in items:
+        kind = text(items["updyn_kind"], "updyn_kind", path)
+    elif "freq" in items and "dofs" not in items:
         kind = "frf"
-    if kind is None and expected == "frf" and ("dofs" in items and "freq" not in items):
+    elif "dofs" in items and "freq" not in items:
         kind = "model"
-    if kind is not None and kind != expected:
-        readers = {"model": "read_model", "frf": "read_frf"}
-        right = f"read it with updyn.{readers[kind]}" if kind in readers else suggest(kind, readers)
-        raise FormatError(f"the file is of kind {kind!r}, expected {expected!r}; {right}", path)
+    else:
+        return
+    if kind == expected:
+        return
+    right = suggest(kind, _READERS)
+    if kind in _READERS:
+        right = f"read it with updyn.{_READERS[kind]}"
+    raise FormatError(f"the file is of kind {kind!r}, expected {expected!r}; {right}", path)
 
 
 def _geometry(items: Items, path: str | Path) -> Geometry | None:
     given = [name for name in _GEOMETRY if name in items]
     if not given:
         return None
-    lacking = [name for name in ("nodes", "xyz") if name not in given]
-    if lacking:
-        raise FormatError(
-            f"holds {given[0]!r} but no {lacking[0]!r}; a geometry needs nodes and xyz", path
-        )
-    lines = (
-        whole(items["lines"], "lines", path)
-        if "lines" in items
-        else np.empty((0, 2), dtype=np.int64)
-    )
+    for name in ("nodes", "xyz"):
+        if name not in given:
+            raise FormatError(
+                f"holds {given[0]!r} but no {name!r}; a geometry needs nodes and xyz", path
+            )
+    lines = whole(items.get("lines", np.empty((0, 2))), "lines", path)
     if lines.ndim != 2 or lines.shape[1] != 2:
         raise FormatError(f"lines: found shape {lines.shape}; expected (m, 2) node numbers", path)
     nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)
@@ -468,11 +489,11 @@ def with_groups(items: Items, path: str | Path) -> Items:
     split = [key for key in _LETTERS if isinstance(out.get(key), Mapping)]
     if not split:
         return out
-    if "groups" in out or any(key in out and key not in split for key in _LETTERS):
-        other = next(key for key in ("groups", *_LETTERS) if key in out and key not in split)
-        raise FormatError(
-            f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path
-        )
+    for other in ("groups", *_LETTERS):
+        if other in out and other not in split:
+            raise FormatError(
+                f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path
+            )
     groups: dict[str, dict[str, Any]] = {}
     for key in split:
         for name, part in out.pop(key).items():
@@ -514,7 +535,9 @@ def _from_array(parts: list[Any], path: str | Path) -> dict[str, Any]:
 
 
 def _empty(value: Any) -> bool:
-    return 0 in value.shape if sp.issparse(value) or isinstance(value, np.ndarray) else value == []
+    if sp.issparse(value) or isinstance(value, np.ndarray):
+        return 0 in value.shape
+    return bool(value == [])
 
 
 def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
@@ -531,7 +554,8 @@ def refuse_triangle(matrix: Any, name: str, path: str | Path) -> None:
     upper = bool((entry.data[entry.row < entry.col] != 0).any())
     lower = bool((entry.data[entry.row > entry.col] != 0).any())
     if upper != lower:
-        side, other = ("upper", "triu(K, 1)") if upper else ("lower", "tril(K, -1)")
+        side = "upper" if upper else "lower"
+        other = "triu(K, 1)" if upper else "tril(K, -1)"
         raise FormatError(
             f"{name}: holds the {side} triangle only, as programs store a symmetric matrix;"
             f" expected all of it: K + {other}' completes it",

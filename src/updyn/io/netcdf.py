@@ -1,4 +1,4 @@
-"""FRFs as netCDF-4, which is HDF5: the dataset of `FRF.to_xarray`, with ``updyn_kind = "frf"`` at the top.
+"""FRFs as netCDF-4, which is HDF5: the dataset of `FRF.to_xarray`, of kind "frf".
 
 Any xarray opens the file. ``frf`` is complex, stored as h5netcdf stores it (a compound of two
 doubles, the convention that the netCDF library shares). For programs that cannot write that, two

@@ -1,7 +1,8 @@
 """NumPy ``.npz`` archives of a model or of FRFs. Nothing pickled is ever read.
 
-A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group is called "model".
-Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and ``loss_table``, see `updyn.io.named`.
+A model with one group: ``K``, ``M``, ``C`` (N, N), ``loss_factor``, ``dofs`` (N labels); the group
+is called "model". Beside ``loss_factor`` there may be ``mass_damping``, ``stiffness_damping`` and
+``loss_table``, see `updyn.io.named`.
 
 A model with several groups, ``NAME`` being a group's name (without dots)::
 
@@ -11,9 +12,9 @@ A model with several groups, ``NAME`` being a group's name (without dots)::
     NAME.K.data, NAME.K.indices, NAME.K.indptr
     NAME.loss_factor
 
-FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All other names, common
-to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System`` of SDynPy is told by its names, see
-`updyn.io.sdynpy`.
+FRFs: ``freq``, ``H`` (or ``values``), ``responses``, ``references``, ``quantity``, and so on. All
+other names, common to both: see `updyn.io.named`. `write_model` writes sparse groups. A ``System``
+of SDynPy is identified by its names, see `updyn.io.sdynpy`.
 """
 
 from __future__ import annotations
@@ -82,7 +83,8 @@ def write_model(model: Model, path: str | Path) -> None:
     for name, parts in groups.items():
         for key, value in parts.items():
             if sp.issparse(value):
-                flat.update({f"{name}.{key}.{part}": getattr(value, part) for part in _CSR})
+                for part in _CSR:
+                    flat[f"{name}.{key}.{part}"] = getattr(value, part)
             else:
                 flat[f"{name}.{key}"] = value
     _save(flat, path)
@@ -145,11 +147,10 @@ def write_frf(frf: FRF, path: str | Path) -> None:
 
 
 def _save(items: dict[str, Any], path: str | Path) -> None:
+    arrays = {name: np.asarray(value) for name, value in items.items()}
     # Through an open file: given a name, numpy appends a suffix where it misses one.
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez(
-            file, allow_pickle=False, **{name: np.asarray(value) for name, value in items.items()}
-        )
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -189,7 +190,7 @@ def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
 
 
 def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
-    """Return the arrays with texts as lists and ``NAME.K.data`` folded into groups with sparse matrices."""
+    """Return the arrays with texts as lists, and ``NAME.K.data`` as sparse matrices of groups."""
     top: dict[str, Any] = {}
     groups: dict[str, dict[str, Any]] = {}
     for name, array in arrays.items():
@@ -203,15 +204,13 @@ def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]
     names = top.pop("groups", list(groups))
     if not isinstance(names, list):
         raise FormatError(f"groups: found {kind_of(names)}; expected an array of group names", path)
-    if len(set(names)) != len(names):
-        raise FormatError(
-            f"groups: {next(n for n in names if names.count(n) > 1)!r} stands twice", path
-        )
-    if set(names) != set(groups):
-        lone = sorted(set(names) ^ set(groups))[0]
-        state = (
-            f"names {lone!r}, of which there is no array" if lone in names else f"lacks {lone!r}"
-        )
+    for name in names:
+        if names.count(name) > 1:
+            raise FormatError(f"groups: {name!r} stands twice", path)
+    for lone in sorted(set(names) ^ set(groups)):
+        state = f"lacks {lone!r}"
+        if lone in names:
+            state = f"names {lone!r}, of which there is no array"
         raise FormatError(f"groups: {state}; found: {listed(groups)}", path)
     return {**top, "groups": {name: _with_sparse(groups[name], name, path) for name in names}}
 
@@ -226,21 +225,17 @@ def _with_sparse(parts: dict[str, Any], name: str, path: str | Path) -> dict[str
         else:
             out[key] = value
     for key, triple in triples.items():
+        where = f"{name}.{key}"
         lacking = [part for part in _CSR if part not in triple]
         if lacking or key in out:
             fault = (
-                f"no '{name}.{key}.{lacking[0]}'"
-                if lacking
-                else f"'{name}.{key}' stands both dense and sparse"
+                f"no '{where}.{lacking[0]}'" if lacking else f"'{where}' stands dense and sparse"
             )
             raise FormatError(
                 f"{fault}; a sparse matrix is stored as .data, .indices and .indptr", path
             )
-        data, indices, indptr = (triple[part] for part in _CSR)
-        size = int(np.size(indptr)) - 1
-        out[key] = compressed(
-            sp.csr_array, data, indices, indptr, (size, size), f"{name}.{key}", path
-        )
+        size = int(np.size(triple["indptr"])) - 1
+        out[key] = compressed(sp.csr_array, **triple, shape=(size, size), where=where, path=path)
     return out
 
 
@@ -249,9 +244,6 @@ def _plain(array: NDArray[Any], name: str, path: str | Path) -> Any:
         return array
     if array.ndim > 1:
         raise FormatError(f"{name}: found texts of shape {array.shape}; expected one row", path)
-    texts = (
-        array.astype(np.str_)
-        if array.dtype.kind == "U"
-        else np.char.decode(array, "ascii", "backslashreplace")
-    )
-    return str(texts) if array.ndim == 0 else [str(t) for t in texts]
+    if array.dtype.kind == "S":
+        array = np.char.decode(array, "ascii", "backslashreplace")
+    return str(array) if array.ndim == 0 else list(map(str, array))

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,8 @@ from updyn.model import Group, Model
 __all__ = ["from_opensees"]
 
 _LARGEST = 4000  # equations: OpenSees prints full matrices only
-_TOLERANCE = (
-    1e-10  # of the largest entry of row and column, between the sum of the groups and the total
-)
+#: Difference of the sum of the groups from the total, in largest entries of row and column.
+_TOLERANCE = 1e-10
 _ROUNDING = 1e-13
 #: Direction of each degree of freedom of a node, by number of dimensions and of degrees of freedom.
 _DIRECTIONS = {
@@ -39,12 +39,12 @@ _DIRECTIONS = {
     (3, 3): (0, 1, 2),
     (3, 6): (0, 1, 2, 3, 4, 5),
 }
-_BRICK = tuple(
-    [(a, (a + 1) % 4) for a in range(4)]
-    + [(a + 4, (a + 1) % 4 + 4) for a in range(4)]
-    + [(a, a + 4) for a in range(4)]
-)
-_EDGES = {2: ((0, 1),), 3: ((0, 1), (1, 2), (2, 0)), 4: ((0, 1), (1, 2), (2, 3), (3, 0)), 8: _BRICK}
+_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
+_BRICK = (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
+#: Edges between nodes of an element, by its number of nodes.
+_EDGES = {2: ((0, 1),), 3: ((0, 1), (1, 2), (2, 0)), 4: _RING, 8: _BRICK}
+#: Commands that a module of OpenSees has to have.
+_COMMANDS = ("getNodeTags", "printA", "setElementRayleighDampingFactors")
 _Array = NDArray[np.float64]
 
 
@@ -57,7 +57,7 @@ def from_opensees(
     loss_factor: float = 0.0,
     rayleigh: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Model:
-    """Take the model that is loaded in OpenSees, in its present state.
+    """Return the model that is loaded in OpenSees, in its present state.
 
     Nodes, elements, loads and displacements stay as they are. Analysis objects and eigenvectors are
     replaced, and the Rayleigh factors of all elements and nodes are set to `rayleigh` at the end:
@@ -99,9 +99,7 @@ def from_opensees(
         If an option is not valid.
     """
     units = system(unit)
-    if not all(
-        hasattr(ops, name) for name in ("getNodeTags", "printA", "setElementRayleighDampingFactors")
-    ):
+    if not all(hasattr(ops, name) for name in _COMMANDS):
         raise OptionError(
             f"ops: expected the module openseespy.opensees (3.5 or later), found {ops!r}"
         )
@@ -121,14 +119,13 @@ def from_opensees(
     parts = _take_apart(ops, assembly, dofs, elements, at_nodes, rayleigh)
     out: dict[str, Group] = {}
     for name, found in parts.items():
-        matrices = {
-            what: units.to_si(sp.csr_array(m), dofs) for what, m in found.items() if m.any()
-        }
+        matrices = {}
+        for what, matrix in found.items():
+            if matrix.any():
+                matrices[what] = units.to_si(sp.csr_array(matrix), dofs)
         if matrices:
             gamma = loss_factor if "stiffness" in matrices else 0.0
-            out[name] = Group(
-                matrices.get("stiffness"), matrices.get("mass"), gamma, matrices.get("viscous")
-            )
+            out[name] = Group(**matrices, loss_factor=gamma)
     return Model.from_groups(out, dofs, geometry=_geometry(ops, units.length))
 
 
@@ -136,38 +133,43 @@ def from_opensees(
 def _groups_of_elements(
     ops: Any, groups: Mapping[str, Iterable[int]] | None
 ) -> dict[str, list[int]]:
-    tags = [int(t) for t in ops.getEleTags() or []]
+    tags = list(map(int, ops.getEleTags() or []))
     if not tags:
         raise ModelError("OpenSees holds no element; build the model before it is taken")
-    wet = next((t for t in tags if "UP" in str(ops.eleType(t))), None)
-    if wet is not None:
-        raise ModelError(
-            f"element {wet} ({ops.eleType(wet)}) has pore pressures; expected displacements and"
-            " rotations only"
-        )
+    by_type: dict[str, list[int]] = {}
+    for tag in tags:
+        kind = str(ops.eleType(tag))
+        if "UP" in kind:
+            raise ModelError(
+                f"element {tag} ({kind}) has pore pressures; expected displacements and rotations"
+                " only"
+            )
+        by_type.setdefault(kind, []).append(tag)
     if groups is None:
-        by_type: dict[str, list[int]] = {}
-        for tag in tags:
-            by_type.setdefault(str(ops.eleType(tag)), []).append(tag)
         return by_type
     out = _parted(groups, set(tags), "element")
-    rest = sorted(set(tags) - {t for part in out.values() for t in part})
+    rest = set(tags).difference(*out.values())
     if rest and "remaining" in out:
         raise OptionError(
             "groups: 'remaining' is what elements in no group are called; choose another name"
         )
-    return {**out, "remaining": rest} if rest else out
+    if rest:
+        out["remaining"] = sorted(rest)
+    return out
 
 
 def _groups_of_masses(ops: Any, masses: Mapping[str, Iterable[int]] | None) -> dict[str, list[int]]:
-    nodes = [int(t) for t in ops.getNodeTags() or []]
-    heavy = {n for n in nodes if any(ops.nodeMass(n))}
-    out = {} if masses is None else _parted(masses, set(nodes), "node")
+    nodes = set(map(int, ops.getNodeTags() or []))
+    heavy = {node for node in nodes if any(ops.nodeMass(node))}
+    out = {} if masses is None else _parted(masses, nodes, "node")
     for name, part in out.items():
-        if light := sorted(set(part) - heavy):
-            raise OptionError(f"masses: {name!r}: node {light[0]} has no mass (command mass)")
-    rest = sorted(heavy - {n for part in out.values() for n in part})
-    return {**out, "nodal mass": rest} if rest else out
+        for node in part:
+            if node not in heavy:
+                raise OptionError(f"masses: {name!r}: node {node} has no mass (command mass)")
+    rest = heavy.difference(*out.values())
+    if rest:
+        out["nodal mass"] = sorted(rest)
+    return out
 
 
 def _parted(
@@ -180,7 +182,7 @@ def _parted(
     out: dict[str, list[int]] = {}
     owner: dict[int, str] = {}
     for name, tags in groups.items():
-        part = [int(t) for t in tags]
+        part = list(map(int, tags))
         if not part:
             raise OptionError(f"group {name!r} is empty; expected {what} tags")
         for tag in part:
@@ -199,42 +201,46 @@ def _parted(
 
 
 def _check_free(ops: Any) -> None:
-    """Refuse a model without equations: asked for its matrices, OpenSees would end the whole process."""
-    count = sum(int(ops.getNDF(n)[0]) for n in map(int, ops.getNodeTags()))
-    held = {(n, int(d)) for n in map(int, ops.getFixedNodes() or []) for d in ops.getFixedDOFs(n)}
-    held |= {
-        (n, int(d))
-        for n in map(int, ops.getConstrainedNodes() or [])
-        for d in ops.getConstrainedDOFs(n)
-    }
+    """Refuse a model without equations; OpenSees would exit when asked for its matrices."""
+    count = 0
+    for node in ops.getNodeTags():
+        count += int(ops.getNDF(int(node))[0])
+    held: set[tuple[int, int]] = set()
+    for node in map(int, ops.getFixedNodes() or []):
+        held |= {(node, int(dof)) for dof in ops.getFixedDOFs(node)}
+    for node in map(int, ops.getConstrainedNodes() or []):
+        held |= {(node, int(dof)) for dof in ops.getConstrainedDOFs(node)}
     if len(held) >= count:
         raise ModelError("OpenSees has no equation to solve: every degree of freedom is fixed")
 
 
 def _labels(ops: Any, size: int) -> DofSet:
     """Return the degree of freedom of each equation."""
-    nodes, axes = np.zeros(size, dtype=np.int64), np.full(size, -1, dtype=np.int64)
-    tied = {int(n) for n in ops.getConstrainedNodes() or []}
+    nodes = np.zeros(size, dtype=np.int64)
+    axes = np.full(size, -1, dtype=np.int64)
+    tied = set(map(int, ops.getConstrainedNodes() or []))
     for node in map(int, ops.getNodeTags()):
-        dimensions, count = int(ops.getNDM(node)[0]), int(ops.getNDF(node)[0])
+        dimensions = int(ops.getNDM(node)[0])
+        count = int(ops.getNDF(node)[0])
         directions = _DIRECTIONS.get((dimensions, count))
         if directions is None:
+            known = ", ".join(f"{f} in {d}D" for d, f in _DIRECTIONS)
             raise ModelError(
                 f"node {node} has {count} degrees of freedom in {dimensions} dimensions; expected"
-                " displacements and rotations: " + ", ".join(f"{f} in {d}D" for d, f in _DIRECTIONS)
+                f" displacements and rotations: {known}"
             )
-        own = list(range(count))
+        own = set(range(count))
         if node in tied:  # its own equations come first, then those that it is tied to
-            lost = {int(d) - 1 for d in ops.getConstrainedDOFs(node)}
-            own = [d for d in own if d not in lost]
-        for number, equation in zip(own, map(int, ops.nodeDOFs(node)), strict=False):
+            own -= {int(dof) - 1 for dof in ops.getConstrainedDOFs(node)}
+        for number, equation in zip(sorted(own), map(int, ops.nodeDOFs(node)), strict=False):
             if equation < 0:
                 continue
             if axes[equation] >= 0:
                 raise ModelError(
                     f"equation {equation} belongs to nodes {nodes[equation]} and {node}"
                 )
-            nodes[equation], axes[equation] = node, directions[number]
+            nodes[equation] = node
+            axes[equation] = directions[number]
     if (axes < 0).any():
         raise ModelError(
             f"equation {int(np.argmax(axes < 0))} belongs to no node (Lagrange multipliers?)"
@@ -243,19 +249,18 @@ def _labels(ops: Any, size: int) -> DofSet:
 
 
 def _geometry(ops: Any, length: float) -> Geometry:
-    nodes = [int(n) for n in ops.getNodeTags()]
+    nodes = list(map(int, ops.getNodeTags()))
     xyz = np.zeros((len(nodes), 3))
     for i, node in enumerate(nodes):
         there = ops.nodeCoord(node)
         xyz[i, : len(there)] = there
-    lines: set[tuple[int, int]] = set()
+    pairs = [np.empty((0, 2), dtype=np.int64)]
     for tag in ops.getEleTags():
-        ends = [int(n) for n in ops.eleNodes(tag)]
-        lines.update(
-            (min(ends[a], ends[b]), max(ends[a], ends[b])) for a, b in _EDGES.get(len(ends), ())
-        )
-    drawn = np.array(sorted((a, b) for a, b in lines if a != b), dtype=np.int64).reshape(-1, 2)
-    return Geometry(nodes, xyz * length, drawn)
+        ends = np.array(ops.eleNodes(tag), dtype=np.int64)
+        if len(ends) in _EDGES:
+            pairs.append(ends[np.array(_EDGES[len(ends)])])
+    lines = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+    return Geometry(nodes, xyz * length, lines[lines[:, 0] != lines[:, 1]])
 
 
 # -- matrices -----------------------------------------------------------------------------------
@@ -313,7 +318,8 @@ def _take_apart(
     rayleigh: Sequence[float],
 ) -> dict[str, dict[str, _Array]]:
     """Return stiffness, mass and viscous damping by group; they add up to what OpenSees has."""
-    K, M = assembly.form(0.0, 0.0, 1.0, "stiffness"), assembly.form(1.0, 0.0, 0.0, "mass")
+    K = assembly.form(0.0, 0.0, 1.0, "stiffness")
+    M = assembly.form(1.0, 0.0, 0.0, "mass")
     C = assembly.form(0.0, 1.0, 0.0, "damping")
     with _without_masses(ops, at_nodes) as put_back:
         total = _Totals(K, assembly.form(1.0, 0.0, 0.0, "mass"), C)
@@ -327,12 +333,11 @@ def _take_apart(
         total = _Totals(K, total.mass, assembly.form(0.0, 1.0, 0.0, "damping"))
         parts = {name: _part(ops, assembly, total, tags) for name, tags in elements.items()}
         for what, whole in (("stiffness", K), ("mass", total.mass)):
-            left = _clean(whole - sum(p[what] for p in parts.values()), whole, _TOLERANCE)
+            covered = sum(part[what] for part in parts.values())
+            left = _clean(whole - covered, whole, _TOLERANCE)
             if left.any():
                 name = _silent(ops, assembly, total, elements, what, left, dofs)
-                parts[name][what] = _clean(
-                    parts[name][what] + whole - sum(p[what] for p in parts.values()), whole
-                )
+                parts[name][what] = _clean(parts[name][what] + whole - covered, whole)
     finally:
         ops.rayleigh(*map(float, rayleigh))
     return {**parts, **points, "damping": {"viscous": C}}
@@ -340,16 +345,17 @@ def _take_apart(
 
 @contextmanager
 def _without_masses(ops: Any, at_nodes: Mapping[str, list[int]]) -> Iterator[Callable[..., None]]:
-    """Take the masses off the nodes; gives a function that puts some back, or off again with the factor 0."""
-    before = {
-        node: [float(m) for m in ops.nodeMass(node)]
-        for nodes in at_nodes.values()
-        for node in nodes
-    }
+    """Take the masses off the nodes.
+
+    Yields a function that puts those of some nodes back, or off again with the factor 0.
+    """
+    before = {}
+    for node in chain.from_iterable(at_nodes.values()):
+        before[node] = np.array(ops.nodeMass(node), dtype=np.float64)
 
     def put(nodes: Iterable[int], factor: float = 1.0) -> None:
         for node in nodes:
-            ops.mass(node, *(factor * m for m in before[node]))
+            ops.mass(node, *(factor * before[node]).tolist())
 
     put(before, 0.0)
     try:
@@ -389,26 +395,28 @@ def _silent(
     """
     quiet: dict[str, list[int]] = {}
     for name, tags in elements.items():
-        for kind in dict.fromkeys(str(ops.eleType(t)) for t in tags):
-            alike = [t for t in tags if str(ops.eleType(t)) == kind]
-            if not any(m.any() for m in _part(ops, assembly, total, alike).values()):
+        by_type: dict[str, list[int]] = {}
+        for tag in tags:
+            by_type.setdefault(str(ops.eleType(tag)), []).append(tag)
+        for alike in by_type.values():
+            if not any(matrix.any() for matrix in _part(ops, assembly, total, alike).values()):
                 quiet.setdefault(name, []).extend(alike)
     if len(quiet) == 1:
         return next(iter(quiet))
-    i, j = (int(k) for k in np.unravel_index(np.argmax(np.abs(left)), left.shape))
-    who = "; ".join(
-        f"{n!r}: {ops.eleType(t[0])} {', '.join(map(str, t[:3]))}" for n, t in quiet.items()
-    )
+    i, j = map(int, np.unravel_index(np.argmax(np.abs(left)), left.shape))
+    shown = []
+    for name, tags in quiet.items():
+        shown.append(f"{name!r}: {ops.eleType(tags[0])} {', '.join(map(str, tags[:3]))}")
+    who = "; ".join(shown) or "some of a type"
     raise ModelError(
         f"the groups do not add up to the {what} of OpenSees: {left[i, j]:.3g} is left at"
         f" {dofs[i]}, {dofs[j]}. Elements of several groups take no Rayleigh damping, through which"
-        f" their matrices are read ({who or 'some of a type'}); make them with '-doRayleigh', 1"
+        f" their matrices are read ({who}); make them with '-doRayleigh', 1"
     )
 
 
 def _clean(matrix: _Array, whole: _Array, share: float = _ROUNDING) -> _Array:
-    """Return a difference without what rounding leaves, as a share of the largest entry of row and column."""
+    """Return a difference without entries below a share of the largest of row and column."""
     scale = np.abs(whole).max(axis=1)
-    return np.where(
-        np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :]), 0.0, matrix
-    )
+    is_rounding = np.abs(matrix) <= share * np.maximum(scale[:, None], scale[None, :])
+    return np.where(is_rounding, 0.0, matrix)

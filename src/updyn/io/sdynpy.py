@@ -3,7 +3,7 @@
 ``mass``, ``stiffness``, ``damping``
     M, K, C in the internal states of the system, (n, n).
 ``transformation``
-    (m, n): what the coordinates do where the states are; the identity unless the system was reduced or transformed.
+    (m, n): coordinates by states; the identity unless the system was reduced or transformed.
 ``coordinate``
     m pairs of node and direction, 1 to 6 for X Y Z RX RY RZ, negative for the opposite sense.
 ``enforce_symmetry``
@@ -124,7 +124,7 @@ def _shown_by(
     directions: NDArray[np.int64],
     path: str | Path,
 ) -> NDArray[np.intp]:
-    """Return for each state the first coordinate that is this state and nothing else, with either sign."""
+    """Return for each state the first coordinate that is this state only, with either sign."""
     # A reduction computes its identity part: the last digits of it may be off.
     ones, zeros = np.abs(np.abs(T) - 1.0) < 1e-12, np.abs(T) < 1e-12
     alone = (ones.sum(axis=1) == 1) & ((ones | zeros).all(axis=1))

@@ -96,7 +96,7 @@ class Prepared:
 
     @property
     def modes_option(self) -> ModeSet | dict[str, ModeSet]:
-        """The modes as an option of a method: those of a single test, or by the names of several."""
+        """The modes as an option of a method: of a single test, or by the names of several."""
         if len(self.tests) > 1:
             return self.modes
         return self.modes[self.tests[0].name]
@@ -172,7 +172,7 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
 
 
-# -- model and measurement ---------------------------------------------------------------------------
+# -- model and measurement -------------------------------------------------------------------------
 def _model(job: Job) -> Model:
     """Return the model that ``[model]`` names or describes."""
     table = job.model
@@ -261,7 +261,7 @@ def _existing(job: Job, file: str, table: str, key: str) -> Path:
     raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))
 
 
-# -- what is fitted ----------------------------------------------------------------------------------
+# -- what is fitted --------------------------------------------------------------------------------
 def _fitted(job: Job, frf: FRF) -> FRF:
     """Return the data without those that are held out for validation."""
     held = job.validation
@@ -297,7 +297,7 @@ def _check_method(job: Job, fitted: FRF) -> None:
             fitted.find_lines(method.lines)
 
 
-# -- sensors -----------------------------------------------------------------------------------------
+# -- sensors ---------------------------------------------------------------------------------------
 T = TypeVar("T")
 
 

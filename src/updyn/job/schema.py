@@ -91,13 +91,13 @@ def is_number(given: Any) -> bool:
 
 
 class Table(BaseModel):
-    """What all tables have in common: unknown keys and loose types are errors."""
+    """Base of all tables: unknown keys and values of another type are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class ParameterTable(Table):
-    """``[[parameter]]``: one quantity of some groups, an unknown each; or one unknown that drives several."""
+    """``[[parameter]]``: an unknown for one quantity of each group, or one that drives several."""
 
     groups: Annotated[tuple[str, ...] | None, BeforeValidator(_groups)] = None
     quantity: (
@@ -227,7 +227,7 @@ HeldOut = Annotated[tuple[str, ...] | tuple[float, float] | None, BeforeValidato
 
 
 class SelectionTable(Table):
-    """``[selection]``: which of the unknowns are fitted; the others are joined, or stay at their start."""
+    """``[selection]``: which unknowns are fitted; others are joined or stay at their start."""
 
     cluster: Annotated[float | None, BeforeValidator(_cosine)] = None
     n: Annotated[int | Literal["rank"] | None, BeforeValidator(_count)] = None
@@ -316,7 +316,7 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 class ModelTable(Table):
-    """``[model]``: a file with the options of its reader, or a kind with the keys of its builder."""
+    """``[model]``: a file with options of its reader, or a kind with keys of its builder."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -405,7 +405,7 @@ class OutputTable(Table):
 
 
 class Job(Table):
-    """A job file: its title and its tables, with the place of each key. Read one with `load_job`."""
+    """A job file, read by `load_job`: its title and tables, with the line of each key."""
 
     title: str = ""
     model: ModelTable

@@ -1,4 +1,4 @@
-"""Sensors that point along no DOF: the DOFs of their node are turned until each sensor is one of them.
+"""Sensors that point along no DOF: the DOFs of their node are turned so that each is one.
 
 At a node with the translations u, sensors and forces along a_1, a_2, a_3 (of length 1, independent)
 get the DOFs q_k = a_k . u, so that u = B q with B the inverse of the matrix A whose rows are a_k. A
@@ -138,7 +138,7 @@ def assign_dofs(
         at.setdefault(local.node, []).append(local)
     bases: dict[int, _Basis] = {}
     for node, group in at.items():
-        if any(local.oblique for local in group):
+        if _any_oblique(group):
             bases[node] = _basis(node, group, directions[node])
     assigned = [_assigned(local, bases.get(local.node)) for local in locals_]
     if not bases:
@@ -273,19 +273,28 @@ class _Basis:
 
 
 def _basis(node: int, found: Sequence[_Local], directions: tuple[int, ...]) -> _Basis:
-    translating = [local for local in found if local.part == _TRANSLATION]
-    rotating = [local for local in found if local.part == _ROTATION]
-    masks = [_mask(directions, part) for part in (_TRANSLATION, _ROTATION)]
-    translating = _independent(node, translating, masks[0])
-    rotating = _independent(node, rotating, masks[1])
+    translations = _mask(directions, _TRANSLATION)
+    rotations = _mask(directions, _ROTATION)
+    translating = _independent(node, found, _TRANSLATION, translations)
+    rotating = _independent(node, found, _ROTATION, rotations)
     both = _distinct([*translating, *rotating])
-    vectors = np.array([local.vector for local in both])
+    vectors = _vectors(both)
     off = np.abs(vectors @ vectors.T - np.eye(len(both))).max()
     if len(both) <= 3 and off < _ORTHONORMAL:
         A = _completed(both, np.ones(3, dtype=np.bool_))
-        if not any(_mixes(A, mask) for mask in masks):
+        if not _mixes(A, translations) and not _mixes(A, rotations):
             return _Basis(A, A, same=True)
-    return _Basis(_turned_rows(translating, masks[0]), _turned_rows(rotating, masks[1]), same=False)
+    new_translations = _turned_rows(translating, translations)
+    return _Basis(new_translations, _turned_rows(rotating, rotations), same=False)
+
+
+def _vectors(found: Sequence[_Local]) -> NDArray[np.float64]:
+    """Return the directions of targets as rows, shape (n, 3)."""
+    return np.array([local.vector for local in found]).reshape(-1, 3)
+
+
+def _any_oblique(found: Sequence[_Local]) -> bool:
+    return any(local.oblique for local in found)
 
 
 def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
@@ -299,7 +308,7 @@ def _mixes(A: NDArray[np.float64], mask: NDArray[np.bool_]) -> bool:
 
 
 def _turned_rows(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    if any(local.oblique for local in found):
+    if _any_oblique(found):
         return _completed(found, mask)
     return np.eye(3)
 
@@ -318,13 +327,15 @@ def _angle_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))))
 
 
-def _independent(node: int, found: Sequence[_Local], mask: NDArray[np.bool_]) -> list[_Local]:
-    """Return the distinct directions at a node, after a check that they are independent."""
-    kept = _distinct(found)
-    if not any(local.oblique for local in kept):
+def _independent(
+    node: int, found: Sequence[_Local], part: int, mask: NDArray[np.bool_]
+) -> list[_Local]:
+    """Return the distinct directions of a part at a node, after a check of their independence."""
+    kept = _distinct([local for local in found if local.part == part])
+    if not _any_oblique(kept):
         return kept
     _check_angles(node, kept)
-    named = listed([str(local) for local in kept])
+    named = listed(list(map(str, kept)))
     available = int(mask.sum())
     if len(kept) > available:
         raise MatchError(
@@ -333,7 +344,7 @@ def _independent(node: int, found: Sequence[_Local], mask: NDArray[np.bool_]) ->
             f" node:{named}",
             ("directions",),
         )
-    smallest = np.linalg.svd(np.array([local.vector for local in kept]), compute_uv=False)[-1]
+    smallest = np.linalg.svd(_vectors(kept), compute_uv=False)[-1]
     if smallest < _INDEPENDENT:
         raise MatchError(
             f"sensors and forces at node {node} of the model point in {len(kept)} directions of one"
@@ -362,12 +373,10 @@ def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.f
 
     Each is in the row of the axis that is nearest to it.
     """
-    vectors = [local.vector for local in found]
+    vectors = list(_vectors(found))
     labels = [DIRECTIONS.index(local.target.dof.direction) % 3 for local in found]
     axes = np.flatnonzero(mask).tolist()
-    span = np.empty((3, 0))
-    if vectors:
-        span = np.linalg.qr(np.array(vectors).T)[0]
+    span = np.linalg.qr(_vectors(found).T)[0]
     while len(vectors) < len(axes):
         rest = np.eye(3)[axes] - (np.eye(3)[axes] @ span) @ span.T
         size = np.round(np.linalg.norm(rest, axis=1), 12)  # a tie goes to the first
@@ -386,7 +395,7 @@ def _completed(found: Sequence[_Local], mask: NDArray[np.bool_]) -> NDArray[np.f
 def _label_score(
     vectors: Sequence[NDArray[np.float64]], labels: Sequence[int], order: Sequence[int]
 ) -> float:
-    """Return how near vectors are to the axes of an order; ties prefer the labels of the sensors."""
+    """Return how near vectors are to the axes of an order; labels of the sensors break ties."""
     near = sum(abs(float(v[axis])) for v, axis in zip(vectors, order, strict=True))
     same = sum(label == axis for label, axis in zip(labels, order, strict=False))
     return round(near, 9) + _TIE * same
@@ -395,8 +404,9 @@ def _label_score(
 def _assigned(local: _Local, basis: _Basis | None) -> AssignedDof:
     rows = np.eye(3) if basis is None else basis.of(local.part)
     axis = int(np.argmin([_angle_between(row, local.vector) for row in rows]))
-    sign = -1 if rows[axis] @ local.vector < 0 else 1
-    dof = Dof(local.node, DIRECTIONS[local.part + axis], sign)
+    dof = Dof(local.node, DIRECTIONS[local.part + axis])
+    if rows[axis] @ local.vector < 0:
+        dof = -dof
     if np.array_equal(rows[axis], np.eye(3)[axis]):
         return AssignedDof(dof, local.angle, turned=False)
     return AssignedDof(dof, _angle_off(rows[axis], axis), turned=True)
@@ -476,7 +486,7 @@ def _with_axes(
     bases: Mapping[int, _Basis],
     frames: Mapping[int, NDArray[np.float64]],
 ) -> tuple[Geometry | None, list[int]]:
-    """Return the geometry with the new directions, and the nodes whose directions it cannot hold."""
+    """Return the geometry with the new directions, and the nodes that it cannot hold them of."""
     if geometry is None:
         return None, list(bases)
     known = set(geometry.nodes.tolist())

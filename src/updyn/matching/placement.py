@@ -1,4 +1,4 @@
-"""Test nodes to model nodes by position: units, rigid alignment, tolerance, nodes that are not matched.
+"""Test nodes to model nodes by position: units, rigid alignment, tolerance.
 
 An alignment is a rotation and a shift, never a scaling or a reflection.
 """
@@ -89,7 +89,7 @@ def _check_not_in_line(centred: Points, what: str) -> None:
 
 
 def _read_matrix(given: Any, factor: float, unit: str | None) -> Alignment:
-    """Return the alignment of a 4 x 4 matrix: the rotation, and in its last column the shift in m."""
+    """Return the alignment of a 4 x 4 matrix: rotation, and in the last column the shift in m."""
     try:
         matrix = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -141,7 +141,7 @@ def _fit_to_pairs(
 def _check_pairs(
     pairs: Mapping[int, int], test: Geometry, model: Geometry, factor: float, tolerance: float
 ) -> None:
-    """Raise an error for pairs farther apart than `tolerance` in m, with each distance and a likely cause."""
+    """Raise an error for pairs farther apart than `tolerance` in m, with a likely cause."""
     x, y = _points_of_pairs(pairs, test, model, factor)
     R, shift, residual = fit_rigid(x, y)
     distances = np.linalg.norm(x @ R.T + shift - y, axis=1)

@@ -1,4 +1,4 @@
-"""Results of a matching: the model, the renamed measurement, and the table of sensors and their DOFs."""
+"""Results of a matching: the model, the renamed measurement, and the table of sensors."""
 
 from __future__ import annotations
 

@@ -313,7 +313,7 @@ class _UserInput:
         return np.asarray(source.axes[int(np.argmax(source.nodes == node))])
 
     def nodes_by_label(self, model: Model) -> dict[int, NodeMatch]:
-        """Return the node of the model for each node of the test: of the same number, or by table."""
+        """Return the node of the model for each node of the test: as numbered, or by table."""
         out = {}
         for node in {sensor.node for sensor in self.sensors}:
             new = self.table.nodes.get(node, node)
@@ -323,7 +323,7 @@ class _UserInput:
     def nodes_by_coordinates(
         self, model: Model, tolerance: float | str | None, unit: str | None, alignment: Any
     ) -> tuple[dict[int, NodeMatch], Alignment, list[str]]:
-        """Return the nearest node of the model for each node of the test that is not in the table."""
+        """Return the nearest node of the model for each node of the test not in the table."""
         if self.geometry is None:
             raise MatchError(
                 "the measurement has no geometry: give that of the test, or match by label",
@@ -410,8 +410,8 @@ class _UserInput:
             differing = [node for node in both if self._differ(node, other[node])]
             if differing:
                 out.append(
-                    f"Directions of nodes {', '.join(map(str, differing))} as the measurement itself"
-                    " says; the geometry given says others"
+                    f"Directions of nodes {', '.join(map(str, differing))} as the measurement"
+                    " itself says; the geometry given says others"
                 )
         for text in out:
             warnings.warn(text, UpdynWarning, stacklevel=3)
@@ -515,7 +515,7 @@ def _geometry_in_model(
     aligned: Alignment | None,
     moved: bool,
 ) -> Geometry | None:
-    """Return the measured nodes with the numbers and positions of the model, and lines between them."""
+    """Return the measured nodes with numbers and positions of the model, and their lines."""
     nodes = {t.sensor.node: t.dof.node for t in reversed(targets)}
     if not moved and all(a == b for a, b in nodes.items()):
         return test.measured

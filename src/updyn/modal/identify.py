@@ -43,11 +43,17 @@ _Real = NDArray[np.float64]
 
 DAMPING = ("structural", "viscous")
 
-#: Poles are looked for on at most so many lines, half of them at a time, and combined functions.
-_LINES, _FUNCTIONS = 1200, 12
-#: Growing ends when so many poles more have not foretold better by this share; then the fewest that
-#: are as good count.
-_PATIENCE, _BETTER, _AS_GOOD = 4, 0.02, 1.05
+#: Most lines on which poles are fitted, half of them at a time.
+_LINES = 1200
+#: Most combinations of the functions that are fitted.
+_FUNCTIONS = 12
+#: Poles are added until this number more of them has not improved the prediction.
+_PATIENCE = 4
+#: Least relative improvement of the prediction.
+_BETTER = 0.02
+#: The fewest poles are taken whose prediction is worse than the best by at most this factor.
+_AS_GOOD = 1.05
+#: Relative error of the prediction that is rounding.
 _EXACT = 1e-10
 #: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than
 #: that share of the bandwidth whose shapes have this MAC are one.
@@ -56,7 +62,7 @@ _AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
 _ROUNDING = 1e-9
 #: Loss factors above this are no modes, nor is what adds less than this share at its own frequency.
 _HEAVY, _SEEN = 0.5, 0.1
-#: Poles to begin with.
+#: Number of poles of the first fit.
 _FIRST = 4
 
 
@@ -78,21 +84,19 @@ class _Lines:
 
     def frequency(self, poles: _Complex) -> _Real:
         """Return natural frequencies in Hz; nan of poles that do not oscillate."""
-        squared = (
-            np.abs(poles) ** 2
-            if self.basis.mirrored
-            else np.where(poles.real > 0, poles.real, np.nan)
-        )
+        squared = np.where(poles.real > 0, poles.real, np.nan)
+        if self.basis.mirrored:
+            squared = np.abs(poles) ** 2
         return np.asarray(np.sqrt(squared) * self.unit / (2.0 * np.pi))
 
     def loss(self, poles: _Complex) -> _Real:
         """Return loss factors."""
-        return np.asarray(
-            -2.0 * poles.real / np.abs(poles) if self.basis.mirrored else poles.imag / poles.real
-        )
+        if self.basis.mirrored:
+            return np.asarray(-2.0 * poles.real / np.abs(poles))
+        return np.asarray(poles.imag / poles.real)
 
     def width(self, poles: _Complex) -> _Real:
-        """Return how far from a pole its half-power points lie, in the unit of x."""
+        """Return the distance of the half-power points from a pole, in the unit of x."""
         return np.abs(poles.real if self.basis.mirrored else poles.imag)
 
     def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
@@ -161,11 +165,10 @@ def identify_modes(
         )
     poles, found = _poles(lines, most)
     fitted = fit(lines.basis, lines.x, lines.Y, poles)
-    stable = [
-        c
-        for c in _candidates(lines, fitted, frf.freq)
-        if any(_agreed(lines, p, found) for p in poles[c])
-    ]
+    stable = []
+    for candidate in _candidates(lines, fitted, frf.freq):
+        if any(_agreed(lines, pole, found) for pole in poles[candidate]):
+            stable.append(candidate)
     if not stable:
         raise _none(frf)
     kept = np.array([_one(lines, fitted, c) for c in stable])
@@ -206,21 +209,21 @@ def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
     begin = lines.pole(np.linspace(omega[0], omega[-1], min(_FIRST, most) + 2)[1:-1], 0.01)
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))
-    missed: list[float] = []
+    errors: list[float] = []
     fits: list[tuple[Fitted, Fitted]] = []
     for pair in zip(*(growing(lines.basis, x[h], Y[h], begin, most) for h in halves), strict=False):
-        wrong = [
-            float(np.sum(np.abs(f.at(x[h]) - Y[h]) ** 2))
-            for f, h in zip(pair, halves[::-1], strict=True)
-        ]
-        missed.append(float(np.sqrt(sum(wrong) / total)))
+        squares = 0.0
+        for one, other in zip(pair, halves[::-1], strict=True):
+            squares += float(np.sum(np.abs(one.at(x[other]) - Y[other]) ** 2))
+        errors.append(float(np.sqrt(squares / total)))
         fits.append((pair[0], pair[1]))
-        if missed[-1] < _EXACT or (
-            len(missed) > _PATIENCE
-            and min(missed[-_PATIENCE:]) > (1.0 - _BETTER) * min(missed[:-_PATIENCE])
-        ):
+        if errors[-1] < _EXACT:
             break
-    best = int(np.flatnonzero(np.array(missed) <= _AS_GOOD * min(missed) + _EXACT)[0])
+        if len(errors) > _PATIENCE:
+            before, latest = min(errors[:-_PATIENCE]), min(errors[-_PATIENCE:])
+            if latest > (1.0 - _BETTER) * before:
+                break
+    best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors) + _EXACT)[0])
     pair = fits[best]
     *_, last = growing(lines.basis, x, Y, pair[0].poles, len(pair[0].poles))
     return last.poles, pair
@@ -263,9 +266,12 @@ def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
 def _same_shape(A: _Complex, B: _Complex) -> bool:
     """Return whether two residues have the same shape at the responses or the references."""
     (u, _, w), (v, _, z) = (np.linalg.svd(C) for C in (A, B))
-    alike = [abs(np.vdot(u[:, 0], v[:, 0])) ** 2] if len(A) > 1 else []
-    alike += [abs(np.vdot(w[0], z[0])) ** 2] if A.shape[1] > 1 else []
-    return max(alike, default=1.0) > _ALIKE
+    mac = []
+    if len(A) > 1:
+        mac.append(abs(np.vdot(u[:, 0], v[:, 0])) ** 2)
+    if A.shape[1] > 1:
+        mac.append(abs(np.vdot(w[0], z[0])) ** 2)
+    return max(mac, default=1.0) > _ALIKE
 
 
 def _agreed(lines: _Lines, pole: complex, found: tuple[Fitted, Fitted]) -> bool:
@@ -274,7 +280,7 @@ def _agreed(lines: _Lines, pole: complex, found: tuple[Fitted, Fitted]) -> bool:
 
 
 def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
-    """Return the one pole that answers most like a few."""
+    """Return the single pole whose response is nearest to that of several."""
     poles = fitted.poles[cluster]
     if len(poles) == 1:
         return np.complex128(poles[0])
@@ -292,7 +298,7 @@ def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
 
 # -- shapes ------------------------------------------------------------------------------------
 def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
-    """Return what the first `n` poles of a fit are as modes."""
+    """Return the modes of the first `n` poles of a fit."""
     poles, residues = fitted.poles[:n], fitted.residues[:n]
     products = lines.modal(poles, residues)
     error = lines.Y - fitted.at(lines.x)
@@ -355,7 +361,7 @@ class Sides:
 
     @classmethod
     def of(cls, frf: FRF) -> Sides:
-        """Look at a measurement.
+        """Return the sides of a measurement.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""``compare.json``: a comparison of methods for other programs. Strict JSON; inf and nan are null."""
+"""``compare.json``: a comparison of methods as strict JSON; inf and nan are null."""
 
 from __future__ import annotations
 

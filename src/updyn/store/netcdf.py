@@ -1,4 +1,4 @@
-"""A record as netCDF-4 (HDF5): each field of a dataclass by a `Kept`, which says how a file keeps it.
+"""Records as netCDF-4 (HDF5): each field of a dataclass by a `Kept`, its way of storage.
 
 A layout names the fields in the order in which they are written::
 

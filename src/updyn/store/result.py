@@ -3,16 +3,20 @@
 xarray opens the root, which holds what one plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
-    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound     (parameter)
+    parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound
+                                          (parameter)
     link *                                (parameter): JSON text of drives, nominal, unit
     covariance                            (parameter, parameter_other)
-    history_stage, history_number, history_cost, history_step, history_condition, history_accepted    (iteration)
+    history_stage, history_number, history_cost, history_step, history_condition, history_accepted
+                                          (iteration)
     history_value                         (iteration, parameter)
     line                                  lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
     residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
-                                          (fitted_response, fitted_reference, band): see updyn.updating.judge.adequacy
-    options, noise, correlation, identifiability, adequacy *, ...     JSON texts, see updyn.store.values
+                                          (fitted_response, fitted_reference, band):
+                                          see updyn.updating.judge.adequacy
+    options, noise, correlation, identifiability, adequacy *, ...
+                                          JSON texts, see updyn.store.values
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
 """
@@ -269,7 +273,7 @@ class _Adequacy:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
-#: Fields of an `UpdateResult` but for its models and its FRF, in the order in which they are stored.
+#: Fields of an `UpdateResult` but for its models and its FRF, in the order of the file.
 _RESULT: dict[str, Kept] = {
     "status": Text(STATUSES),
     "message": Text(),
@@ -356,11 +360,11 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
     """
     if isinstance(result, JointResult):
         own = {name: result_to_json(one) for name, one in result.results.items()}
-        tests = {
-            name: {key: one[key] for key in ("correlation", "noise", "adequacy")}
-            for name, one in own.items()
-        }
-        return {**next(iter(own.values())), "title": result.title, "tests": tests}
+        tests = {}
+        for name, one in own.items():
+            tests[name] = {key: one[key] for key in ("correlation", "noise", "adequacy")}
+        first = next(iter(own.values()))
+        return {**first, "title": result.title, "tests": tests}
     correlation = {
         when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")
     }

@@ -1,4 +1,4 @@
-"""Draws and profiles as netCDF-4 (HDF5), exactly; the update that they are about stays in its own file.
+"""Draws and profiles as netCDF-4 (HDF5), exactly; their update has a file of its own.
 
 xarray opens the file. Of draws::
 
@@ -156,7 +156,9 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
     data["drop"] = (("profile", "point"), drop)
     data["others"] = (("profile", "point", "parameter"), others)
     data["estimate"] = ("profile", np.array([p.estimate for p in listed]))
-    ranges = [[[h.lower, h.best, h.upper, h.drop] for h in p.humps] for p in listed]
+    ranges = []
+    for one in listed:
+        ranges.append([[h.lower, h.best, h.upper, h.drop] for h in one.humps])
     data.attrs["kind"] = "profile"
     data.attrs["humps"] = to_text(ranges, "humps")
     data.attrs["ends"] = to_text([[p.lower_end, p.upper_end] for p in listed], "ends")

@@ -1,8 +1,8 @@
-"""Mixed values (options, figures, advice) as JSON text, exactly and back, or as plain JSON for other programs.
+"""Mixed values (options, figures, advice) as JSON text: exactly, or plainly for other programs.
 
-JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them (``{"__float__": "inf"}``), so
-that `from_text` gives back what was there; `plain` gives up the difference: inf and nan become null, tuples and arrays
-lists.
+JSON has neither inf nor nan, tuples, arrays or complex numbers. `to_text` marks them
+(``{"__float__": "inf"}``), so that `from_text` gives back what was there; `plain` gives up the
+difference: inf and nan become null, tuples and arrays lists.
 """
 
 from __future__ import annotations
@@ -52,24 +52,25 @@ def _marked(value: Any, what: str) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else {"__float__": repr(value)}
     if isinstance(value, complex):
-        return {"__complex__": [_marked(value.real, what), _marked(value.imag, what)]}
+        return {"__complex__": _marked([value.real, value.imag], what)}
     if isinstance(value, list):
         return [_marked(v, what) for v in value]
     if isinstance(value, tuple):
-        return {"__tuple__": [_marked(v, what) for v in value]}
+        return {"__tuple__": _marked(list(value), what)}
     if isinstance(value, DofSet):
         return {"__dofs__": value.labels}
     if isinstance(value, Dof):
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
-        return {"__modes__": {name: _marked(getattr(value, name), what) for name in _MODES}}
+        fields = {name: getattr(value, name) for name in _MODES}
+        return {"__modes__": _marked(fields, what)}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufcU":
-        items = [_marked(v, what) for v in value.ravel().tolist()]
+        items = _marked(value.ravel().tolist(), what)
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, Mapping):
         if all(isinstance(k, str) and not k.startswith("__") for k in value):
             return {k: _marked(v, what) for k, v in value.items()}
-        return {"__pairs__": [[_marked(k, what), _marked(v, what)] for k, v in value.items()]}
+        return {"__pairs__": _marked([[key, v] for key, v in value.items()], what)}
     kind = type(value).__name__
     warnings.warn(
         f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its"
@@ -82,17 +83,13 @@ def _marked(value: Any, what: str) -> Any:
 
 _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "__float__": lambda v: float(v["__float__"]),
-    "__complex__": lambda v: complex(*(_restored(x) for x in v["__complex__"])),
-    "__tuple__": lambda v: tuple(_restored(x) for x in v["__tuple__"]),
+    "__complex__": lambda v: complex(*_restored(v["__complex__"])),
+    "__tuple__": lambda v: tuple(_restored(v["__tuple__"])),
     "__dofs__": lambda v: DofSet(v["__dofs__"]),
     "__modes__": lambda v: ModeSet(**_restored(v["__modes__"])),
     "__dof__": lambda v: Dof.parse(v["__dof__"]),
-    "__pairs__": lambda v: {_restored(k): _restored(x) for k, x in v["__pairs__"]},
-    "__array__": (
-        lambda v: np.array([_restored(x) for x in v["__array__"]], dtype=v["dtype"]).reshape(
-            v["shape"]
-        )
-    ),
+    "__pairs__": lambda v: dict(_restored(v["__pairs__"])),
+    "__array__": lambda v: np.array(_restored(v["__array__"]), v["dtype"]).reshape(v["shape"]),
 }
 
 
@@ -115,8 +112,10 @@ def _restored(value: Any) -> Any:
         return [_restored(v) for v in value]
     if not isinstance(value, dict):
         return value
-    mark = next((k for k in value if k.startswith("__")), None)
-    return {k: _restored(v) for k, v in value.items()} if mark is None else _RESTORE[mark](value)
+    for key in value:
+        if key.startswith("__"):
+            return _RESTORE[key](value)
+    return {key: _restored(v) for key, v in value.items()}
 
 
 def _refuse(constant: str) -> Any:
@@ -124,7 +123,10 @@ def _refuse(constant: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return `value` as strict JSON values; inf and nan become None, tuples and arrays lists, the rest its text."""
+    """Return `value` as strict JSON values.
+
+    inf and nan become None, tuples and arrays lists, objects of other types their text.
+    """
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, bool | int | str):

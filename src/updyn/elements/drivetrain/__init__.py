@@ -1,4 +1,4 @@
-"""Torsional drive trains: parts, the model they make, what is reflected through it, and its place on a structure."""
+"""Torsional drive trains: parts, models, reflected quantities, and their place on a structure."""
 
 from __future__ import annotations
 

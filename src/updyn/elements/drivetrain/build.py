@@ -121,7 +121,7 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     ----------
     table : mapping
         ``kind`` (``"drivetrain"``, may be left out), ``held``, ``keep`` and ``title`` as for
-        `drivetrain`, and an array of tables for each kind of part (`PARTS`) with its fields as keys:
+        `drivetrain`, and an array of tables for each kind of part (`PARTS`), keys as its fields:
         ``motors``, ``brakes``, ``inertias``, ``shafts``, ``couplings``, ``gear_pairs``,
         ``planetaries``, ``worms``, ``belts``, ``dual_drives``, ``grounds``.
 

@@ -333,7 +333,7 @@ def _eliminate(
     kept: set[int],
     known: dict[int, dict[int, float]],
 ) -> None:
-    """Solve an equation for one of its nodes, the wanted one if it may follow, and update `known`."""
+    """Solve an equation for one of its nodes, the wanted one if possible, and update `known`."""
     if not row:
         return
     free = [node for node in row if node not in kept]

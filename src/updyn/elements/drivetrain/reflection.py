@@ -230,7 +230,7 @@ class _Rigid:
         return abs(float(self._coefficients(spring) @ theta))
 
     def speeds(self, to: int) -> dict[int, float]:
-        """Return the speed of each node over that of `to`, with all parts rigid and all anchors free."""
+        """Return the speed of each node over that of `to`, all parts rigid and all anchors free."""
         rigid = [self._row(s) for s in self.train.springs if not s.anchor and s.stiffness]
         rigid += [self._row(tie) for tie in self.train.ties if not tie.anchor]
         motions = self._null_space(rigid)
@@ -300,7 +300,7 @@ class _Rigid:
         return dict(zip(self.nodes, (T @ q).tolist(), strict=True))
 
     def _transformation(self) -> tuple[NDArray[np.float64], int]:
-        """Return all rotations from those that follow none, shape (nodes, free), and their number."""
+        """Return all rotations from the free ones, shape (nodes, free), and their number."""
         follow = resolve(self.train.ties, self.train.holds)
         free = [node for node in self.nodes if node not in follow]
         T = np.zeros((len(self.nodes), len(free)))

@@ -188,7 +188,7 @@ def section_from_table(where: str, given: Any) -> Section:
 # -- elements
 @dataclass(frozen=True, slots=True, eq=False)
 class Beam(Element):
-    """Straight two-node beams of one section and material, one group: bending in two planes, axial, torsion.
+    """Straight two-node beams of one section and material: bending in two planes, axial, torsion.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ class Beam(Element):
     ) -> NDArray[np.float64]:
         """Return a vector in the local xy plane of each beam, shape (m, 3).
 
-        Without an orientation both bending planes are alike, and any vector across the beam will do.
+        Without an orientation both bending planes are alike, and any vector across the beam serves.
         """
         along = ends[:, 1] - ends[:, 0]
         along = along / np.linalg.norm(along, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""`structure`: beams, trusses, springs, shells, solids, masses and rigid links as one model of named groups."""
+"""`structure`: beams, trusses, springs, shells, solids, masses and rigid links as one model."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def structure_from_table(table: Mapping[str, Any]) -> Model:
     table : mapping
         ``kind`` (``"structure"``, may be left out); ``nodes``, a table from node number to position
         in m; an array of tables for each kind of element (`ELEMENTS`: ``beam``, ``truss``,
-        ``shell``, ``solid``, ``spring``, ``mass``), with its fields, and ``link`` with the fields of
+        ``shell``, ``solid``, ``spring``, ``mass``), keys as its fields, and ``link``, as those of
         `RigidLink`; ``equation`` with ``dof`` and ``terms``; ``grounded``, an array of DOFs and
         node numbers; ``title``. The ``section`` of a beam is a table with the fields of `Section`,
         or with ``shape`` ``"rectangle"`` or ``"tube"`` and its dimensions.
@@ -369,7 +369,7 @@ def _groups(
 
 
 def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:
-    """Yield rows of the table of nodes, shape (m, k), and matrices, some thousand elements at once."""
+    """Yield rows of the table of nodes, shape (m, k), and matrices, for batches of elements."""
     numbers = element.node_numbers
     at = table.find(element.label, numbers)
     size = at.shape[1] * len(element.directions)

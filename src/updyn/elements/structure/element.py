@@ -1,4 +1,4 @@
-"""`Element`: like finite elements of one group of a structure, and `ELEMENTS`, the kinds that there are.
+"""`Element`: finite elements of one kind in one group, and `ELEMENTS`, the registry of kinds.
 
 A further kind, in this package or outside, is a dataclass derived from `Element` and a line
 ``ELEMENTS.register("kind", Kind)`` (or an entry point of the group ``updyn.elements``):
@@ -47,11 +47,11 @@ class ElementMatrices:
 
 
 class Element(ABC):
-    """Like elements of one group: base of `Beam`, `Truss`, `Shell`, `Solid`, `Spring` and `PointMass`.
+    """Elements of one kind in one group: base class of `Beam`, `Shell`, `Spring` and the others.
 
-    A derived class is a dataclass. Its fields are the keys of a row of its table in a job file; they
-    include ``name``, the group name, and ``loss_factor``, the structural loss factor, where the
-    elements have stiffness. Elements that differ by their nodes only hold them in a field
+    A derived class is a dataclass. Its fields are the keys of a row of its table in a job file.
+    They include ``name``, the group name, and ``loss_factor``, the structural loss factor, where
+    the elements have stiffness. Elements that differ by their nodes only hold them in a field
     ``connectivity``; others define `node_numbers`.
     """
 

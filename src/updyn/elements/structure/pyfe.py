@@ -1,4 +1,4 @@
-"""Element matrices of beams, trusses and shells from pyfe3d, in global axes: the only module that imports it.
+"""Element matrices of beams, trusses and shells from pyfe3d, which only this module imports.
 
 Properties of pyfe3d 0.11 that matter here (each has a test):
 
@@ -48,7 +48,9 @@ def beam_matrices(
     vectors: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of beams, each shape (m, 12, 12), in N/m, N, N m and kg, kg m, kg m2.
+    """Return stiffness and consistent mass of beams, each shape (m, 12, 12).
+
+    In N/m, N, N m and kg, kg m, kg m2, in global axes.
 
     Timoshenko beams with the displacement functions of static equilibrium (Luo, Adv. Theor. Appl.
     Mech. 1 (2008) 95; Petyt, Introduction to Finite Element Vibration Analysis, 2nd ed. 2010,
@@ -126,7 +128,7 @@ def truss_matrices(
 def plate_matrices(
     what: str, thickness: float, E: float, nu: float, rho: float, local: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return stiffness and consistent mass of flat shells in their own plane, each shape (m, 6 k, 6 k).
+    """Return stiffness and consistent mass of flat shells in local axes, each shape (m, 6 k, 6 k).
 
     First-order shear deformation theory, drilling after Allman (1984) and Hughes & Brezzi (1989).
     Triangles have the transverse shear of the discrete shear gap; quadrilaterals have none here.

@@ -1,4 +1,4 @@
-"""Flat shells in space: local axes, warped quadrilaterals, and the transverse shear of four-node shells.
+"""Flat shells: local axes, warped quadrilaterals, and the transverse shear of four-node shells.
 
 Membrane, bending and drilling come from pyfe3d. The transverse shear of four-node shells is that of
 Dvorkin & Bathe, Engineering Computations 1 (1984) 77-88 (MITC4): sampled at the middles of the
@@ -187,7 +187,7 @@ class Shell(Element):
 
 
 def _transformation(axes: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix from global DOFs of the nodes to local DOFs in the plane, shape (m, 6 k, 6 k)."""
+    """Return local DOFs in the plane from global DOFs of the nodes, shape (m, 6 k, 6 k)."""
     m, k = height.shape
     T = np.zeros((m, k, 6, k, 6))
     for i in range(k):
@@ -200,7 +200,7 @@ def _transformation(axes: NDArray[np.float64], height: NDArray[np.float64]) -> N
 
 
 def _covariant(xy: NDArray[np.float64], axis: int, at: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the covariant shear strain w,a + x,a ry - y,a rx at a point, shape (m, 24), in the local DOFs."""
+    """Return the covariant shear strain w,a + x,a ry - y,a rx at a point, shape (m, 24)."""
     slope = _gradients(*at)[axis]
     N = (1 + _CORNERS[:, 0] * at[0]) * (1 + _CORNERS[:, 1] * at[1]) / 4
     tangent = np.einsum("i,mij->mj", slope, xy)

@@ -1,4 +1,4 @@
-"""Solid elements: hexahedra of 8 and 20 nodes, tetrahedra of 4 and 10, all elements of a batch at once.
+"""Solid elements: hexahedra of 8 and 20 nodes, tetrahedra of 4 and 10, computed in batches.
 
 Shape functions and quadrature points are those of scikit-fem. Matrices follow Zienkiewicz, Taylor &
 Zhu, The Finite Element Method, 6th ed. 2005, chapters 5 and 6. Eight-node hexahedra have the
@@ -121,7 +121,7 @@ class Solid(Element):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """Shape functions at q points: weights w, shape (q,), values N, shape (q, k), slopes, shape (q, 3, k)."""
+    """Shape functions N (q, k) and slopes (q, 3, k) at points (3, q) of weights w (q,)."""
 
     w: NDArray[np.float64]
     N: NDArray[np.float64]
@@ -197,7 +197,7 @@ def _gradients(
 def _elastic(
     G: NDArray[np.float64], volume: NDArray[np.float64], E: float, nu: float
 ) -> NDArray[np.float64]:
-    """Return the stiffness of isotropic solids in the DOFs (node, direction), shape (m, 3 k, 3 k)."""
+    """Return the stiffness of isotropic solids, shape (m, 3 k, 3 k), node by node."""
     lame = E * nu / ((1 + nu) * (1 - 2 * nu))
     shear = E / (2 * (1 + nu))
     m, q, _, k = G.shape

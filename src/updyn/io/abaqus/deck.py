@@ -1,4 +1,4 @@
-"""What a deck of Abaqus says that goes with its matrices: nodes, sets, sections, materials and matrix cards."""
+"""Facts of an Abaqus deck about its matrices: nodes, sets, sections, materials, matrix cards."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ _CODE = np.array([8, 1])  # node and dof as one number
 
 
 def is_abaqus(path: Path) -> bool:
-    """Say whether a file is one of Abaqus, by its first row; if that names no nodes, by its name too."""
+    """Return whether a file is one of Abaqus, by its first row, and by its name if bare."""
     fields: list[str] = []
     try:
         with path.open(encoding="ascii", errors="replace") as file:

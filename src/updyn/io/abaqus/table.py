@@ -12,8 +12,9 @@
     mass = "spar_MASS2.mtx"
     loss_factor = 0.02                 # optional, instead of structural
 
-Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows. Of files written
-with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the deck.
+Files written with FORMAT=COORDINATE have no labels; ``dofs`` gives them, in the order of the rows.
+Of files written with ELEMENT BY ELEMENT ``elset`` picks the elements of a group by the sets of the
+deck.
 """
 
 from __future__ import annotations

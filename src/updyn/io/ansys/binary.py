@@ -1,4 +1,4 @@
-"""What the binary files of Ansys Mechanical APDL have in common: records, header, units, names of DOFs.
+"""Records, header, units and DOF names of the binary files of Ansys Mechanical APDL.
 
 A record is a word (4 bytes) with the number n of words that follow, a word of flags, n words, and
 the number again (Ansys Programmer's Reference, "Format of Binary Data Files"). They are read here,

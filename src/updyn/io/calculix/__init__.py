@@ -1,4 +1,4 @@
-"""CalculiX: a deck of solids is run by ``ccx``, which writes K and M; each material becomes a group.
+"""CalculiX: decks of solids, run by ``ccx``, which writes K and M; each material is a group.
 
 The program gives the sums only, so the deck is run once as it stands and once for each material
 with its modulus and density doubled (`updyn.io.differences`). Springs and point masses are groups

@@ -1,7 +1,7 @@
 """Decks of CalculiX: models, with materials as groups by difference, and updated properties.
 
-``ccx`` keeps the rotations of a rigid body as the translations of a node of their own; here they are
-rotations of its reference node.
+``ccx`` keeps the rotations of a rigid body as the translations of a node of their own; here they
+are rotations of its reference node.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Input decks of the keyword family (CalculiX, Abaqus): files into cards, with the line that each stands on.
+"""Input decks of the keyword family (CalculiX, Abaqus) as cards, with their files and lines.
 
 A card is a line that starts with ``*``, with parameters between commas, and the data lines below
 it. ``**`` starts a comment. Case and blanks do not matter, a keyword line that ends with a comma

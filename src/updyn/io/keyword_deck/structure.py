@@ -1,4 +1,4 @@
-"""The structure in an input deck of CalculiX or Abaqus: nodes, elements, sets, sections, properties.
+"""The structure in a deck of CalculiX or Abaqus: nodes, elements, sets, sections, properties.
 
 Decks are flat, as CalculiX reads them; the parts and instances of Abaqus are not unfolded. Only
 the cards before the first ``*STEP`` are read. Properties are what can be scaled: materials, springs

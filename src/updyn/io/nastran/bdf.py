@@ -298,7 +298,7 @@ class _Runs:
 
 
 def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
-    """Return the cards of one group, its stiffness and mass multiplied, on all grids of the deck."""
+    """Return the cards of one group, with its stiffness and mass scaled, on all grids."""
     change = {}
     if _is_stiff(deck, name):
         change["stiffness"] = factor

@@ -105,20 +105,23 @@ MATERIALS = ("MAT1", "MAT2", "MAT8", "MAT9")
 TIES = ("RBAR", "RBE1", "RBE2", "RBE3", "MPC", "MPCADD", "SPC", "SPC1", "SPCADD")
 #: Cards that change neither stiffness nor mass.
 LOADS = (
-    "ASET", "ASET1", "BNDGRID", "BSET", "BSET1", "CSET", "CSET1", "DAREA", "DCONADD", "DCONSTR", "DELAY", "DESVAR",
-    "DLINK", "DLOAD", "DOPTPRM", "DPHASE", "DRESP1", "DRESP2", "DVCREL1", "DVMREL1", "DVPREL1", "ECHOOFF", "ECHOON",
-    "EIGC", "EIGP", "EIGR", "EIGRL", "FORCE", "FORCE1", "FORCE2", "FREQ", "FREQ1", "FREQ2", "FREQ3", "FREQ4", "FREQ5",
-    "GRAV", "LOAD", "LSEQ", "MODTRAK", "MOMENT", "MOMENT1", "MOMENT2", "OMIT", "OMIT1", "PLOAD", "PLOAD1", "PLOAD2",
-    "PLOAD4", "PLOTEL", "QSET", "QSET1", "RANDPS", "RFORCE", "RLOAD1", "RLOAD2", "SEQGP", "SET", "SET1", "SLOAD",
-    "SPCD", "SUPORT", "SUPORT1", "TABDMP1", "TABLED1", "TABLED2", "TABLED3", "TABLED4", "TABRND1", "TEMP", "TEMPD",
-    "TEMPP1", "TEMPRB", "TIC", "TLOAD1", "TLOAD2", "TSTEP", "USET", "USET1",
+    "ASET", "ASET1", "BNDGRID", "BSET", "BSET1", "CSET", "CSET1", "DAREA", "DCONADD", "DCONSTR",
+    "DELAY", "DESVAR", "DLINK", "DLOAD", "DOPTPRM", "DPHASE", "DRESP1", "DRESP2", "DVCREL1",
+    "DVMREL1", "DVPREL1", "ECHOOFF", "ECHOON", "EIGC", "EIGP", "EIGR", "EIGRL", "FORCE", "FORCE1",
+    "FORCE2", "FREQ", "FREQ1", "FREQ2", "FREQ3", "FREQ4", "FREQ5", "GRAV", "LOAD", "LSEQ",
+    "MODTRAK", "MOMENT", "MOMENT1", "MOMENT2", "OMIT", "OMIT1", "PLOAD", "PLOAD1", "PLOAD2",
+    "PLOAD4", "PLOTEL", "QSET", "QSET1", "RANDPS", "RFORCE", "RLOAD1", "RLOAD2", "SEQGP", "SET",
+    "SET1", "SLOAD", "SPCD", "SUPORT", "SUPORT1", "TABDMP1", "TABLED1", "TABLED2", "TABLED3",
+    "TABLED4", "TABRND1", "TEMP", "TEMPD", "TEMPP1", "TEMPRB", "TIC", "TLOAD1", "TLOAD2", "TSTEP",
+    "USET", "USET1",
 )  # fmt: skip
 
 #: Dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of
 #: sections).
 _SECTIONS = {
-    "ROD": 1, "TUBE": 2, "TUBE2": 2, "I": 6, "CHAN": 4, "T": 4, "BOX": 4, "BAR": 2, "CROSS": 4, "H": 4, "T1": 4,
-    "I1": 4, "CHAN1": 4, "Z": 4, "CHAN2": 4, "T2": 4, "BOX1": 6, "HEXA": 3, "HAT": 4, "HAT1": 5, "DBOX": 10, "L": 4,
+    "ROD": 1, "TUBE": 2, "TUBE2": 2, "I": 6, "CHAN": 4, "T": 4, "BOX": 4, "BAR": 2, "CROSS": 4,
+    "H": 4, "T1": 4, "I1": 4, "CHAN1": 4, "Z": 4, "CHAN2": 4, "T2": 4, "BOX1": 6, "HEXA": 3,
+    "HAT": 4, "HAT1": 5, "DBOX": 10, "L": 4,
 }  # fmt: skip
 
 
@@ -572,7 +575,7 @@ def _grids_of_rbe3(card: Card) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class _System:
-    """A coordinate system: its origin and its axes (rows) in the basic system; kind is R, C or S."""
+    """A coordinate system: kind R, C or S, origin and axes (rows) in the basic system."""
 
     kind: str
     origin: NDArray[np.float64]

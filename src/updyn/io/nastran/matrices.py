@@ -3,21 +3,22 @@
 ::
 
     unit = "mm"                        # of all matrices: "m" where absent, "mm", "in"
-    deck = "wing.bdf"                  # optional: where the grids stand; for OUTPUT4 the order of the DOFs
-    dofs = "dofs.csv"                  # optional: the DOFs of the rows of OUTPUT4 matrices, a table or the labels
+    deck = "wing.bdf"                  # optional: positions; for OUTPUT4 the order of the DOFs
+    dofs = "dofs.csv"                  # optional: DOFs of the rows of OUTPUT4 matrices (or labels)
 
     [[group]]
     name = "skin"
     stiffness = "skin.op4:KGG"         # file and matrix; without a name the file holds one matrix
     mass = "skin.op4:MGG"
-    loss_factor = 0.02                 # optional, 0 where absent; other damping as in `updyn.io.matrix_market`
+    loss_factor = 0.02                 # optional; other damping as in `updyn.io.matrix_market`
 
     [[group]]
     name = "spar"
     stiffness = "spar.pch:KAAX"        # DMIG has its own labels
 
-Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six DOFs each, and its
-scalar points, one each: the g-set as Nastran writes it where it has not been resequenced.
+Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six
+DOFs each, and its scalar points, one each: the g-set as Nastran writes it where it has not been
+resequenced.
 """
 
 from __future__ import annotations

@@ -51,7 +51,8 @@ _NOT_READ = {
 _DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
 #: PARAM cards that only say what is printed or solved for, or that the run sets itself.
 _PARAMETERS = (
-    "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR", "W3", "W4",
+    "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR",
+    "W3", "W4",
 )  # fmt: skip
 
 

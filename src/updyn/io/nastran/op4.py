@@ -179,7 +179,7 @@ def write_op4(
 
 
 def runs(rows: Any) -> list[tuple[int, int]]:
-    """Return start and end (past the last) of the runs of consecutive numbers in ascending `rows`."""
+    """Return start and end (past the last) of runs of consecutive numbers in ascending `rows`."""
     breaks = np.flatnonzero(np.diff(rows) != 1) + 1
     edges = [0, *breaks.tolist(), len(rows)]
     return list(pairwise(edges))
@@ -325,7 +325,7 @@ def _full(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
     return full
 
 
-# -- heads of strings: two words (length and row), or one with the length in its upper half -----------
+# -- heads of strings: two words (length and row), or one with the length in its upper half -----
 def _head_words(rows: int) -> int:
     """Return the words of the head of a string, by the number of rows that the file gives."""
     return 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
@@ -347,7 +347,7 @@ def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
     return (row + ((words + 1) << 16),)
 
 
-# -- text ---------------------------------------------------------------------------------------------
+# -- text ---------------------------------------------------------------------------------------
 
 _TEXT_FORMAT = re.compile(r"(\d+)\s*[EDed]\s*(\d+)\s*\.\s*(\d+)")
 #: Values a line, width and digits behind the point, by whether they are of single precision.
@@ -514,7 +514,7 @@ def _cells(values: Any, single: bool) -> str:
     return out
 
 
-# -- binary: Fortran records of words of 4 or 8 bytes, in either byte order -----------------------------
+# -- binary: Fortran records of words of 4 or 8 bytes, in either byte order ---------------------
 #: Bytes of a word by those of a header record.
 _HEADER_WORDS = {24: 4, 48: 8}
 #: Codes of `struct` for an integer of one word, by its bytes.

@@ -154,12 +154,13 @@ def localise(
     gain = step**2 * power
     whole = max(_alike(whitened) if beyond is None else beyond, float(gain.max()))
     total = sum(energy.values()) or 1.0
-    shares = [energy.get((p.group, _matrix(p.quantity)), 0.0) / total for p in tried]
-    found = [
-        Suspect(p.group, p.quantity, float(g / whole), float(s), share)
-        for p, g, s, share in zip(tried, gain, step, shares, strict=True)
-        if g >= _LEAST_GAIN and g >= _LEAST_SHARE * whole
-    ]
+    least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
+    found = []
+    for i in np.flatnonzero(gain >= least):
+        p = tried[i]
+        share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
+        explains, change = float(gain[i] / whole), float(step[i])
+        found.append(Suspect(p.group, p.quantity, explains, change, share))
     return tuple(sorted(found, key=lambda s: -s.explains)[:_KEPT])
 
 
@@ -223,12 +224,9 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
         if quantity == "stiffness" and (group, "loss_factor") not in free and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
-    driven = {
-        d.name
-        for p in problem.coordinates.parameters
-        for d in p.acts_on
-        if d.quantity == "loss_factor"
-    }
+    driven: set[str] = set()
+    for p in problem.coordinates.parameters:
+        driven |= {d.name for d in p.acts_on if d.quantity == "loss_factor"}
     items = [p for p in items if p.quantity != "loss_factor" or p.name not in driven]
     return (_sensors(problem, free) + items)[:_MOST_TRIED]
 

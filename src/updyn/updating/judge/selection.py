@@ -129,11 +129,9 @@ class _Pivoting:
 
     def explained_by(self, i: int) -> str:
         weight = np.linalg.lstsq(unit(self.R[:, self.order]), self.R[:, i], rcond=None)[0]
-        most = [
-            j
-            for j in np.argsort(-np.abs(weight))
-            if abs(weight[j]) >= _SHARE * np.abs(weight).max()
-        ][:_NAMED]
+        size = np.abs(weight)
+        most = np.argsort(-size)[:_NAMED]
+        most = most[size[most] >= _SHARE * size.max()]
         return ", ".join(self.names[self.order[j]] for j in most)
 
 
@@ -166,11 +164,10 @@ def alike(cosine: _Matrix, kinds: Sequence[str | None], threshold: float) -> lis
         distance = 0.5 * (distance + distance.T)
         np.fill_diagonal(distance, 0.0)
         label = fcluster(linkage(squareform(distance), "complete"), 1.0 - threshold, "distance")
-        out += [
-            [at[j] for j in np.flatnonzero(label == c)]
-            for c in np.unique(label)
-            if (label == c).sum() > 1
-        ]
+        for c in np.unique(label):
+            members = np.flatnonzero(label == c)
+            if len(members) > 1:
+                out.append([at[j] for j in members])
     return sorted(out)
 
 

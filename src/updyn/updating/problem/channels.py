@@ -90,11 +90,9 @@ def calibration(
     for one in data:
         if not isinstance(one, FRF):
             raise ParameterError(f"calibration: expected an FRF, found {type(one).__name__}")
-    drives = tuple(
-        Drive(label, quantity)
-        for quantity, given in zip(CHANNELS, (responses, references), strict=True)
-        for label in _chosen(data, CHANNELS[quantity], given)
-    )
+    drives: list[Drive] = []
+    for quantity, given in zip(CHANNELS, (responses, references), strict=True):
+        drives += [Drive(label, quantity) for label in _chosen(data, CHANNELS[quantity], given)]
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
     if name is None:
@@ -105,7 +103,7 @@ def calibration(
         raise ParameterError(
             f"calibration: name {name!r}; expected a plain text, such as 'hammer'", key=("name",)
         )
-    return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, drives),))
+    return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, tuple(drives)),))
 
 
 def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
@@ -171,7 +169,9 @@ class Gains:
         }
         powers = {quantity: np.zeros((len(parameters), len(at))) for quantity, at in places.items()}
         for i, p in enumerate(parameters):
-            for d in p.acts_on if p.is_channel else ():
+            if not p.is_channel:
+                continue
+            for d in p.acts_on:
                 if d.group in places[d.quantity]:
                     powers[d.quantity][i, places[d.quantity][d.group]] = d.power
         return cls(*powers.values())

@@ -312,7 +312,9 @@ def _words(there: NDArray[np.bool_]) -> str:
     """Say what is missing: ``1 of 42 channels misses 17 of 400 lines``."""
     gone = (~there).sum(axis=0).ravel()
     some, counts = int((gone > 0).sum()), np.unique(gone[gone > 0])
-    few = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    few = f"{counts[0]}"
+    if len(counts) > 1:
+        few += f" to {counts[-1]}"
     return (
         f"{some} of {gone.size} channels miss{'es' if some == 1 else ''} {few} of {len(there)}"
         " lines"

@@ -77,11 +77,9 @@ class Selection:
             for name, members in self.merged.items()
         ]
         if self.left_out:
-            were, they = (
-                ("was", "it stays at its")
-                if len(self.left_out) == 1
-                else ("were", "they stay at their")
-            )
+            were, they = "were", "they stay at their"
+            if len(self.left_out) == 1:
+                were, they = "was", "it stays at its"
             parts.append(
                 f"{_listed(list(self.left_out))} {were} left out before the fit: {they} start."
             )

@@ -109,7 +109,9 @@ class ReducedFrfMethod(Method):
             x, reason = settings.run(
                 reduced, partial(local_of, reduced, residual), step, x, monitor
             )
-            where = f" (at {self.frequency:g} Hz)" if self.frequency else " (static)"
+            where = " (static)"
+            if self.frequency:
+                where = f" (at {self.frequency:g} Hz)"
             return fit_of(
                 reduced,
                 residual,

@@ -114,7 +114,11 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     if source is None:
         single = frf.averages == 1  # its coherence is 1 whatever the noise
         usable = frf.coherence is not None and not single
-        source = "variance" if frf.variance is not None else "coherence" if usable else "estimated"
+        source = "estimated"
+        if frf.variance is not None:
+            source = "variance"
+        elif usable:
+            source = "coherence"
     if source not in NOISE_MODELS:
         raise OptionError(
             f"noise {source!r}: {suggest(str(source), NOISE_MODELS)}, or a table with relative and"
