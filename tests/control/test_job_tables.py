@@ -125,7 +125,7 @@ def test_a_band_beyond_the_data_is_said(job):
             "unknown key 'metod' in [plant.sampling]",
         ),
         (PORTS + 'files = ["plant.matt"]\n', 11, "did you mean '.mat'"),
-        (PORTS + 'files = ["result.json"]\n', 11, "expected the name of a file of its own"),
+        (PORTS + 'files = ["result.json"]\n', 11, "expected the name of another file"),
         (PORTS + 'files = ["a.h", "A.h"]\n', 11, "a file stands twice"),
         (PORTS + 'test = "first"\n', 11, "this job has one"),
     ],

@@ -15,7 +15,7 @@ from servo_cases import LOAD, MOTOR, STIFFNESS, masses, rigid, speed_over_torque
 import updyn
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.state_space import StateSpace, connect, delay_approximation
-from updyn.control.servo.time_response import at_rest, march, march_late
+from updyn.control.servo.time_response import delayed_response, final_value, linear_response
 
 NAMES = {"torque": "motor", "velocity": "speed"}
 BOTH = {**NAMES, "position": "angle"}
@@ -173,11 +173,11 @@ def test_series_is_exact_between_straight_lines():
     # x' = -2 x + u, u = t: x = (t - (1 - exp(-2 t)) / 2) / 2
     system = StateSpace(np.array([[-2.0]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
     t = np.linspace(0, 3, 7)
-    _, y = march(system, t[:, None], 0.5)
+    _, y = linear_response(system, t[:, None], 0.5)
     np.testing.assert_allclose(y[:, 0], 0.5 * (t + 0.5 * np.expm1(-2 * t)), rtol=1e-12, atol=1e-15)
-    assert at_rest(system, 0, 0) == pytest.approx(0.5, rel=1e-9)
+    assert final_value(system, 0, 0) == pytest.approx(0.5, rel=1e-9)
     integrator = StateSpace(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
-    assert np.isnan(at_rest(integrator, 0, 0))
+    assert np.isnan(final_value(integrator, 0, 0))
 
 
 def test_algebraic_loop_without_solution_is_told():
@@ -441,7 +441,7 @@ def test_jumps_come_back_at_every_dead_time():
     opened = Cascade(
         loose, controller, Wiring.of(loose, controller, "motor", "angle", None, "load", "wind")
     ).opened()
-    time, outputs, _ = march_late(
+    time, outputs, _ = delayed_response(
         opened, np.array([0.0, 0, 0, 1]), np.zeros(opened.n_states), T, T / 400, 1400
     )
     torque = outputs[:, 0]
