@@ -281,9 +281,8 @@ def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> D
     if other.size:
         at = int(other[0])
         name = DOF_NAMES.get(int(numbers[at]), f"number {numbers[at]}")
-        more = f" ({other.size} such)" if other.size > 1 else ""
         raise FormatError(
-            f"node {nodes[at]} has the degree of freedom {name}{more}; expected displacements and"
+            f"node {nodes[at]} has the degree of freedom {name}{in_all(other.size)}; expected displacements and"
             " rotations only (UX UY UZ ROTX ROTY ROTZ): a structure without fields, fluid and"
             " multipliers",
             path,
