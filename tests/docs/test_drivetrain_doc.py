@@ -1,4 +1,4 @@
-"""docs/drivetrain.md: its blocks run and agree with each other, and its keys are those of the parts."""
+"""docs/drivetrain.md: its blocks run and agree, and its keys are those of the parts."""
 
 from __future__ import annotations
 

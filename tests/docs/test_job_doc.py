@@ -1,4 +1,4 @@
-"""docs/job.md against the schema: every key, default and message in it is there, and none is missing."""
+"""docs/job.md has every key, default and message of the schema, and no other."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ TEXT = (ROOT / "docs" / "job.md").read_text(encoding="utf-8")
 
 
 def tables() -> dict[str, dict[str, list[str]]]:
-    """Return the tables of the page by heading or lead-in (the last code span before them): first cell to cells."""
+    """Return the tables of the page by the last code span before them: first cell to cells."""
     out: dict[str, dict[str, list[str]]] = {}
     title = ""
     for line in TEXT.splitlines():

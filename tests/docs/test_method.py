@@ -1,4 +1,4 @@
-"""docs/method.md: the constants that it names are those of the code, and its claims of the paper's example hold."""
+"""docs/method.md: its constants are those of the code, its claims of the paper's example hold."""
 
 from __future__ import annotations
 
