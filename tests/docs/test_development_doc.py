@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
-from pathlib import Path
 from typing import Any
-
-from updyn.registry import Registry
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(1, str(Path(__file__).parents[1] / "contract"))
 
 from pages import ROOT, blocks
 from rooms import ORDER, SRC, files, module_of
+from updyn.registry import Registry
 
 PAGE = ROOT / "docs" / "development.md"
 TEXT = PAGE.read_text(encoding="utf-8")
