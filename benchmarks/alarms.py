@@ -1,4 +1,4 @@
-"""Is the residual of a good fit called noise, and is the group that is wrong named?
+"""Model error: how often a good fit raises an alarm, and how often the wrong group is named.
 
 Gear train (60 lines, 4 sensors, 1 reference) and 12-DOF chain (60 lines, 5 x 5), proportional noise
 of 1 % and 5 %, stated or estimated; and the chain with noise told by the coherence of 4, 10 and 50
@@ -45,7 +45,7 @@ def false_alarms(
 
 
 def averaged(case: Case, n: int, rng: np.random.Generator) -> FRF:
-    """H1 and coherence of n averages of random inputs, one reference after the other, with noise on the outputs."""
+    """H1 and coherence of n averages of random inputs with output noise, reference by reference."""
     clean = case.clean.select(references=case.clean.references[:2])
     H = clean.values
 
@@ -55,11 +55,9 @@ def averaged(case: Case, n: int, rng: np.random.Generator) -> FRF:
     X = circular(n, len(H), 1, H.shape[2])
     size = np.hypot(0.03 * np.abs(H), 0.0015 * np.sqrt(np.mean(np.abs(H) ** 2, axis=0)))
     Y = H * X + size * circular(n, *H.shape)
-    Sxx, Sxy, Syy = (
-        np.mean(np.abs(X) ** 2, axis=0),
-        np.mean(X.conj() * Y, axis=0),
-        np.mean(np.abs(Y) ** 2, axis=0),
-    )
+    Sxx = np.mean(np.abs(X) ** 2, axis=0)
+    Sxy = np.mean(X.conj() * Y, axis=0)
+    Syy = np.mean(np.abs(Y) ** 2, axis=0)
     coherence = np.abs(Sxy) ** 2 / (Sxx * Syy)
     return FRF(
         clean.freq,
@@ -87,7 +85,7 @@ def false_alarms_of_averages(
 def named(
     case: Case, relative: float, stated: bool, draws: int, seed: int
 ) -> dict[str, np.ndarray]:
-    """Share of draws with an alarm, with the right group and with the right quantity first, by group and quantity."""
+    """Shares of draws with an alarm, the right group first, and the right quantity."""
     rng, out = np.random.default_rng(seed), {}
     for group in case.true.groups:
         others = [name for name in case.true.groups if name != group]

@@ -43,24 +43,21 @@ SEARCHES = {
 def far_building(rng: np.random.Generator) -> Case:
     """Storeys stiffer or softer by a factor of up to eight, no damping."""
     bench = CASES["building"]()
-    changes = {
-        p.group: {
-            "stiffness": float(np.exp(rng.uniform(-1.0, 1.0) * np.log(8.0))),
-            "loss_factor": 0.0,
-        }
-        for p in bench.sought(bench.case.true)
-        if p.quantity == "stiffness"
-    }
+    changes = {}
+    for p in bench.sought(bench.case.true):
+        if p.quantity == "stiffness":
+            factor = float(np.exp(rng.uniform(-1.0, 1.0) * np.log(8.0)))
+            changes[p.group] = {"stiffness": factor, "loss_factor": 0.0}
     start = bench.case.true.scaled(changes)
     return Case("building", bench.case.true, start, bench.case.clean, bench.sought(start))
 
 
 def worst_error(case, result) -> float:
-    errors = [
-        abs(result.values[p.name] - case.truth[p.name])
-        / (1.0 if p.quantity == "loss_factor" else case.truth[p.name])
-        for p in case.unknowns
-    ]
+    errors = []
+    for p in case.unknowns:
+        truth = case.truth[p.name]
+        scale = 1.0 if p.quantity == "loss_factor" else truth
+        errors.append(abs(result.values[p.name] - truth) / scale)
     return max(errors)
 
 

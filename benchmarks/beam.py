@@ -1,4 +1,4 @@
-"""The measured beam in more and fewer segments: does what the fit gains show on the sensors that it has not seen?
+"""The measured beam in more and fewer segments: agreement on the fitted and the held-out sensors.
 
 The whole beam first, then from there each number of segments, as the demo does it. Medians over all
 lines from 100 to 4500 Hz, sensors fitted and held out.

@@ -1,4 +1,4 @@
-"""Cases that the benchmarks share: the gear train and the 12-DOF chain, with truth, start and data."""
+"""Cases of several benchmarks: the gear train and the 12-DOF chain, with truth, start and data."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def random_gear_train(rng: np.random.Generator) -> Case:
 
 
 def chain12() -> Case:
-    """A 12-DOF chain fixed at one end, 4 groups, 5 x 5 FRF, 60 lines linear from 0.3 f1 to 1.05 f6 of the true one."""
+    """A 12-DOF chain fixed at one end, 4 groups, 5 x 5 FRFs at 60 lines from 0.3 f1 to 1.05 f6."""
     data = json.loads((HERE.parent / "tests/data/cases/chain12.json").read_text())
     n = data["dofs"]
     groups, truth = {}, {}

@@ -1,6 +1,6 @@
-"""Do the demos' results agree between the kernels of OpenBLAS, within what their standard deviations allow?
+"""Differences of the demos' results between the kernels of OpenBLAS, in standard deviations.
 
-Each job of each demo is fitted under each kernel in processes of their own: the fit alone, without
+Each job of each demo is fitted under each kernel in a separate process: the fit alone, without
 report, plant and uncertainty beyond the standard deviations. For every unknown that the data
 determine, the difference between kernels in standard deviations of the estimate.
 

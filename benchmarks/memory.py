@@ -1,4 +1,4 @@
-"""How much memory does an exact iteration take beyond that of one factorisation?
+"""Peak memory of an exact iteration over that of one factorisation.
 
 Two processes, one after the other, each with the model and the data of `iteration.py`: one makes a
 single complex factorisation and solves for the sensors, the other a residual with its Jacobian at

@@ -1,4 +1,4 @@
-"""Models of any size for the benchmarks: solids of eight-node bricks, space frames, and chains of springs."""
+"""Models of any size for the benchmarks: solids of eight-node bricks, space frames and chains."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ E, NU, RHO, EDGE = 2.1e11, 0.3, 7850.0, 0.1
 
 
 def brick() -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness (24, 24) in N/m and consistent mass in kg of a trilinear brick, 2 x 2 x 2 Gauss points.
+    """Stiffness (24, 24) in N/m and consistent mass in kg of a trilinear brick.
 
-    Hughes, The Finite Element Method (1987), section 3.5; the DOFs are x, y, z node by node.
+    2 x 2 x 2 Gauss points; Hughes, The Finite Element Method (1987), section 3.5. The DOFs are
+    x, y, z node by node.
     """
     corners = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=float)
     lame, shear = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
@@ -26,14 +27,8 @@ def brick() -> tuple[np.ndarray, np.ndarray]:
     for point in corners / np.sqrt(3.0):
         factors = 1.0 + corners * point
         N = factors.prod(axis=1) / 8
-        dN = (
-            corners
-            / 8
-            * np.stack(
-                [factors[:, [1, 2, 0]][:, i] * factors[:, [2, 0, 1]][:, i] for i in range(3)], 1
-            )
-        )
-        dN = dN / jacobian
+        others = factors[:, [1, 2, 0]] * factors[:, [2, 0, 1]]
+        dN = corners / 8 * others / jacobian
         B = np.zeros((6, 24))
         for i in range(3):
             B[i, i::3] = dN[:, i]
@@ -95,7 +90,7 @@ def _assemble(dofs: np.ndarray, local: np.ndarray, n: int) -> sp.csr_array:
 
 
 def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
-    """A double-layer space frame of steel bars over several spans, one group each with a loss factor of 1 to 4 %.
+    """A double-layer space frame over several spans, one group each with a loss factor of 1 to 4 %.
 
     Parameters
     ----------
@@ -108,7 +103,8 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
     Notes
     -----
     Node 1 + (wide + 1) i + j is the upper one i m along and j m across; the lower layer stands half
-    a square off."""
+    a square off.
+    """
     along = spans * bays
     upper = 1 + np.arange((along + 1) * (wide + 1)).reshape(along + 1, wide + 1)
     lower = upper.max() + 1 + np.arange(along * wide).reshape(along, wide)
@@ -162,7 +158,10 @@ def chain(n: int, parts: int = 10) -> updyn.Model:
 
 
 def drive_train(n: int, parts: int = 10) -> updyn.Model:
-    """A shaft line, free to turn: `n` inertias of 0.5 to 1.5 kg m2 on shafts of 1e6 N m/rad and 20 N m s/rad."""
+    """A shaft line, free to turn: `n` inertias of 0.5 to 1.5 kg m2 between equal shafts.
+
+    Each shaft has 1e6 N m/rad and 20 N m s/rad.
+    """
     piece = np.arange(n) * parts // n
     inertia = 1.0 + 0.5 * np.cos(np.arange(n))
     groups = {}
@@ -180,7 +179,7 @@ def drive_train(n: int, parts: int = 10) -> updyn.Model:
 
 
 def full(n: int, parts: int = 5) -> updyn.Model:
-    """Groups whose matrices have no zeros, as superelements have; natural frequencies from about 5 Hz."""
+    """Groups whose matrices have no zeros, as superelements; natural frequencies from 5 Hz."""
     random = np.random.default_rng(0)
     groups = {}
     for part in range(parts):
@@ -194,9 +193,9 @@ def full(n: int, parts: int = 5) -> updyn.Model:
 
 
 def damped(model: updyn.Model, viscous: float = 0.0) -> updyn.Model:
-    """The same structure without loss factors, and with C = `viscous` (s) times K where that is not zero."""
-    groups = {
-        name: updyn.Group(g.stiffness, g.mass, viscous=g.stiffness * viscous if viscous else None)
-        for name, g in model.groups.items()
-    }
+    """The same structure without loss factors, with C = `viscous` (s) times K."""
+    groups = {}
+    for name, g in model.groups.items():
+        C = g.stiffness * viscous if viscous else None
+        groups[name] = updyn.Group(g.stiffness, g.mass, viscous=C)
     return updyn.Model.from_groups(groups, [str(d) for d in model.dofs])

@@ -1,4 +1,4 @@
-"""How well does a plant answer, and with how few states?
+"""Error of plants over a band, by conversion of the damping, and their number of states.
 
 Gear train of Bao, Wang & Cheng (2010), 12-DOF chain, antenna of `updyn demo antenna` with its
 hidden values; one force, displacements and velocities. Every error is measured again, against
@@ -55,7 +55,7 @@ class Bench:
 
     @cached_property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lines and displacements there, closer around every maximum until its neighbours are as high to 0.5 %."""
+        """Lines and displacements, refined until neighbours of maxima agree with them to 0.5 %."""
         freq = np.unique(
             np.concatenate([np.linspace(*self.band, 377), np.geomspace(*self.band, 377)])
         )
@@ -64,24 +64,19 @@ class Bench:
             size = np.abs(H) * freq[:, None] ** 2
             at = maxima(size)
             beside = np.minimum(size[at - 1], size[at + 1])
-            rough = at[
-                (
-                    (size[at] > 1.005 * beside)
-                    & (size[at] > 0.01 * size.max(axis=0))
-                    & summits(size, at)
-                ).any(axis=1)
-            ]
+            steep = size[at] > 1.005 * beside
+            high = size[at] > 0.01 * size.max(axis=0)
+            rough = at[(steep & high & summits(size, at)).any(axis=1)]
             if not len(rough):
                 break
             more = np.concatenate([np.linspace(freq[i - 1], freq[i + 1], 9)[1:-1] for i in rough])
             more = np.setdiff1d(more, freq)
             if not len(more):  # as close as numbers go
                 break
-            order = np.argsort(np.concatenate([freq, more]))
-            freq, H = (
-                np.concatenate([freq, more])[order],
-                np.concatenate([H, self.exact(more)])[order],
-            )
+            both = np.concatenate([freq, more])
+            order = np.argsort(both)
+            freq = both[order]
+            H = np.concatenate([H, self.exact(more)])[order]
         return freq, H
 
     def values(self, quantity: str) -> np.ndarray:
@@ -94,19 +89,15 @@ class Bench:
         return float((np.abs(G - H) / np.abs(H).max(axis=0)).max())
 
     def peak_error(self, G: np.ndarray, quantity: str) -> float:
-        """Largest error of the height of a resonance, down to a tenth of the highest of its channel."""
+        """Largest error of a peak, of those of at least a tenth of the highest of its channel."""
         H, worst = np.abs(self.values(quantity)), 0.0
-        weight = (
-            self.lines[0][:, None] ** (2.0 if quantity == "receptance" else 1.0)
-            if self.turning
-            else 1.0
-        )
+        weight = np.ones((len(self.lines[0]), 1))
+        if self.turning:
+            weight = self.lines[0][:, None] ** (2.0 if quantity == "receptance" else 1.0)
         for j in range(H.shape[1]):
             seen = (weight * H)[:, j]
-            lows = np.concatenate(
-                [[0], np.flatnonzero((seen[1:-1] < seen[:-2]) & (seen[1:-1] < seen[2:])) + 1, [-1]]
-            )
-            lows[-1] = len(seen) - 1
+            minima = np.flatnonzero((seen[1:-1] < seen[:-2]) & (seen[1:-1] < seen[2:])) + 1
+            lows = np.concatenate([[0], minima, [len(seen) - 1]])
             for top in maxima(seen[:, None]):
                 if seen[top] >= 0.1 * seen.max():
                     part = slice(lows[lows < top][-1], lows[lows > top][0] + 1)
@@ -150,7 +141,7 @@ def route_of(plant: Plant) -> str:
     return f"{plant.route}, fitted" if "fitted" in plant.facts else plant.route
 
 
-# -- what a plant is worth ---------------------------------------------------------------------------------
+# -- error of the plants ---------------------------------------------------------------------------
 def plants(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
         made = updyn.plant(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
@@ -166,7 +157,7 @@ def plants(bench: Bench) -> None:
 
 
 def rigid_body(bench: Bench) -> None:
-    """Inertia and drag at the force: those of the plant from 1 / (s G) = J s + c far below all modes, and exactly."""
+    """Print inertia and drag at the force, exactly and from 1 / (s G) = J s + c below all modes."""
     model, held = bench.model, model_rows(bench.model, bench.turning)
     free = np.setdiff1d(np.arange(model.n_dofs), held)
     K, M, C = (sp.csc_array(x) for x in (model.stiffness, model.mass, model.viscous))
@@ -195,7 +186,7 @@ def model_rows(model: Model, labels: list[str] | tuple[str, ...]) -> np.ndarray:
     return model.dofs.match(list(labels)).index
 
 
-# -- conversions -------------------------------------------------------------------------------------------
+# -- conversions -----------------------------------------------------------------------------------
 def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
     """The conversions once more, of dense matrices with all modes."""
     model = bench.model
@@ -220,25 +211,19 @@ def by_hand(bench: Bench, quantity: str) -> dict[str, np.ndarray]:
             + np.diag(square)
             + (s**2)[:, None, None] * np.eye(len(omega))
         )
-        found[name] = (out @ np.linalg.solve(Z, np.broadcast_to(into.T, (len(s), *into.T.shape))))[
-            :, :, 0
-        ]
+        loads = np.broadcast_to(into.T, (len(s), *into.T.shape))
+        found[name] = (out @ np.linalg.solve(Z, loads))[:, :, 0]
     if not C.any():
         squares, shapes = scipy.linalg.eig(K + 1j * D, M)  # of the poles squared, the sign changed
         shapes = shapes / np.sqrt(np.einsum("im,ij,jm->m", shapes, M, shapes))
         poles = 1j * np.sqrt(squares)
         a, b = (shapes[model_rows(model, labels)] for labels in (bench.motions, [bench.force]))
         R = a * b / (2.0 * poles)
-        found["complex"] = np.stack(
-            [
-                (r / (s[:, None] - poles) + r.conj() / (s[:, None] - poles.conj())).sum(axis=1)
-                for r in R
-            ],
-            axis=1,
-        )
-    return (
-        found if quantity == "receptance" else {name: s[:, None] * G for name, G in found.items()}
-    )
+        upper, lower = 1.0 / (s[:, None] - poles), 1.0 / (s[:, None] - poles.conj())
+        found["complex"] = upper @ R.T + lower @ R.conj().T
+    if quantity == "receptance":
+        return found
+    return {name: s[:, None] * G for name, G in found.items()}
 
 
 def side_by_side(bench: Bench) -> None:
@@ -249,11 +234,9 @@ def side_by_side(bench: Bench) -> None:
         own = by_hand(bench, quantity) if bench.model.n_dofs < 100 else {}
         cells = []
         for one in stated:
-            cell = (
-                f"{100 * one.error:.2g} / {100 * one.peak_error:.2g}"
-                if np.isfinite(one.error)
-                else "refused"
-            )
+            cell = "refused"
+            if np.isfinite(one.error):
+                cell = f"{100 * one.error:.2g} / {100 * one.peak_error:.2g}"
             if one.name in own:
                 G = own[one.name]
                 cell += (
@@ -264,7 +247,7 @@ def side_by_side(bench: Bench) -> None:
         print(f"| {bench.name}, {word} | " + " | ".join(cells) + " |", flush=True)
 
 
-# -- order -------------------------------------------------------------------------------------------------
+# -- order -----------------------------------------------------------------------------------------
 def respond(matrices: Matrices, freq: np.ndarray) -> np.ndarray:
     A, B, C, D = matrices
     s = 2j * np.pi * freq
@@ -277,7 +260,7 @@ def respond(matrices: Matrices, freq: np.ndarray) -> np.ndarray:
 
 
 def split(matrices: Matrices) -> tuple[Matrices, Matrices]:
-    """Poles at 0, and the rest: ordered Schur form, and a Sylvester equation that takes them apart."""
+    """Split off the poles at 0 by an ordered Schur form and a Sylvester equation."""
     A, B, C, D = matrices
     least = 1e-6 * np.abs(np.linalg.eigvals(A)).max()
     T, Q, n = scipy.linalg.schur(A, sort=lambda re, im: np.hypot(re, im) < least)
@@ -288,7 +271,10 @@ def split(matrices: Matrices) -> tuple[Matrices, Matrices]:
 
 
 def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
-    """Balanced truncation (Moore 1981) by square roots; or with the static answer kept (Fernando & Nicholson 1982)."""
+    """Balanced truncation by square roots (Moore 1981).
+
+    With the static response kept it is that of Fernando & Nicholson (1982).
+    """
     A, B, C, D = matrices
     roots = []
     for a, b in ((A, B), (A.T, C.T)):
@@ -318,25 +304,22 @@ def balanced(matrices: Matrices) -> Callable[[int, bool], Matrices]:
 def order_needed(
     bench: Bench, quantity: str, fit: str | None, made: list[Plant]
 ) -> list[int | None]:
-    """States of balanced truncations of one conversion that are as good as some plants, by their lines and figures."""
+    """States that balanced truncations of one conversion need to be as good as some plants."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
     task, _ = _task(bench.model, *ports, bench.band, quantity, None, None)
-    target, conversion = (
-        task.target,
-        next(c for c in task.mended(made[0].route) if fit_of(c) == fit),
-    )
+    target = task.target
+    conversion = next(c for c in task.mended(made[0].route) if fit_of(c) == fit)
     freq = target.freq
-    still, rest = split(conversion.matrices(np.ones(len(conversion.frequency), dtype=np.bool_)))
+    all_modes = np.ones(len(conversion.frequency), dtype=np.bool_)
+    still, rest = split(conversion.matrices(all_modes))
     rigid, cut = respond(still, freq), balanced(rest)
     # Within the tolerance; where that cannot be held, beside very sharp peaks, as good as the plant
     # or all modes.
-    whole = target.judged(
-        conversion.response(np.ones(len(conversion.frequency), dtype=np.bool_), freq)
-    )
-    limits = [
-        np.maximum(np.maximum(p.tolerance, whole), target.judged(p.response(freq).values))
-        for p in made
-    ]
+    whole = target.judged(conversion.response(all_modes, freq))
+    limits = []
+    for p in made:
+        own = target.judged(p.response(freq).values)
+        limits.append(np.maximum(np.maximum(p.tolerance, whole), own))
     needed: list[int | None] = [None] * len(made)
     for r in range(min(len(rest[0]), 60) + 1):
         for static in (False, True):
@@ -354,12 +337,10 @@ def order_needed(
 
 
 def fit_of(conversion: Conversion) -> str | None:
-    """What a plant says of a conversion whose outputs were fitted."""
-    return (
-        f"outputs, with {len(conversion.extra)} real poles"
-        if isinstance(conversion, Fitted)
-        else None
-    )
+    """The fact of a plant about a conversion whose outputs were fitted."""
+    if not isinstance(conversion, Fitted):
+        return None
+    return f"outputs, with {len(conversion.extra)} real poles"
 
 
 def orders(bench: Bench) -> None:

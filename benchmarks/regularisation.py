@@ -1,15 +1,16 @@
-"""What each way to regularise does to the error of the unknowns, on chains whose data determine them badly and well.
-
-Run: python benchmarks/regularisation.py [draws]
+"""Error of the unknowns by each choice of `regularise`, on ill- and well-determined chains.
 
 A chain of masses fixed at one end, one unknown for the stiffness of each spring. The true
 stiffnesses are drawn about the start, log-normal; the noise is proportional and estimated from the
 residual. The root mean square is over unknowns and draws, of the logarithm of the stiffness over
-the true one. The fits begin at the start: no search."""
+the true one. The fits begin at the start: no search.
+
+    python benchmarks/regularisation.py [--draws 50]
+"""
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ CHOICES = (None, "gcv", "l-curve", "discrepancy", "tsvd")
 
 @dataclass(frozen=True)
 class Setting:
-    """A chain of `n` equal parts, excited at its end, with sensors, noise, and the spread of the true stiffnesses."""
+    """A chain of `n` equal parts excited at its end; sensors, noise, spread of the stiffnesses."""
 
     name: str
     n: int
@@ -54,10 +55,8 @@ class Setting:
         frf = updyn.response(true, np.linspace(*self.band), list(self.sensors), [f"{self.n}:X"])
         H = frf.values
         unit = (rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)) / np.sqrt(2)
-        return (
-            FRF(frf.freq, H * (1 + self.noise * unit), frf.responses, frf.references, frf.quantity),
-            truth,
-        )
+        noisy = H * (1 + self.noise * unit)
+        return FRF(frf.freq, noisy, frf.responses, frf.references, frf.quantity), truth
 
 
 ILL = Setting("one sensor, 8 springs, the lowest modes", 8, ("8:X",), 0.02, 0.2, (4.0, 40.0, 60))
@@ -67,7 +66,7 @@ WELL = Setting("two sensors, 8 springs, all modes", 8, ("4:X", "8:X"), 0.05, 0.0
 def errors(
     setting: Setting, choice: str | float | None, draws: int
 ) -> tuple[np.ndarray, list[float]]:
-    """Return the errors of all draws, shape (draws, n), and the prior or number of directions that was chosen."""
+    """Return the errors of all draws, shape (draws, n), and the chosen priors or numbers kept."""
     model = setting.model()
     unknowns = updyn.parameters(model, stiffness="all")
     out, held = [], []
@@ -81,14 +80,19 @@ def errors(
 
 
 def main() -> None:
-    draws = int(sys.argv[1]) if len(sys.argv) > 1 else 50
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--draws", type=int, default=50)
+    draws = parser.parse_args().draws
     for setting in (ILL, WELL):
         print(
             f"\n{setting.name}; {100 * setting.noise:g} % noise, {draws} draws, start off by"
             f" {setting.spread:g} rms"
         )
         print(
-            f"{'':14}{'rms':>9}{'median':>9}{'over none':>11}{'better in':>11}{'std or kept':>13}{'seconds':>9}"
+            f"{'':14}{'rms':>9}{'median':>9}{'over none':>11}{'better in':>11}"
+            f"{'std or kept':>13}{'seconds':>9}"
         )
         plain = np.zeros(0)
         for choice in CHOICES:
@@ -99,8 +103,9 @@ def main() -> None:
             rms = np.sqrt(np.mean(each**2))
             over = rms / np.sqrt(np.mean(plain**2))
             print(
-                f"{choice or 'none':14}{rms:9.4f}{np.median(each):9.4f}{over:11.3f}{100 * np.mean(each < plain):9.0f}"
-                f" %{np.median(held):13.3g}{time.perf_counter() - begun:9.1f}",
+                f"{choice or 'none':14}{rms:9.4f}{np.median(each):9.4f}{over:11.3f}"
+                f"{100 * np.mean(each < plain):9.0f} %{np.median(held):13.3g}"
+                f"{time.perf_counter() - begun:9.1f}",
                 flush=True,
             )
 

@@ -4,11 +4,12 @@
 
 Two cases: all 25 FRFs with 5 % noise, where the posterior is all but Gaussian; and one FRF with 20
 % noise, where it is curved and lopsided. Every sampler begins at draws of the Laplace approximation
-and is given as many evaluations of the likelihood, after a first fifth that does not count; one
-with slopes counts as three without (measured: 2.4 ms and
-0.7 ms). The worst of bulk and tail effective size over the unknowns is told (ArviZ). Needs emcee, arviz-stats,
-zeus-mcmc, dynesty and mici; what is missing is left out. Chains have to be long against their
-correlation for that size to be right: the budget must not be small."""
+and is given as many evaluations of the likelihood, after a first fifth that does not count. One
+with derivatives counts as three without (measured: 2.4 ms and 0.7 ms). Printed is the smallest of
+bulk and tail effective size over the unknowns (ArviZ). Needs emcee, arviz-stats, zeus-mcmc, dynesty
+and mici; samplers that are not installed are left out. That size is right only of chains that are
+long against their correlation: the budget must not be small.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ class Target:
         return np.array([self(z) for z in Z])
 
     def start(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return draws of the Laplace approximation that lie within the bounds, shape (count, n)."""
+        """Return draws of the Laplace approximation within the bounds, shape (count, n)."""
         kept: list[np.ndarray] = []
         while len(kept) < count:
             z = rng.standard_normal(self.n)
@@ -73,9 +74,10 @@ class Target:
         return local.cost, self.gaussian.root.T @ local.gradient
 
 
-def emcee_with(
-    moves: Callable[[Target], object],
-) -> Callable[[Target, int], tuple[np.ndarray, int]]:
+Sampler = Callable[[Target, int], tuple[np.ndarray, int]]
+
+
+def emcee_with(moves: Callable[[Target], object]) -> Sampler:
     def run(target: Target, budget: int) -> tuple[np.ndarray, int]:
         import emcee
 
@@ -103,7 +105,7 @@ def differences(target: Target) -> object:
 
 
 def mixed(target: Target) -> object:
-    """The moves of updyn; the mixture knows one hump here."""
+    """The moves of updyn, with one mode in the mixture."""
     import emcee
 
     n = target.n
@@ -173,7 +175,7 @@ def mici(target: Target, budget: int) -> tuple[np.ndarray, int]:
 
 
 def dynesty(target: Target, budget: int) -> tuple[np.ndarray, int]:
-    """Nested sampling over a box of 8 standard deviations; its draws are independent, their number Kish's."""
+    """Nested sampling over a box of 8 standard deviations; draws are independent (Kish's size)."""
     import dynesty as package
 
     rng = np.random.default_rng(0)
@@ -230,7 +232,8 @@ def main() -> None:
     warnings.simplefilter("ignore")
     for name, make in targets().items():
         print(
-            f"\n{name}\n{'sampler':<50}{'evaluations':>12}{'effective':>10}{'R-hat':>8}{'per 1000':>10}{'per s':>8}"
+            f"\n{name}\n{'sampler':<50}{'evaluations':>12}{'effective':>10}"
+            f"{'R-hat':>8}{'per 1000':>10}{'per s':>8}"
         )
         target = make()
         for label, sampler in SAMPLERS.items():

@@ -1,4 +1,4 @@
-"""Do the error bars of fits with fixed weights cover, where the noise has other weights?
+"""Coverage of the intervals of fits with fixed weights, where the noise has other weights.
 
 12-DOF chain (60 lines, 5 sensors, 2 references), `output-error` and `log` started at the truth,
 under noise that is proportional, constant, or both. Share of unknowns and draws that the 95 %
@@ -28,8 +28,15 @@ from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
 
-NOISE = (("output-error", 0.05, 0.0), ("output-error", 0.02, 0.002), ("output-error", 0.0, 0.01))
-NOISE += (("log", 0.05, 0.0), ("log", 0.02, 0.001), ("log", 0.01, 0.01))
+#: Method, relative noise, and floor as a share of the rms.
+NOISE = (
+    ("output-error", 0.05, 0.0),
+    ("output-error", 0.02, 0.002),
+    ("output-error", 0.0, 0.01),
+    ("log", 0.05, 0.0),
+    ("log", 0.02, 0.001),
+    ("log", 0.01, 0.01),
+)
 
 
 def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
@@ -38,8 +45,10 @@ def others(problem: Part, x: np.ndarray, log: bool) -> dict[str, np.ndarray]:
     H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
     data, n = problem.frf.values, problem.n
     level = np.broadcast_to(level_by_unit(problem.frf), H.shape)
-    r, J = (np.log(H / data), dH / H) if log else ((H - data) / level, dH / level)
-    residual = LogError() if log else Each((OutputError(1.0 / level),))
+    if log:
+        r, J, residual = np.log(H / data), dH / H, LogError()
+    else:
+        r, J, residual = (H - data) / level, dH / level, Each((OutputError(1.0 / level),))
     local = residual.local(Problem.of([problem]), x)
     A = local.R.T @ local.R
     g = np.einsum("klab,lab->lk", J.conj(), r).real
@@ -69,7 +78,8 @@ def main() -> None:
     unknowns = case.unknowns.with_start(truth)
     rms = np.sqrt(np.mean(np.abs(clean.values) ** 2))
     print(
-        f"{'method':<14}{'relative':>9}{'floor':>7}{'plain':>8}{'sandwich':>10}{'lines':>7}{'jackknife':>11}"
+        f"{'method':<14}{'relative':>9}{'floor':>7}"
+        f"{'plain':>8}{'sandwich':>10}{'lines':>7}{'jackknife':>11}"
     )
     for method, relative, floor in NOISE:
         rng, log = np.random.default_rng(args.seed), method == "log"
@@ -78,9 +88,8 @@ def main() -> None:
         for _ in range(args.draws):
             draw = rng.standard_normal((2, *std.shape))
             data = replace(clean, values=clean.values + std * (draw[0] + 1j * draw[1]))
-            result = updyn.update(
-                case.start, data, unknowns, method=method, **({"starts": 0} if log else {})
-            )
+            options = {"starts": 0} if log else {}
+            result = updyn.update(case.start, data, unknowns, method=method, **options)
             problem = Part.build(case.start, data, unknowns)
             found = np.array([result.values[name] for name in names])
             x = problem.coordinates.to_x(np.maximum(found, 1e-12))

@@ -1,4 +1,4 @@
-"""Does the updated model predict how a servo behaves on the true structure, where the drawings do not?
+"""Margins of a servo on the updated model, on the drawings and on the true structure.
 
 The azimuth axis of `updyn demo antenna` (`updyn.control.demo`): motor torque, encoders on
 motor and turntable, P position loop over PI velocity loop with a notch. One controller as the
@@ -61,7 +61,7 @@ def updated(run: Path | None) -> UpdateResult:
         return updyn.read_result(Path(folder) / "rotors free" / "run.nc")
 
 
-# -- line by line ------------------------------------------------------------------------------------------
+# -- line by line ----------------------------------------------------------------------------------
 class Exact:
     """Loops of a controller on a model, from its frequency response with structural damping."""
 
@@ -84,7 +84,8 @@ class Exact:
         L = self.values[:, loop]
         gains = self.roots(lambda f: abs(self.loops(f)[loop]) - 1.0, np.abs(L) - 1.0)
         turns = self.roots(lambda f: self.loops(f)[loop].imag, L.imag)
-        negative = [abs(x) for f in turns if (x := self.loops(f)[loop].real) < 0]
+        crossings = [self.loops(f)[loop].real for f in turns]
+        negative = [-x for x in crossings if x < 0]
         phases = [np.degrees(np.angle(-self.loops(f)[loop])) for f in gains]
         at = int(np.abs(1.0 + L).argmin())
         near = np.linspace(self.freq[at - 1], self.freq[at + 1], 41)
@@ -100,7 +101,7 @@ class Exact:
         return [float(brentq(function, self.freq[i], self.freq[i + 1], xtol=1e-9)) for i in at]
 
 
-# -- tables ------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 def figures_of(servo: Servo, loop: int) -> dict[str, float]:
     margins = servo.loops[loop].margins
     return {
@@ -128,7 +129,7 @@ def table(models: dict[str, Model], plants: dict[str, updyn.Plant], controller: 
 
 
 def routes(truth: Model, controller: Controller) -> None:
-    """What the conversion of the damping does to the phase margin."""
+    """Print the phase margin by each conversion of the damping."""
     right = Exact(truth, controller).figures(0)["phase_margin"]
     print(f"\nphase margin of the velocity loop on the truth: {right:.2f} deg line by line")
     for route in ("modal", "complex", "biot"):
@@ -178,9 +179,17 @@ def wind(plants: dict[str, updyn.Plant], controller: Controller) -> None:
     )
     for name, p in plants.items():
         servo = updyn.servo(
-            p, controller, torque="torque", velocity="speed", position="azimuth", disturbance="wind", pointing="dish",
-            step=None, disturbance_step=None, wind=WIND,
-        )  # fmt: skip
+            p,
+            controller,
+            torque="torque",
+            velocity="speed",
+            position="azimuth",
+            disturbance="wind",
+            pointing="dish",
+            step=None,
+            disturbance_step=None,
+            wind=WIND,
+        )
         assert servo.wind is not None
         print(f"  {name}: {np.degrees(servo.wind.rms_expected) * 3600:.4g}")
 

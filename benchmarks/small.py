@@ -1,4 +1,4 @@
-"""What does one iteration of a small model cost beyond one batched solve of the same lines?
+"""Cost of one iteration of a small model over that of one batched solve of the same lines.
 
 A chain of springs in 20 groups; stiffness, mass and loss factor of each unknown; 30 sensors, 3
 references. An iteration is the residual, its exact Jacobian and their QR factors; the solve is one

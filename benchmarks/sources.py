@@ -1,4 +1,4 @@
-"""What the sources of noise are worth: how far from the Cramer-Rao bound, and do the error bars cover?
+"""Error over the Cramer-Rao bound, and coverage of the intervals, by source of the noise.
 
 12-DOF chain, 60 lines, 5 sensors, 2 references, 12 unknowns, started without a search. The bound is
 that of the noise as it was drawn (outlier lines: of the other lines).
@@ -42,9 +42,8 @@ def bound_of(case: Case, clean: FRF, truth: np.ndarray, variance: np.ndarray) ->
     problem = Part.build(case.start, clean, case.unknowns)
     x = problem.coordinates.to_x(truth)
     R = OutputError(np.sqrt(2.0 / variance)).local(Problem.of([problem]), x).R
-    return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(x))), axis=0) * problem.coordinates.slope(
-        x
-    )
+    std = np.linalg.norm(np.linalg.solve(R.T, np.eye(len(x))), axis=0)
+    return std * problem.coordinates.slope(x)
 
 
 def averaged(clean: FRF, n: int, variance: np.ndarray) -> Draw:
@@ -65,8 +64,9 @@ def at_true_size(clean: FRF, n: int, variance: np.ndarray) -> Draw:
 
     def draw(rng: np.random.Generator) -> FRF:
         data = measured(rng)
-        told = np.abs(clean.values) ** 2 * (1.0 / data.coherence - 1.0) / n
-        return replace(data, variance=np.maximum(told, 1e-8 * np.abs(clean.values) ** 2))
+        power = np.abs(clean.values) ** 2
+        stated = power * (1.0 / data.coherence - 1.0) / n
+        return replace(data, variance=np.maximum(stated, 1e-8 * power))
 
     return draw
 
@@ -102,7 +102,8 @@ def main() -> None:
     floor, relative = np.full(size.shape, (0.02 * rms) ** 2), (0.02 * size) ** 2
     two = (0.02 * size) ** 2 + (0.005 * rms) ** 2
     bad = np.array([1.0, 10.0, 1.0, 1.0, 1.0])[:, None]
-    one, alike = (0.01 * size * bad) ** 2, (0.01 * size) ** 2
+    one = (0.01 * size * bad) ** 2
+    equal = (0.01 * size) ** 2
 
     studies: list[tuple[str, Any, np.ndarray, Draw]] = [
         (f"coherence, {n} averages", None, floor, averaged(clean, n, floor))
@@ -113,28 +114,25 @@ def main() -> None:
         for n in (3, 10, 30, 100)
     ]
     of_three = plain(clean, two)
-    studies += [
-        (
-            "three repeats",
-            None,
-            two / 3,
-            lambda rng: updyn.average([of_three(rng) for _ in range(3)]),
-        )
-    ]
+
+    def repeats(rng: np.random.Generator) -> FRF:
+        return updyn.average([of_three(rng) for _ in range(3)])
+
+    studies.append(("three repeats", None, two / 3, repeats))
     for lines in (0, 3):
         for noise, how in ((None, "estimated"), (ROBUST, "robust")):
-            told = f"{lines} outlier lines, {how}"
-            studies += [
-                (told, noise, relative * 60 / (60 - lines), with_outliers(clean, relative, lines))
-            ]
-    for variance, which in ((alike, "sensors alike"), (one, "one bad sensor")):
+            name = f"{lines} outlier lines, {how}"
+            variance = relative * 60 / (60 - lines)
+            studies.append((name, noise, variance, with_outliers(clean, relative, lines)))
+    for variance, which in ((equal, "sensors alike"), (one, "one bad sensor")):
         for noise, how in ((None, "estimated"), (BY_CHANNEL, "by channel")):
-            studies += [(f"{which}, {how}", noise, variance, plain(clean, variance))]
+            studies.append((f"{which}, {how}", noise, variance, plain(clean, variance)))
 
     print(
-        f"{'case':<32}{'RMS/bound':>10}{'largest':>9}{'covered':>9}{'std/bound':>11}{'chi-square':>12}"
+        f"{'case':<32}{'RMS/bound':>10}{'largest':>9}{'covered':>9}"
+        f"{'std/bound':>11}{'chi-square':>12}"
     )
-    for told, noise, variance, draw in studies:
+    for name, noise, variance, draw in studies:
         rng, bound = np.random.default_rng(args.seed), bound_of(case, clean, truth, variance)
         off, bars, chi = [], [], []
         for _ in range(args.draws):
@@ -145,8 +143,8 @@ def main() -> None:
         each = np.sqrt(np.mean(np.square(off), axis=0))
         covered = 100.0 * np.mean(np.abs(off) <= 1.96 * np.array(bars))
         print(
-            f"{told:<32}{each.mean():>10.2f}{each.max():>9.2f}{covered:>8.1f}%{np.median(bars):>11.2f}"
-            f"{np.mean(chi):>12.3f}",
+            f"{name:<32}{each.mean():>10.2f}{each.max():>9.2f}{covered:>8.1f}%"
+            f"{np.median(bars):>11.2f}{np.mean(chi):>12.3f}",
             flush=True,
         )
 

@@ -1,4 +1,4 @@
-"""How fast is one exact iteration at each size, tier and backend, and how fast are the peers on the same models?
+"""Time of one exact iteration at each size, tier and backend, and of peers on the same models.
 
 First a table of updyn: one log residual with its exact Jacobian (30 sensors, 3 references), each at
 other values of the unknowns, after a first one that is timed by itself: it holds the symbolic

@@ -1,4 +1,4 @@
-"""How much faster are two processes than one, and do they give the same numbers?
+"""Time of an update by two processes over that by one, and the difference of their numbers.
 
 A solid of about 10,000 DOFs, 40 lines, 30 sensors, 3 references, 20 unknowns; the log method,
 sparse tier, at most five steps; one thread for each process.

@@ -1,9 +1,9 @@
 """A spring chain updated from noisy FRFs: maximum likelihood against the paper's equation error.
 
 The residual of the equation error, Z_red H_X - I, has the measured H_X as a factor, so that noise
-does not average out but biases the estimate: with ten times the lines its standard deviations
-decrease and its error does not. Maximum likelihood compares H_X with the model's H_A, weighted with
-the noise, and its error decreases as the inverse square root of the number of lines.
+does not average out but biases the estimate: with ten times the frequency lines its standard
+deviations decrease and its error does not. Maximum likelihood compares H_X with the model's H_A,
+weighted with the noise, and its error decreases as the inverse square root of the number of lines.
 
 Run it with ``python examples/noise_bias.py``; it prints the largest error of any stiffness or mass
 factor.

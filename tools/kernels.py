@@ -1,4 +1,4 @@
-"""Run the tests whose results rounding could change (`pytest -m kernels`) under several kernels of OpenBLAS.
+"""Run the tests marked `kernels`, which rounding could change, under several kernels of OpenBLAS.
 
 python tools/kernels.py Haswell Prescott SkylakeX -- -n 2
 
@@ -14,7 +14,8 @@ import sys
 
 _ASK = """
 import numpy, scipy.linalg, threadpoolctl
-found = {i["architecture"] for i in threadpoolctl.threadpool_info() if i["internal_api"] == "openblas"}
+libraries = threadpoolctl.threadpool_info()
+found = {i["architecture"] for i in libraries if i["internal_api"] == "openblas"}
 print(*sorted(found))
 """
 
@@ -23,14 +24,14 @@ _ALIASES = {"Katmai": "Prescott"}
 
 
 def environment(kernel: str | None) -> dict[str, str]:
-    """Return the environment of a process that uses a kernel, with one thread; None: the machine's own."""
+    """Return the environment of a process with one thread that uses a kernel; None: the default."""
     kept = {k: v for k, v in os.environ.items() if k != "OPENBLAS_CORETYPE"}
     chosen = {} if kernel is None else {"OPENBLAS_CORETYPE": kernel}
     return kept | chosen | {"OMP_NUM_THREADS": "1"}
 
 
 def kernels_used(kernel: str | None) -> list[str]:
-    """Return the kernels that numpy and scipy use where one is asked for; empty without OpenBLAS."""
+    """Return the kernels that numpy and scipy use if one is asked for; empty without OpenBLAS."""
     asked = subprocess.run(
         [sys.executable, "-c", _ASK],
         env=environment(kernel),

@@ -26,9 +26,8 @@ def compared(folder: Path, name: str) -> Comparison:
     gear_train.write_inputs(folder)
     truth = folder / f"{name}_truth.toml"
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", UpdynWarning
-        )  # K of unit 2 is indefinite by the rounding of Table 2
+        # K of unit 2 is indefinite by the rounding of Table 2.
+        warnings.simplefilter("ignore", UpdynWarning)
         return compare_job(
             load_job(folder / f"{name}.toml"), folder / "out", truth=truth, fewest=True
         )
@@ -36,11 +35,10 @@ def compared(folder: Path, name: str) -> Comparison:
 
 def methods_table(found: Comparison) -> str:
     """Return what every method cannot update, needs, and where it comes from."""
-    said = {row.method: limits(row) for row in found}
-    rows = [
-        f"| `{r.method}` | {said[r.method] if said[r.method] != '-' else ''} | {r.reference} |"
-        for r in found
-    ]
+    rows = []
+    for row in found:
+        text = limits(row).removeprefix("-")
+        rows.append(f"| `{row.method}` | {text} | {row.reference} |")
     return _table("| method | cannot update; needs | reference |", rows)
 
 
@@ -70,7 +68,7 @@ def _figures(row: Row) -> tuple[str, str]:
     if row.status == "max-iterations":  # where it is by then depends on the rounding of each step
         return "not settled", "not settled"
     misfit = _number(row.fitted["after"]["db_error_median"])
-    return misfit, "open" if row.status == "not-identifiable" else _number(row.error_max)
+    return misfit, "undetermined" if row.status == "not-identifiable" else _number(row.error_max)
 
 
 def _fewest(row: Row) -> str:
@@ -82,12 +80,8 @@ def _number(value: float) -> str:
 
 
 def _table(head: str, rows: list[str]) -> str:
-    return (
-        "\n".join([head, re.sub(r"[^|]+", "---", head), *rows])
-        .replace("|  |", "| |")
-        .replace("|  |", "| |")
-        + "\n"
-    )
+    text = "\n".join([head, re.sub(r"[^|]+", "---", head), *rows])
+    return re.sub(r"\|  (?=\|)", "| ", text) + "\n"
 
 
 def replaced(text: str, name: str, table: str) -> str:

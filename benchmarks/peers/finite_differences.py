@@ -1,11 +1,12 @@
-"""scipy.optimize.least_squares with finite differences over a sparse FRF solver, as a user would write it.
+"""scipy.optimize.least_squares with finite differences over a sparse FRF solver.
 
 One step of both gives the log residual and its Jacobian. The peer needs one factorisation a line
 for the residual and one more for every unknown, with as many right-hand sides as references; updyn
 one a line, with those of the sensors too. SuperLU as tuned as updyn's own (minimum degree,
 symmetric mode), entries summed on one pattern. Where the whole Jacobian would take longer than the
 budget, one evaluation is timed and multiplied by their number, marked `~`, and one column is
-checked."""
+checked.
+"""
 
 from __future__ import annotations
 
@@ -61,10 +62,8 @@ class SparseFRF:
             sp.coo_array((data, (slots, owner)), shape=(pattern.nnz, len(matrices)))
         )
         dofs = case.model.dofs
-        rows, columns = (
-            dofs.match(case.data.responses, "response"),
-            dofs.match(case.data.references, "reference"),
-        )
+        rows = dofs.match(case.data.responses, "response")
+        columns = dofs.match(case.data.references, "reference")
         return cls(case, pattern, entries, rows.index, columns.index)
 
     def receptance(self, x: np.ndarray) -> np.ndarray:
@@ -139,16 +138,11 @@ def compare(case: Case, budget: float) -> list[Row]:
         error = same(answer.jac, J, 1e-3, "finite differences, Jacobian")
     else:
         again, moved = once(lambda: peer.residual(x + STEP * np.eye(len(x))[0]))
-        taken, mark = (
-            (len(x) + 1) * min(one, again),
-            f"~ {len(x) + 1} evaluations of {min(one, again):.3g} s; ",
-        )
-        error = same(
-            np.column_stack([(moved - theirs) / STEP, J[:, 1:]]),
-            J,
-            1e-3,
-            "finite differences, first column",
-        )
+        each = min(one, again)
+        taken = (len(x) + 1) * each
+        mark = f"~ {len(x) + 1} evaluations of {each:.3g} s; "
+        column = np.column_stack([(moved - theirs) / STEP, J[:, 1:]])
+        error = same(column, J, 1e-3, "finite differences, first column")
     ours = next(row.seconds for row in rows if row.who.endswith("superlu"))
     note = f"{mark}Jacobian differs by {error:.0e}; {taken / ours:.1f} x updyn, superlu"
     return [*rows, Row("least_squares, 2-point, SuperLU", taken, rows[0].against, differs, note)]

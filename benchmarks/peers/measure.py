@@ -1,4 +1,4 @@
-"""What the peers share: a case, a stopwatch, the check that two answers are one, and the table."""
+"""A case, timing, the comparison of two answers, and the table: for all peers."""
 
 from __future__ import annotations
 
@@ -100,11 +100,11 @@ def once(run: Callable[[], Any]) -> tuple[float, Any]:
 
 
 class AnotherAnswer(Exception):  # noqa: N818
-    """What another answer costs is compared with nothing."""
+    """A peer gave another answer: its time is not compared."""
 
 
 def same(theirs: Any, ours: Any, tolerance: float, what: str) -> float:
-    """Return the largest difference over the largest value; beyond the tolerance raise `AnotherAnswer`."""
+    """Return the largest difference over the largest value; beyond a tolerance it is an error."""
     differs = float(np.abs(theirs - ours).max() / np.abs(ours).max())
     if not differs <= tolerance:
         raise AnotherAnswer(
@@ -140,9 +140,9 @@ class Case:
         *,
         only_time: bool = False,
     ) -> Case:
-        """30 sensors and three forces spread over the model; mass, stiffness and damping of the first groups.
+        """30 sensors, three forces; mass, stiffness and damping of the first groups are unknown.
 
-        Where only time is asked, noise will do for data.
+        For timing only, the data are noise.
         """
         at = sensors(model)
         noise = np.random.default_rng(0).normal(size=(2, len(lines), len(at), 3))
@@ -152,17 +152,14 @@ class Case:
         else:
             clean = updyn.response(model, lines, at, at[:3])
             data = replace(clean, values=clean.values * (1.0 + 0.05 * noise))
-        damping = (
-            "viscous"
-            if any(g.viscous is not None for g in model.groups.values())
-            else "loss_factor"
-        )
+        has_viscous = any(g.viscous is not None for g in model.groups.values())
+        damping = "viscous" if has_viscous else "loss_factor"
         # 10 are mass, stiffness and damping of three groups, and the mass of a fourth.
         whole, rest = divmod(n_unknowns or 3 * len(model.groups), 3)
         names = list(model.groups)
-        kinds = {
-            k: names[: whole + (i < rest)] for i, k in enumerate(("mass", "stiffness", damping))
-        }
+        kinds = {}
+        for i, quantity in enumerate(("mass", "stiffness", damping)):
+            kinds[quantity] = names[: whole + (i < rest)]
         return cls(model, data, updyn.parameters(model, **kinds))
 
     def problem(self, tier: str | None = None, backend: str | None = None) -> Part:
@@ -181,7 +178,7 @@ class Case:
 
 
 def steps(residual: Any, problem: Part) -> Callable[[], Any]:
-    """Return what computes a residual and its Jacobian, at other values of the unknowns whenever it is called."""
+    """Return a function that computes a residual and its Jacobian, each time at other values."""
     start, n = problem.coordinates.to_x(problem.coordinates.parameters.start), count()
     return lambda: residual.local(Problem.of([problem]), start + 1e-3 * next(n))
 
@@ -198,7 +195,7 @@ def backends() -> list[str]:
 
 
 def dense_models(n_dofs: int) -> Iterator[tuple[str, updyn.Model]]:
-    """Models for peers that hold everything dense: one whose zeros they do not see, and one that has none."""
+    """Models for peers with dense matrices: one with zeros that they do not use, one without."""
     layers = n_dofs // 48
     yield "solid, matrices of finite elements", solid((3, 3, layers), min(layers, 20))
     yield "full matrices, as of superelements", full(n_dofs)

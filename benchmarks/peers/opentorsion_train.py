@@ -1,7 +1,8 @@
 """openTorsion's forced response, `Assembly.ss_response`, of drive trains with viscous damping.
 
 It inverts Z at every frequency and gives displacement and speed of all nodes for one column of
-torques. updyn is asked for the same: the receptance of all nodes to one torque."""
+torques. updyn is asked for the same: the receptance of all nodes to one torque.
+"""
 
 from __future__ import annotations
 
@@ -41,13 +42,8 @@ def _compare(opentorsion: Any, model: updyn.Model, lines: np.ndarray) -> list[Ro
     rows: list[Row] = []
     for tier in (None, "sparse"):
         taken = best(lambda t=tier: updyn.response(model, lines, dofs, dofs[:1], tier=t))
-        rows.append(
-            Row(
-                f"updyn.response, {tier or 'tier by size'}",
-                taken,
-                rows[0].against if rows else taken,
-            )
-        )
+        against = rows[0].against if rows else taken
+        rows.append(Row(f"updyn.response, {tier or 'tier by size'}", taken, against))
     theirs = train.ss_response(torque, 2 * np.pi * lines)[0].T
     ours = updyn.response(model, lines, dofs, dofs[:1]).values[:, :, 0]
     differs = same(theirs, ours, 1e-8, "openTorsion ss_response")

@@ -3,7 +3,8 @@
 `frequency_response` inverts Z at every line and yields the FRF of any DOFs; its damping is viscous.
 `reduce_dynamic` condenses K, M and C at one frequency with the undamped K - omega^2 M, so that only
 of undamped structures it is the exact condensation, and there it is compared. Neither gives
-derivatives; updyn is timed without and with them."""
+derivatives; updyn is timed without and with them.
+"""
 
 from __future__ import annotations
 

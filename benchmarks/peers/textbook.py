@@ -1,8 +1,9 @@
-"""The update of Bao, Wang & Cheng (2010) as the paper writes it: dense, an inverse at every line, four-term products.
+"""The update of Bao, Wang & Cheng (2010) as printed: dense, an inverse at every line.
 
 Both compute the condensed equation error and its sensitivity matrix S (eq. 10) of every unknown.
 "As printed" evaluates equations 9, 11, 17 and 18 term by term; "products kept" forms Zss^-1 Zsn
-once a line, as a careful author might."""
+once a line.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +51,7 @@ class Textbook:
     def iteration(
         self, freq: np.ndarray, measured: np.ndarray, *, keep: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return I - Z_red H_X, shape (n_f, n, m), and S by mass, stiffness and loss factor of each unit."""
+        """Return I - Z_red H_X, shape (n_f, n, m), and S by mass, stiffness and loss factor."""
         K = [sum((1 + 1j * loss) * k[b] for loss, k, _ in self.units) for b in range(4)]
         M = [sum(m[b] for *_, m in self.units) for b in range(4)]
         unit = np.eye(*measured.shape[1:])
@@ -65,11 +66,9 @@ class Textbook:
             for i, (loss, k, m) in enumerate(self.units):
                 dX = -(omega**2) * _four_terms(m, Zns, inverse, Zsn, kept)
                 dY = _four_terms(k, Zns, inverse, Zsn, kept)
-                S[3 * i, line], S[3 * i + 1, line], S[3 * i + 2, line] = (
-                    dX @ h,
-                    (1 + 1j * loss) * dY @ h,
-                    1j * dY @ h,
-                )
+                S[3 * i, line] = dX @ h
+                S[3 * i + 1, line] = (1 + 1j * loss) * dY @ h
+                S[3 * i + 2, line] = 1j * dY @ h
         return left, S
 
 
@@ -101,7 +100,9 @@ def _compare(case: Case) -> list[Row]:
         problem = case.problem(tier)
         product, dZh = case.condensed(problem)
         taken = best(steps(EquationError(), problem))
-        who = f"updyn, {tier}" + (f", {problem.solver.backend}" if tier == "sparse" else "")
+        who = f"updyn, {tier}"
+        if tier == "sparse":
+            who += f", {problem.solver.backend}"
         rows.append(Row(who, taken, rows[0].against if rows else taken))
     residual = np.eye(*product.shape[1:]) - product
     peer = Textbook.of(case)

@@ -1,4 +1,4 @@
-"""docs/compare.md: its tables come out of its commands, its example runs, its columns are those of the command."""
+"""docs/compare.md: its tables and columns are those of its commands, its example runs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import ROOT, blocks, run_python
 
+from pages import ROOT, blocks, run_python
 from updyn.cli import main
 from updyn.comparison import Comparison
 from updyn.comparison.table import COLUMNS
@@ -50,7 +50,7 @@ def rows(table: str) -> list[list[str]]:
 
 
 def alike(a: str, b: str) -> bool:
-    """Whether two cells say the same; numbers within a tenth, as the last digits are the machine's."""
+    """Whether two cells agree, numbers within a tenth: last digits depend on the machine."""
     try:
         return float(a) == pytest.approx(float(b), rel=0.1)
     except ValueError:

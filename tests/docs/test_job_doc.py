@@ -1,4 +1,4 @@
-"""docs/job.md against the schema: every key, default and message in it is there, and none is missing."""
+"""docs/job.md has every key, default and message of the schema, and no other."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from places import ROOT
 from updyn.cli import main
 from updyn.control.job.tables import (
     ControllerTable,
@@ -46,11 +47,11 @@ from updyn.store.result import result_to_json
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
-TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "job.md").read_text(encoding="utf-8")
 
 
 def tables() -> dict[str, dict[str, list[str]]]:
-    """Return the tables of the page by heading or lead-in (the last code span before them): first cell to cells."""
+    """Return the tables of the page by the last code span before them: first cell to cells."""
     out: dict[str, dict[str, list[str]]] = {}
     title = ""
     for line in TEXT.splitlines():

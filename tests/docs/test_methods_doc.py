@@ -7,9 +7,9 @@ from statistics import median
 
 import numpy as np
 import pytest
-from pages import ROOT
 
 import updyn
+from pages import ROOT
 from updyn.demos.gear_train import starting_model, true_model, true_values
 from updyn.frf import FRF
 from updyn.model import Model
@@ -42,7 +42,7 @@ def table(heading: str) -> dict[str, list[str]]:
 def worst(
     start: Model, true: Model, data: FRF, name: str, **options: object
 ) -> tuple[float, float]:
-    """Return the largest error of a factor, and the largest error over its own standard deviation."""
+    """Return the largest error of a factor, and the largest over its standard deviation."""
     cannot = METHODS.find(name).cannot
     wanted = {q: "all" for q in ("stiffness", "mass", "loss_factor") if q not in cannot}
     chosen = updyn.parameters(start, **wanted)
@@ -147,7 +147,7 @@ def test_steps_on_the_gear_train() -> None:
         data = updyn.response(true, eight, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
         found = updyn.update(start, data, unknowns, method="complex-rfm", expand=True)
         assert found.status == "converged"
-        # The sixth step and those after it are rounding: how many there are depends on the processor.
+        # Steps from the sixth on are rounding: their number depends on the processor.
         assert 6 <= found.iterations <= 12
         assert found.values == pytest.approx(true_values(reading), rel=1e-6, abs=1e-6)
     assert "all 18 in about eight steps" in section("complex-rfm")

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from updyn.control.job.tables import ServoTable
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from pages import ROOT, blocks, run_python
+from updyn.control.job.tables import ServoTable
 
 PAGE = ROOT / "docs/servo.md"
 
@@ -32,7 +27,7 @@ def page() -> dict[str, Any]:
 
 
 def test_the_first_antiresonance_is_that_of_two_inertias_nearly(page: dict[str, Any]) -> None:
-    """The rim swings more than the hub, so that the frequency is a little lower than sqrt(k / J_L)."""
+    """The rim moves more than the hub, so that the frequency is a little below sqrt(k / J_L)."""
     simple = np.sqrt(3.2e5 / 43.2) / (2 * np.pi)
     assert 0.9 * simple < page["first"].antiresonance < simple
 

@@ -55,6 +55,11 @@ _FAST = 10.0
 #: Share of the residues below which their sum is rounding.
 _NOTHING = 1e-10
 _TWO_PI = 2.0 * np.pi
+#: The real poles lie up to this factor beyond the band.
+_BEYOND = 3.0
+#: Singular values below this share are left out: no large parts that cancel in the band and add up
+#: outside.
+_RANK = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,8 +278,9 @@ def _slow(space: ModalSpace) -> tuple[_Real, _Real, _Real, int]:
     B, C = np.zeros((0, r)), np.zeros((r, 0))
     rest = np.setdiff1d(np.arange(r), still)
     if space.viscous.any():
-        part = ModalSpace(space.omega[rest], 0, np.eye(len(rest)), np.eye(len(rest)),
-                          space.viscous[np.ix_(rest, rest)], (), "")  # fmt: skip
+        ports = np.eye(len(rest))
+        viscous = space.viscous[np.ix_(rest, rest)]
+        part = ModalSpace(space.omega[rest], 0, ports, ports, viscous, (), "")
         A, B_part, C_part = _real_poles(part)
         B, C = np.zeros((len(A), r)), np.zeros((r, len(A)))
         B[:, rest], C[rest] = B_part, C_part
@@ -311,13 +317,6 @@ def _real_poles(space: ModalSpace) -> tuple[_Real, _Real, _Real]:
     X = scipy.linalg.solve_sylvester(T[:n, :n], -T[n:, n:], -T[:n, n:])
     into = Q.T[:n, r:] - X @ Q.T[n:, r:]
     return T[:n, :n], into, Q[:r, :n]
-
-
-#: The real poles lie up to this factor beyond the band.
-_BEYOND = 3.0
-#: Singular values below this share are left out: no large parts that cancel in the band and add up
-#: outside.
-_RANK = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -219,11 +219,10 @@ class PlantFamily:
         Raises
         ------
         ModelError
-            If the plants are no longer alike.
+            If inputs, outputs or sampling of the plants no longer agree.
         """
-        return replace(
-            self, nominal=change(self.nominal), members=tuple(change(m) for m in self.members)
-        )
+        members = tuple(map(change, self.members))
+        return replace(self, nominal=change(self.nominal), members=members)
 
 
 def plant_family(
@@ -287,7 +286,7 @@ def plant_family(
     cannot be told from 0 is 0 in half of the members, as in a bootstrap. Draws are in no need of
     that, nor of a likelihood that looks Gaussian.
 
-    A spread says what the data leave unsure. It does not know of a wrong model
+    The spread is the uncertainty by the data. It does not contain the error of a wrong model
     (`UpdateResult.adequacy`).
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
@@ -380,8 +379,8 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
         if len(unsure) > 6:
             few += f" and {len(unsure) - 6} more"
         raise OptionError(
-            f"plant_family: the data do not determine {few}, so that nobody knows how far off the"
-            f" plant may be. {result.identifiability.advice} Or give draws= of a sampling, in which"
+            f"plant_family: the data do not determine {few}, so that the error of the plant is"
+            f" unknown. {result.identifiability.advice} Or give draws= of a sampling, in which"
             " priors and bounds limit them."
         )
     coordinates = Coordinates(parameters)
@@ -390,16 +389,18 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
     # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
-    z = np.array(
-        [np.random.default_rng((seed, number)).standard_normal(len(x)) for number in range(n)]
-    )
+    z = np.empty((n, len(x)))
+    for number in range(n):
+        z[number] = np.random.default_rng((seed, number)).standard_normal(len(x))
     drawn = x + z @ root
     within = np.clip(drawn, *coordinates.bounds)
     share = (drawn != within).mean(axis=0)
     values = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
-    return values, {
-        name: float(s) for name, s in zip(parameters.names, share, strict=True) if s > 0.0
-    }
+    cut = {}
+    for name, part in zip(parameters.names, share, strict=True):
+        if part > 0.0:
+            cut[name] = float(part)
+    return values, cut
 
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:

@@ -207,10 +207,10 @@ class Plant:
                 f"line {lines[-1]:g} Hz lies above half the sampling rate of the plant,"
                 f" {0.5 / self.dt:g} Hz"
             )
-        s = 2j * np.pi * lines
-        return PlantResponse(
-            lines, self.at(s if self.dt is None else np.exp(s * self.dt)), self.outputs, self.inputs
-        )
+        points = 2j * np.pi * lines
+        if self.dt is not None:
+            points = np.exp(points * self.dt)
+        return PlantResponse(lines, self.at(points), self.outputs, self.inputs)
 
     def at(self, s: ArrayLike) -> _Complex:
         """Return C (s I - A)^-1 B + D.
@@ -258,10 +258,8 @@ class Plant:
         OptionError
             If there is none of that name; the nearest is named.
         """
-        i, j = (
-            _position(n, names, w)
-            for n, names, w in ((output, self.outputs, "output"), (input, self.inputs, "input"))
-        )
+        i = _position(output, self.outputs, "output")
+        j = _position(input, self.inputs, "input")
         return replace(
             self,
             B=self.B[:, [j]],

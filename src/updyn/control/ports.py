@@ -209,7 +209,9 @@ def port_matrix(
         try:
             matches.append(model.dofs.match(DofSet(port.weights), what))
         except DofError as error:
-            said = str(error) if port.name in str(error) else f"port {port.name!r}: {error}"
+            said = str(error)
+            if port.name not in said:
+                said = f"port {port.name!r}: {said}"
             raise DofError(said) from error
     index = np.unique(np.concatenate([m.index for m in matches]))
     weights = np.zeros((len(ports), len(index)))

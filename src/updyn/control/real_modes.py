@@ -36,6 +36,9 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
+_LINES = 200
+#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
+_RANK = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,11 +188,6 @@ def _structural(space: ModalSpace) -> _Real:
     return nonnegative(C)
 
 
-_LINES = 200
-#: Share of the largest eigenvalue of a relaxing stiffness below which it moves nothing.
-_RANK = 1e-12
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Relaxation:
     """g(s) = sum of a s / (s + b).
@@ -307,9 +305,9 @@ class Biot:
         out = []
         lossy = self.base.space.lossy
         for k in range(len(self.terms[0].b) if self.terms else 0):
-            W = sum(
-                (t.a[k] * p.matrix for p, t in zip(lossy, self.terms, strict=True)), np.zeros(())
-            )
+            W = np.zeros_like(lossy[0].matrix)
+            for part, term in zip(lossy, self.terms, strict=True):
+                W = W + term.a[k] * part.matrix
             values, vectors = np.linalg.eigh(nonnegative(np.asarray(W)[np.ix_(kept, kept)]))
             use = values > _RANK * max(values[-1], 1e-300)
             if use.any() and values[-1] > 0:

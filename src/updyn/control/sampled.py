@@ -148,11 +148,10 @@ def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[i
         raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
     count = float(delay) / dt
     near = round(count)
-    whole, part = (
-        (near, 0.0)
-        if abs(count - near) <= _WHOLE
-        else (math.floor(count), count - math.floor(count))
-    )
+    whole, part = near, 0.0
+    if abs(count - near) > _WHOLE:
+        whole = math.floor(count)
+        part = count - whole
     if n_states + (whole + 1) * n_inputs > _MOST_STATES:
         raise OptionError(
             f"delay {delay:g} s is {count:g} intervals of {dt:g} s: with one state for each input"

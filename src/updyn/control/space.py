@@ -34,6 +34,16 @@ _Complex = NDArray[np.complex128]
 
 #: A, B, C, D.
 Matrices = tuple[_Real, _Real, _Real, _Real]
+#: Models up to this many DOFs are taken as they are.
+_WHOLE = 300
+#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
+#: small beside that of the motor, of which the error is a share.
+_ACCURACY = 1e-8
+#: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
+_STIFF = 30.0
+#: A negative omega^2 down to this share of that of the band's upper end is rounding.
+_UNSTABLE = 1e-6
+_TWO_PI = 2.0 * np.pi
 
 
 class Conversion(Protocol):
@@ -73,18 +83,6 @@ def imaginary(freq: _Real) -> _Complex:
 def rates(powers: NDArray[np.intp], s: _Complex) -> _Complex:
     """Return s to the power (0, 1, 2) of each output, shape (n_f, n_y, 1)."""
     return np.asarray((s[:, None] ** powers)[:, :, None])
-
-
-#: Models up to this many DOFs are taken as they are.
-_WHOLE = 300
-#: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
-#: small beside that of the motor, of which the error is a share.
-_ACCURACY = 1e-8
-#: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
-_STIFF = 30.0
-#: A negative omega^2 down to this share of that of the band's upper end is rounding.
-_UNSTABLE = 1e-6
-_TWO_PI = 2.0 * np.pi
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,6 +33,9 @@ _COUNTS = 0.1
 _UNCOUPLED = 1e-7
 #: A pole nearer to the axis than this share of its size is one without damping.
 _UNDAMPED = 1e-9
+#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all
+#: its modes reach.
+_SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,11 +241,6 @@ def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
     lines = np.unique(np.clip(lines, low, high))
     keep = np.concatenate([[True], np.diff(lines) > 1e-12 * high])
     return np.asarray(lines[keep])
-
-
-#: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all
-#: its modes reach.
-_SHORT = 1.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,17 @@ _STILL = 1e-6
 _ZOOM = 8
 #: Places that are looked at once.
 _LOOKED = 40
+#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
+#: between two of them.
+_MARGIN = 1e-3
+#: Times that lines are added where the weight comes closest.
+_ROUNDS = 4
+#: How near to the closest place others are looked at in the last of them, in log |W|; five times
+#: that in each before.
+_CLOSE = 0.005
+#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
+_MISSED = 0.02
+_NONE = np.zeros(0, dtype=np.complex128)
 
 
 def _name(number: int) -> str:
@@ -83,11 +95,14 @@ def family_lines(family: PlantFamily, poles: list[_Complex]) -> _Real:
     high = max(2 * np.pi * family.nominal.band[1], fastest)
     still = _STILL * high
     zeros = [[_finite(p, i, j, still, high) for i, j in channels_of(family)] for p in plants]
-    moving = [p[np.abs(p) > still] for p in poles]
-    slowest = min([float(np.abs(p).min()) for p in moving if p.size] + [high])
-    slowest = min([slowest] + [2 * np.pi * f for f in family.nominal.band[:1] if f > 0])
-    sharp = [*moving, *zeros[0]]
-    others = [z for one in zeros[1:] for z in one]
+    every = np.concatenate(poles)
+    moving = every[np.abs(every) > still]
+    slowest = float(np.abs(moving).min(initial=high))
+    first = 2 * np.pi * family.nominal.band[0]
+    if first > 0:
+        slowest = min(slowest, first)
+    sharp = [moving, *zeros[0]]
+    others = list(chain.from_iterable(zeros[1:]))
     return dense_lines(sharp, others, slowest / (2 * np.pi * _BEYOND), high * _BEYOND / (2 * np.pi))
 
 
@@ -189,17 +204,6 @@ def closest(
 
 
 KINDS = ("multiplicative", "additive")
-#: By what a weight is raised above its lines, in log |W|: for what a very sharp peak may have
-#: between two of them.
-_MARGIN = 1e-3
-#: Times that lines are added where the weight comes closest.
-_ROUNDS = 4
-#: How near to the closest place others are looked at in the last of them, in log |W|; five times
-#: that in each before.
-_CLOSE = 0.005
-#: A weight that turns out to lie below by more than this, in log |W|, is fitted again.
-_MISSED = 0.02
-_NONE = np.zeros(0, dtype=np.complex128)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,9 +253,8 @@ class UncertaintyWeight:
         -------
         ndarray of complex, shape (n_f, n_outputs, n_inputs)
         """
-        return np.stack(
-            [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights], axis=1
-        )
+        rows = [np.stack([w.at(freq) for w in row], axis=1) for row in self.weights]
+        return np.stack(rows, axis=1)
 
     def channel(self, output: str, input: str) -> Weight:
         """Return the weight between one input and one output.
@@ -353,16 +356,17 @@ def uncertainty_weight(
     given = None
     if freq is not None:
         given = _given(freq)
-    lines = family_lines(family, roots) if given is None else given
+    lines = given
+    if lines is None:
+        lines = family_lines(family, roots)
     channels = channels_of(family)
     radius = radius_of(family, lines, kind)
     refuse_unbounded(family, lines, radius, kind)
     floors = floors_of(family, radius, kind, floor)
-    bounds = {
-        at: _fit(lines, radius, floors, at, order, tolerance, largest_order)
-        for at in channels
-        if floors[at] > 0
-    }
+    bounds = {}
+    for at in channels:
+        if floors[at] > 0:
+            bounds[at] = _fit(lines, radius, floors, at, order, tolerance, largest_order)
     for left in range(_ROUNDS - 1 if given is None else -1, -1, -1):
         more = closest(lines, radius, floors, bounds, _CLOSE * 5.0**left)
         if not more.size:
@@ -383,7 +387,9 @@ def uncertainty_weight(
             made[i, j] = Weight(_NONE, _NONE, 0.0, note="All members are the nominal plant here.")
             continue
         bound = bounds[i, j]
-        notes = [_about_peak(family, lines, own, (i, j))] if kind == "multiplicative" else []
+        notes = []
+        if kind == "multiplicative":
+            notes.append(_about_peak(family, lines, own, (i, j)))
         if given is None:
             notes.append(_ends(lines, own, floor))
         if order is None and bound.mean > 1.0 + tolerance:

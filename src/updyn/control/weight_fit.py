@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise, product
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,34 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+_Lines = tuple[_Real, _Real, _Real]
+#: What the largest excess counts beside the mean.
+_SHARE = 0.1
+#: Damping of sections, from a sharp resonance to two real roots far apart.
+_DAMPING = (1e-5, 1e2)
+#: Lines on which sections are tried: the fewest, and the most.
+_POOLED = (120, 250)
+#: Frequencies at which a new section is tried.
+_PLACES = 9
+#: Half the way between the zeros and poles of a new step, in log frequency.
+_STEP = 0.7
+#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
+#: lines.
+_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
+_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
+_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
+_TOUCHED = 3
+#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
+_GAP = 0.3
+#: Starts that are followed to their end.
+_FOLLOWED = 2
+_STEPS = 60
+#: Times that lines are added to a fit.
+_EXCHANGES = 3
+#: Distance from the closest line below which a line is added, in log |W|.
+_NEAR = 0.05
+#: Less than this below, it is raised.
+_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +67,7 @@ class Weight:
     peak_at : float
         Where, in Hz.
     note : str
-        What to know of this channel.
+        Note on the channel.
     A, B, C, D : ndarray of float, shapes (order, order), (order, 1), (1, order), (1, 1)
         In state space, sections in series, time in s: ``control.ss(w.A, w.B, w.C, w.D)`` in
         python-control.
@@ -132,7 +160,7 @@ def _pair(w: float, damping: float) -> list[complex]:
 
 
 def _series(zeros: _Complex, poles: _Complex, gain: float) -> tuple[_Real, _Real, _Real, _Real]:
-    """Return A, B, C, D of sections in series, each of the scale of its own poles."""
+    """Return A, B, C, D of sections in series, each scaled by its poles."""
     A, B, C, D = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[float(gain)]])
     first = len(poles) % 2
     cuts = [slice(0, 1)] * first + [slice(k, k + 2) for k in range(first, len(poles), 2)]
@@ -158,35 +186,6 @@ def _section(zeros: _Complex, poles: _Complex) -> tuple[_Real, _Real, _Real]:
         np.array([[0.0], [1.0]]),
         np.array([[(b0 - a0) / w, b1 - a1]]),
     )
-
-
-_Lines = tuple[_Real, _Real, _Real]
-
-#: What the largest excess counts beside the mean.
-_SHARE = 0.1
-#: Damping of sections, from a sharp resonance to two real roots far apart.
-_DAMPING = (1e-5, 1e2)
-#: Lines on which sections are tried: the fewest, and the most.
-_POOLED = (120, 250)
-#: Frequencies at which a new section is tried.
-_PLACES = 9
-#: Half the way between the zeros and poles of a new step, in log frequency.
-_STEP = 0.7
-#: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
-#: lines.
-_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
-_SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
-_DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
-_TOUCHED = 3
-#: Share of the largest excess, in log |W|, below which a bound is nearly touched.
-_GAP = 0.3
-#: Starts that are followed to their end.
-_FOLLOWED = 2
-_STEPS = 60
-#: Times that lines are taken up, and how near to the closest one they are, in log |W|.
-_EXCHANGES, _NEAR = 3, 0.05
-#: Less than this below, it is raised.
-_BELOW = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -281,22 +280,18 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
     middle = places[_PLACES // 2]
     if order % 2:
         starts = [np.concatenate([p[:1], [middle, middle], p[1:]])]
-        starts += [
-            np.concatenate([p[:1], [w + d, w - d], p[1:]]) for w in places for d in (_STEP, -_STEP)
-        ]
+        for w, d in product(places, (_STEP, -_STEP)):
+            starts.append(np.concatenate([p[:1], [w + d, w - d], p[1:]]))
     else:
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
-        starts += [
-            np.concatenate([p, [w + d, 0.0, w - d, 0.0]]) for w in places for d in (_STEP, -_STEP)
-        ]
-        humps = [(w, *d) for w in places for d in _HUMPS]
+        for w, d in product(places, (_STEP, -_STEP)):
+            starts.append(np.concatenate([p, [w + d, 0.0, w - d, 0.0]]))
+        humps = [(w, *d) for w, d in product(places, _HUMPS)]
         touched, free = _touched_and_free(base, omega, y, weight)
-        humps += [(w, *d) for w in touched for d in (*_HUMPS, *_SPIKES)] + [
-            (w, *d) for w in free for d in _DIPS
-        ]
-        starts += [
-            np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]) for w, zeros, poles in humps
-        ]
+        widths = chain(product(touched, (*_HUMPS, *_SPIKES)), product(free, _DIPS))
+        humps += [(w, *width) for w, width in widths]
+        for w, zeros, poles in humps:
+            starts.append(np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]))
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
     best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]
     ended = [_descend(start, order, omega, y, weight, _STEPS) for start, _ in (first[0], *best)]
@@ -316,9 +311,10 @@ def _touched_and_free(
     # Gaps lie between places that are nearly touched; their size is their area over log frequency.
     near = np.flatnonzero(excess < _GAP * excess.max())
     ends = np.unique(np.concatenate([[0], near, [len(omega) - 1]]))
-    areas = [
-        (float(weight[i : j + 1] @ excess[i : j + 1]), i, j) for i, j in pairwise(ends) if j > i + 1
-    ]
+    areas = []
+    for i, j in pairwise(ends):
+        if j > i + 1:
+            areas.append((float(weight[i : j + 1] @ excess[i : j + 1]), i, j))
     gaps = sorted(areas, reverse=True)[:_TOUCHED]
     x = np.log(omega)
     return [float(x[i]) for i in touched], [float(0.5 * (x[i] + x[j])) for _, i, j in gaps]

@@ -664,7 +664,9 @@ def _bar_chart(values: Mapping[str, float], title: str, mark: float | None = Non
     if not known:
         return None
     sizes = np.maximum(list(known.values()), _FLOOR)
-    ends = sizes if mark is None else np.append(sizes, mark)
+    ends = sizes
+    if mark is not None:
+        ends = np.append(sizes, mark)
     low, high = float(np.log10(ends.min())), float(np.log10(ends.max()))
     span = max(high - low, 1.0)
     step: int | str = "D2"

@@ -60,10 +60,11 @@ class Uncertainty(Section):
         intervals = intervals_figure(update, found)
         if intervals is not None:
             out["uncertainty-intervals"] = intervals
-        band = band_figure(update, found) if isinstance(update, UpdateResult) else None
-        if band is not None:
-            figure, channel = band
-            out["uncertainty-band"] = figure | {"channel": channel}
+        if isinstance(update, UpdateResult):
+            band = band_figure(update, found)
+            if band is not None:
+                figure, channel = band
+                out["uncertainty-band"] = figure | {"channel": channel}
         return out
 
     def context(self, content: Content) -> dict[str, Any]:
@@ -74,7 +75,7 @@ class Uncertainty(Section):
         diagnostics = ["R-hat", "effective draws"] if diagnosed else []
         head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper", *diagnostics, "note"]
         return {
-            "kind": "profile" if isinstance(found, Profiles) else found.kind,
+            "kind": _kind(found),
             "message": found.message,
             "percent": percent,
             "head": head,
@@ -100,6 +101,13 @@ def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
             values.append(float(found.diagnostics["ess_bulk"][k]))
         out.append([name, *map(number, values), note])
     return out
+
+
+def _kind(found: Draws | Profiles) -> str:
+    """Return ``"profile"``, ``"bootstrap"`` or ``"sampling"``."""
+    if isinstance(found, Profiles):
+        return "profile"
+    return found.kind
 
 
 def level_of(found: Draws | Profiles) -> float:
@@ -152,11 +160,10 @@ def intervals_figure(result: UpdateResult | JointResult, found: Draws | Profiles
     rows = np.arange(len(chosen), dtype=np.float64)
     z = np.full(len(chosen), -_normal_quantile(0.5 - 0.5 * level_of(found)))
     names = labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
-    kind = "profile" if isinstance(found, Profiles) else found.kind
     return {
         "data": [
             _bars("Laplace", z, z, rows - _OFFSET, "@before", names),
-            _bars(kind, -low, high, rows + _OFFSET, "@after", names),
+            _bars(_kind(found), -low, high, rows + _OFFSET, "@after", names),
         ],
         "height": rows_height(len(chosen), extra=130),
         "layout": {

@@ -9,6 +9,7 @@ from updyn.cli.reading import FileKind
 from updyn.control.files.items import NO_PLANT
 from updyn.control.files.plant_file import plant_format, read_plant
 from updyn.control.plant import Plant
+from updyn.control.ports import Port
 from updyn.errors import FormatError
 from updyn.text_table import text_table
 
@@ -20,24 +21,20 @@ _MODES = 12
 
 def describe_plant(plant: Plant) -> str:
     """Return size, sampling, band and error, natural frequencies and ports of a plant, as text."""
-    told = plant.facts.get("sampling")
-    exact = told.get("delay") if isinstance(told, Mapping) else None
-    late = (
-        ""
-        if not plant.delay
-        else f", input {exact:g} s late"
-        if exact
-        else f", input {plant.delay} intervals late"
-    )
-    sampled = "continuous" if plant.dt is None else f"sampled every {plant.dt:g} s{late}"
-    inputs = zip(plant.input_ports, plant.input_units, strict=True)
-    outputs = zip(plant.output_ports, plant.output_units, strict=True)
-    rows = [
-        [port.name, what, unit, ", ".join(f"{w:+.4g} {label}" for label, w in port.weights.items())]
-        for what, ports in (("input", inputs), ("output", outputs))
-        for port, unit in ports
-    ]
-    rigid = f", {plant.rigid} of them rigid-body motion" if plant.rigid else ""
+    sampled = "continuous"
+    if plant.dt is not None:
+        sampled = f"sampled every {plant.dt:g} s{_delay(plant)}"
+    rows = []
+    for port in plant.input_ports:
+        rows.append([port.name, "input", port.force_unit, _weights(port)])
+    for port, unit in zip(plant.output_ports, plant.output_units, strict=True):
+        rows.append([port.name, "output", unit, _weights(port)])
+    modes = f"{len(plant.modes)} modes"
+    if plant.rigid:
+        modes += f", {plant.rigid} of them rigid-body motion"
+    frequencies = ", ".join(f"{f:.5g}" for f in plant.modes[:_MODES]) or "none"
+    if len(plant.modes) > _MODES:
+        frequencies += ", ..."
     return "\n".join(
         [
             (
@@ -49,13 +46,25 @@ def describe_plant(plant: Plant) -> str:
                 f" largest error of a channel {plant.error:.3g} of its peak (asked for"
                 f" {plant.tolerance:g}), of a resonance's height {plant.peak_error:.3g}"
             ),
-            f"{len(plant.modes)} modes{rigid}, natural frequencies (Hz): "
-            + (", ".join(f"{f:.5g}" for f in plant.modes[:_MODES]) or "none")
-            + (", ..." if len(plant.modes) > _MODES else ""),
+            f"{modes}, natural frequencies (Hz): {frequencies}",
             "",
             text_table(("port", "is", "unit", "weights"), rows),
         ]
     )
+
+
+def _delay(plant: Plant) -> str:
+    """Return the delay of the input of a sampled plant as text; empty without one."""
+    if not plant.delay:
+        return ""
+    sampling = plant.facts.get("sampling")
+    if isinstance(sampling, Mapping) and sampling.get("delay"):
+        return f", input {sampling['delay']:g} s late"
+    return f", input {plant.delay} intervals late"
+
+
+def _weights(port: Port) -> str:
+    return ", ".join(f"{weight:+.4g} {label}" for label, weight in port.weights.items())
 
 
 def _is_plant(path: Path) -> bool:

@@ -68,22 +68,17 @@ _FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", 
 
 def plant_items(plant: Plant) -> dict[str, Any]:
     """Return the items of a plant."""
+    outputs = []
+    for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
+        outputs.append({**_port_items(port, port.motion_unit(quantity)), "quantity": quantity})
     return {
         "format": FORMAT,
         "schema": SCHEMA,
         "dt": plant.dt,
         "delay": int(plant.delay),
-        "inputs": [
-            _port_items(p, unit)
-            for p, unit in zip(plant.input_ports, plant.input_units, strict=True)
-        ],
-        "outputs": [
-            {**_port_items(p, unit), "quantity": quantity}
-            for p, unit, quantity in zip(
-                plant.output_ports, plant.output_units, plant.quantities, strict=True
-            )
-        ],
-        "band": [float(f) for f in plant.band],
+        "inputs": [_port_items(port, port.force_unit) for port in plant.input_ports],
+        "outputs": outputs,
+        "band": list(map(float, plant.band)),
         **{name: float(getattr(plant, name)) for name in _NUMBERS},
         "route": plant.route,
         "rigid": int(plant.rigid),
@@ -128,11 +123,13 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
             f"facts: found {type(items['facts']).__name__}; expected values by name", path
         )
     columns = {"A": 0, "B": len(inputs), "C": 0, "D": len(inputs)}
-    given: dict[str, Any] = {
-        name: _matrix(items[name], columns[name], name, path) for name in _MATRICES
-    }
-    given |= {name: _number(items[name], name, path) for name in _NUMBERS}
-    given |= {name: _count(items[name], name, path) for name in _COUNTS}
+    given: dict[str, Any] = {}
+    for name, width in columns.items():
+        given[name] = _matrix(items[name], width, name, path)
+    for name in _NUMBERS:
+        given[name] = _number(items[name], name, path)
+    for name in _COUNTS:
+        given[name] = _count(items[name], name, path)
     with placed(path):
         return Plant(
             **given,
@@ -184,14 +181,18 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     FormatError
         If one is missing, unknown or not of its kind; file and item are named.
     """
-    told = _text(flat.get("format"), "format", path) if "format" in flat else None
-    if told != FORMAT:
-        raise FormatError(f"format: found {told!r}, expected {FORMAT!r}: {NO_PLANT}", path)
+    found = None
+    if "format" in flat:
+        found = _text(flat["format"], "format", path)
+    if found != FORMAT:
+        raise FormatError(f"format: found {found!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
     _complete(flat, list(dict.fromkeys([*_KEYS, *_MATRICES, *ports, "quantities"])), "", path)
-    single = {
-        name: _single(flat[name], name, path) for name in ("schema", "dt", *_COUNTS, *_NUMBERS)
-    }
+    single: dict[str, Any] = {}
+    for name in ("schema", "dt", *_COUNTS, *_NUMBERS):
+        single[name] = _single(flat[name], name, path)
+    if single["dt"] == 0:
+        single["dt"] = None
     quantities = _texts(flat["quantities"], "quantities", path)
     outputs = _nested_ports(flat, "output", path)
     if len(quantities) != len(outputs):
@@ -201,8 +202,7 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         )
     return {
         **single,
-        "format": told,
-        "dt": single["dt"] if single["dt"] != 0 else None,
+        "format": found,
         "inputs": _nested_ports(flat, "input", path),
         "outputs": [{**port, "quantity": q} for port, q in zip(outputs, quantities, strict=True)],
         "band": _row(flat["band"], "band", path),
@@ -220,10 +220,8 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
     for group in ((names, units, rotation), (weight, port, label)):
         sizes = {name: len(texts.get(name, numbers.get(name, ()))) for name in group}
         if len(set(sizes.values())) > 1:
-            raise FormatError(
-                ", ".join(f"{n}: {size} items" for n, size in sizes.items()) + "; expected as many",
-                path,
-            )
+            counts = ", ".join(f"{name}: {size} items" for name, size in sizes.items())
+            raise FormatError(f"{counts}; expected as many", path)
     out: list[dict[str, Any]] = []
     ports = zip(texts[names], texts[units], numbers[rotation].tolist(), strict=True)
     for name, unit, turns in ports:
@@ -287,7 +285,8 @@ def _complete(found: Mapping[str, Any], expected: Any, place: str, path: str | P
     known_only(list(map(str, found)), expected, path, place)
     for name in expected:
         if name not in found:
-            raise FormatError(f"{place + ': ' if place else ''}{name!r} is missing", path)
+            message = f"{place}: {name!r} is missing".removeprefix(": ")
+            raise FormatError(message, path)
 
 
 def _matrix(found: Any, columns: int, name: str, path: str | Path) -> NDArray[np.float64]:
@@ -324,10 +323,8 @@ def _numbers(found: Any, ndim: int, name: str, path: str | Path) -> NDArray[np.f
     except OverflowError as error:
         raise FormatError(f"{name}: holds a number that is too large", path) from error
     if array.ndim != ndim:
-        raise FormatError(
-            f"{name}: found shape {array.shape}; expected {ndim} ax{'i' if ndim == 1 else 'e'}s",
-            path,
-        )
+        axes = "1 axis" if ndim == 1 else f"{ndim} axes"
+        raise FormatError(f"{name}: found shape {array.shape}; expected {axes}", path)
     return array
 
 

@@ -27,8 +27,10 @@ def write_plant(plant: Plant, path: str | Path) -> None:
     path : path
         File to write.
     """
-    rows = [f"{json.dumps(name)}: {_laid_out(value)}" for name, value in plant_items(plant).items()]
-    text = "{\n" + ",\n".join(f"  {row}" for row in rows) + "\n}\n"
+    rows = []
+    for name, value in plant_items(plant).items():
+        rows.append(f"  {json.dumps(name)}: {_laid_out(value)}")
+    text = "{\n" + ",\n".join(rows) + "\n}\n"
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -56,7 +58,10 @@ def read_plant(path: str | Path) -> Plant:
         raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
     if not isinstance(items, dict):
         raise FormatError(f"holds a {type(items).__name__}; expected the items of a plant", path)
-    return build_plant({name: _value(name, value, path) for name, value in items.items()}, path)
+    found = {}
+    for name, value in items.items():
+        found[name] = from_text(json.dumps(value), name, path)
+    return build_plant(found, path)
 
 
 class _TwiceError(ValueError):
@@ -69,10 +74,6 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if names.count(name) > 1:
             raise _TwiceError(f"{name!r} stands twice")
     return dict(pairs)
-
-
-def _value(name: str, value: Any, path: str | Path) -> Any:
-    return from_text(json.dumps(value), name, path)
 
 
 def _laid_out(value: Any) -> str:

@@ -106,19 +106,18 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
         raise FormatError(
             f"format {name!r} cannot {verb}; {suggest(name, [f.name for f in able])}", path
         )
-    told: list[Format] = []
+    by_content: list[Format] = []
     if verb == "read_plant":
         start = _start(path)
-        told = [f for f in able if any(start.startswith(m) for m in f.magic)]
+        by_content = [f for f in able if start.startswith(f.magic)]
     by_suffix = [f for f in able if path.suffix.lower() in f.suffixes]
-    for candidate in (*(f for f in told if f in by_suffix), *told, *by_suffix):
-        return candidate
+    for candidates in ([f for f in by_content if f in by_suffix], by_content, by_suffix):
+        if candidates:
+            return candidates[0]
     known = ", ".join(s for f in able for s in f.suffixes)
-    hint = (
-        " (a header is for compilers: read the plant from another file)"
-        if path.suffix.lower() == ".h"
-        else ""
-    )
+    hint = ""
+    if path.suffix.lower() == ".h":
+        hint = " (a header is for compilers: read the plant from another file)"
     raise FormatError(
         f"suffix {path.suffix!r} is of no format that can {verb}{hint}; known suffixes: {known}",
         path,

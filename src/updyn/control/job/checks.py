@@ -233,7 +233,7 @@ def check_servo_table(job: Job) -> None:
             servo.wind.wind()
     if servo.controller is None:
         keys = ("torque", "velocity", "position", "disturbance", "nonlinear")
-        useless = [k for k in keys if getattr(servo, k)][:1]
+        useless = [key for key in keys if getattr(servo, key)][:1]
         if useless or servo.motor is None:
             text = (
                 "servo: expected [servo.controller] with kp or crossover, or motor and load for the"

@@ -35,10 +35,10 @@ def describe_plant_result(made: PlantResult) -> str:
             f"route: {found.route}",
         ]
         if made.sampled is not None and made.sampled.dt is not None:
-            late = f", input late by {made.sampled.delay} intervals" if made.sampled.delay else ""
-            lines.append(
-                f"sampled every {made.sampled.dt:g} s: {made.sampled.n_states} states{late}"
-            )
+            sampled = made.sampled
+            lines.append(f"sampled every {sampled.dt:g} s: {sampled.n_states} states")
+            if sampled.delay:
+                lines[-1] += f", input late by {sampled.delay} intervals"
         if made.family is not None:
             lines.append(made.family.summary())
             lines += [weight.summary() for weight in made.weights.values()]
@@ -52,7 +52,9 @@ def describe_plant_result(made: PlantResult) -> str:
 
 def _conversions(made: PlantResult) -> str:
     """Return the table of the conversions of the damping."""
-    route = "" if made.plant is None else made.plant.route
+    route = ""
+    if made.plant is not None:
+        route = made.plant.route
     rows = []
     for c in made.conversions:
         used = "used" if c.name == route else ""
@@ -78,10 +80,9 @@ def describe_request(ready: Prepared) -> str:
         f" {_counted(len(table.outputs), 'output')} ({outputs})"
     ]
     if servo is not None and servo.controller is not None:
-        positioned = f" and {servo.position}" if servo.position else ""
-        lines.append(
-            f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}{positioned}"
-        )
+        lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}")
+        if servo.position:
+            lines[-1] += f" and {servo.position}"
     note = beyond_the_data(band, test.frf)
     if note:
         lines.append(f"note: {note}")
@@ -89,7 +90,8 @@ def describe_request(ready: Prepared) -> str:
 
 
 def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+    plural = "" if count == 1 else "s"
+    return f"{count} {what}{plural}"
 
 
 def _percent(share: float) -> str:

@@ -179,7 +179,7 @@ def make_plant(
     one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
     band = band_of_plant(job, test.frf)
-    told = say if say is not None else lambda stage: None
+    stage = say if say is not None else lambda name: None
     notes = [_unconverged_note(one), beyond_the_data(band, test.frf), _test_note(ready, number)]
     given: dict[str, Any] = {
         "inputs": table.input_ports,
@@ -188,29 +188,29 @@ def make_plant(
         "quantity": table.quantities,
         "backend": job.method.backend,
     }
-    told("plant: conversions of the damping")
+    stage("plant: conversions of the damping")
     side_by_side = _side_by_side(model, given)
     base = PlantResult(
         job.title or job.path.stem, model, one is not None, source, band, table.tolerance
     )
-    told("plant: order")
+    stage("plant: order")
     made, message = _plant(table, model, given)
     extra: dict[str, Any] = {"conversions": side_by_side, "message": message}
     if made is not None:
-        told("plant: against the model")
+        stage("plant: against the model")
         extra |= {"plant": made, **_compared(made, model, job)}
         if table.sampling is not None:
             extra["sampled"] = _sampled(table.sampling, made)
         if table.family:
-            told("plant: family")
+            stage("plant: family")
             extra["family"], said = _family(table, one, given, draws, engine)
             notes.append(said)
             if extra["family"] is not None:
-                told("plant: weights of the family")
+                stage("plant: weights of the family")
                 extra["weights"], missing = _weights(job, extra["family"])
                 notes += missing
     if job.table(ServoTable) is not None:
-        told("plant: servo")
+        stage("plant: servo")
         found, said = _servo(job, model, band, extra.get("family") or made, strict)
         extra |= found
         notes.append(said)

@@ -24,6 +24,31 @@ __all__ = [
     "servo_record",
     "write_control_record",
 ]
+_STEP = (
+    "of",
+    "size",
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "final",
+    "rise_time",
+    "overshoot",
+    "settling_time",
+    "peak",
+    "peak_time",
+)
+_WIND = (
+    "input",
+    "input_unit",
+    "output",
+    "output_unit",
+    "rms",
+    "peak",
+    "mean",
+    "rms_expected",
+    "facts",
+)
 
 
 def control_record(result: PlantResult) -> dict[str, Any]:
@@ -150,33 +175,6 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
     return out
 
 
-_STEP = (
-    "of",
-    "size",
-    "input",
-    "input_unit",
-    "output",
-    "output_unit",
-    "final",
-    "rise_time",
-    "overshoot",
-    "settling_time",
-    "peak",
-    "peak_time",
-)
-_WIND = (
-    "input",
-    "input_unit",
-    "output",
-    "output_unit",
-    "rms",
-    "peak",
-    "mean",
-    "rms_expected",
-    "facts",
-)
-
-
 def servo_record(servo: Servo) -> dict[str, Any]:
     """Return a servo as a dict that `json.dumps` writes without inf or nan.
 
@@ -194,6 +192,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
+    loops = {loop.name: _loop(loop) for loop in servo.loops}
     return {
         "stable": servo.stable,
         "controller": plain(asdict(servo.controller)),
@@ -205,8 +204,8 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "inertia": plain(servo.plant.get("inertia")),
         "bandwidth": plain(servo.bandwidth),
         "poles": _complex(servo.poles),
-        "velocity_loop": _loop(servo.velocity_loop),
-        "position_loop": None if servo.position_loop is None else _loop(servo.position_loop),
+        "velocity_loop": loops["velocity"],
+        "position_loop": loops.get("position"),
         "step": _figures_or_none(servo.step, _STEP),
         "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
         "wind": _figures_or_none(servo.wind, _WIND),

@@ -27,6 +27,16 @@ __all__ = [
     "nonlinear_of",
     "servo_of",
 ]
+#: Periods of a limit cycle that are simulated where the job states no duration.
+_PERIODS = 40
+#: The same without a limit cycle, in periods of the bandwidth.
+_SETTLING = 6
+#: Amplitude at which a simulation begins, over that of the limit cycle.
+_OUTSIDE = 1.2
+#: Steps in a period of the band's upper end.
+_STEPS = 40
+#: Largest number of steps where the job states no duration.
+_MOST = 300_000
 
 
 def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
@@ -72,7 +82,7 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
     if table is None or table.controller is None:
         return None
     nominal = plant.nominal if isinstance(plant, PlantFamily) else plant
-    torque = nominal.inputs[0] if table.torque is None else table.torque
+    torque = table.torque or nominal.inputs[0]
     assert table.velocity is not None
     with key_path("servo", "controller"):
         controller = table.controller.controller(nominal, torque, table.velocity, table.position)
@@ -90,18 +100,6 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
             wind=None if table.wind is None else table.wind.wind(),
             duration=table.duration,
         )
-
-
-#: Periods of a limit cycle that are simulated where the job states no duration.
-_PERIODS = 40
-#: The same without a limit cycle, in periods of the bandwidth.
-_SETTLING = 6
-#: Amplitude at which a simulation begins, over that of the limit cycle.
-_OUTSIDE = 1.2
-#: Steps in a period of the band's upper end.
-_STEPS = 40
-#: Largest number of steps where the job states no duration.
-_MOST = 300_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +178,9 @@ def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[No
     """
     servo_table = job.table(ServoTable)
     out = []
-    for number, table in enumerate(() if servo_table is None else servo_table.nonlinear):
+    if servo_table is None:
+        return ()
+    for number, table in enumerate(servo_table.nonlinear):
         with key_path("servo", "nonlinear", number):
             out.append(_one(job, table, model, plant, servo))
     return tuple(out)
@@ -232,15 +232,19 @@ def _extended(
     job: Job, model: Model, plant: Plant, servo: Servo, port: Port, quantity: str
 ) -> Plant:
     """Return the plant of the loop with an input and output where the nonlinearity acts."""
-    read = [name for name in dict.fromkeys((servo.velocity, servo.position)) if name is not None]
-    at = [plant.outputs.index(name) for name in read]
+    outputs, quantities = [], []
+    for name in dict.fromkeys((servo.velocity, servo.position)):
+        if name is not None:
+            at = plant.outputs.index(name)
+            outputs.append(plant.output_ports[at])
+            quantities.append(plant.quantities[at])
     return build(
         model,
         [plant.input_ports[plant.inputs.index(servo.torque)], port],
-        [*(plant.output_ports[i] for i in at), port],
+        [*outputs, port],
         plant.band,
         plant.tolerance,
-        quantity=[*(plant.quantities[i] for i in at), quantity],
+        quantity=[*quantities, quantity],
         backend=job.method.backend,
     )
 
@@ -274,7 +278,9 @@ def _in_time(
         begun = f"from {_OUTSIDE:g} times the stable cycle at {found.frequency:.4g} Hz"
         lasting = _PERIODS / found.frequency
     else:
-        size = 1.0 if servo.step is None else servo.step.size
+        size = 1.0
+        if servo.step is not None:
+            size = servo.step.size
         how = {"constant": {"reference": size}}
         begun = "after a step of the reference"
         outer = servo.loops[-1].margins.crossover

@@ -35,15 +35,22 @@ PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
 PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
 #: Files of the folder that no plant may replace.
 _TAKEN = ("control.json", "result.json", "compare.json")
+#: Keys of the controller that are of the rule by which it is sized.
+_RULE = ("crossover", "ti_ratio", "kv_ratio")
+
+
+def _texts(given: Any) -> list[str]:
+    """Return a text or an array of texts as a list; an empty list if it is something else."""
+    if isinstance(given, str):
+        return [given]
+    if isinstance(given, list | tuple) and all(isinstance(text, str) for text in given):
+        return list(given)
+    return []
 
 
 def _quantities(given: Any) -> Any:
-    names = [given] if isinstance(given, str) else given
-    if (
-        not isinstance(names, list | tuple)
-        or not names
-        or not all(isinstance(n, str) for n in names)
-    ):
+    names = _texts(given)
+    if not names:
         raise ValueError(
             f"expected one of {', '.join(map(repr, QUANTITIES))}, or an array with one for each"
             " output"
@@ -52,7 +59,9 @@ def _quantities(given: Any) -> Any:
         if name not in QUANTITIES:
             which = "" if given == name else f"{name!r}: "
             raise ValueError(which + suggest(name, QUANTITIES))
-    return given if isinstance(given, str) else tuple(names)
+    if isinstance(given, str):
+        return given
+    return tuple(names)
 
 
 def _ports(what: str) -> Callable[[Any], Any]:
@@ -70,13 +79,13 @@ def _ports(what: str) -> Callable[[Any], Any]:
 
 
 def _files(given: Any) -> Any:
-    names = [given] if isinstance(given, str) else given
-    if not isinstance(names, list | tuple) or not all(isinstance(n, str) for n in names):
+    names = _texts(given)
+    if not names and given not in ([], ()):
         raise ValueError("expected names of files, such as ['plant.mat', 'plant.h']")
     for name in names:
         suffix = PurePath(name).suffix.lower()
         if PurePath(name).name != name or name in _TAKEN:
-            raise ValueError(f"{name!r}: expected the name of a file of its own, without a folder")
+            raise ValueError(f"{name!r}: expected the name of another file, without a folder")
         if suffix not in PLANT_SUFFIXES:
             message = f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}"
             close = nearest(suffix, PLANT_SUFFIXES)
@@ -181,10 +190,6 @@ class PlantTable(Table):
         if self.sampling is None:
             return ()
         return tuple(f"{PurePath(n).stem}-sampled{PurePath(n).suffix}" for n in self.files)
-
-
-#: Keys of the controller that are of the rule by which it is sized.
-_RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
 def _not_zero(given: float) -> float:

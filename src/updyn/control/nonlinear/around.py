@@ -132,7 +132,7 @@ def around(
     Raises
     ------
     OptionError
-        If a name is not there or not told, or the output is not of the kind that the nonlinearity
+        If a name is missing or unknown, or the output is not of the kind that the nonlinearity
         reads.
     ModelError
         If the plant is a sampled one, or does not take the nonlinearity as its own torque.
@@ -343,11 +343,10 @@ def _torque(plant: Plant, skip: str, name: Any) -> str:
 def _measured(plant: Plant, name: Any, what: str, quantity: str, skip: str) -> str:
     if name is not None:
         return plant.outputs[_named(name, plant.outputs, "output")]
-    of_kind = [
-        n
-        for n, q in zip(plant.outputs, plant.quantities, strict=True)
-        if q == quantity and n != skip
-    ]
+    of_kind: list[str] = []
+    for name, kind in zip(plant.outputs, plant.quantities, strict=True):
+        if kind == quantity and name != skip:
+            of_kind.append(name)
     if len(of_kind) != 1:
         raise OptionError(
             f"say {what}=, the output that the controller takes as {what};"

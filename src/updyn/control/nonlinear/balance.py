@@ -123,10 +123,8 @@ class LimitCycles(tuple[LimitCycle, ...]):
         loop = f"The loop without the nonlinearity is {_STABLE[bool(self.linear_stable)]}."
         if not self:
             return f"Harmonic balance predicts no limit cycle {where}. {loop}"
-        lines = [
-            f"Harmonic balance predicts {len(self)} limit cycle(s) {where}:",
-            *(f"  {c}" for c in self),
-        ]
+        lines = [f"Harmonic balance predicts {len(self)} limit cycle(s) {where}:"]
+        lines += [f"  {cycle}" for cycle in self]
         return "\n".join([*lines, loop])
 
 
@@ -179,7 +177,7 @@ def limit_cycles(
     Raises
     ------
     OptionError
-        If a name is not there or not told, or the band cannot be used.
+        If a name is missing or unknown, or the band cannot be used.
     ModelError
         If the plant is a sampled one, or does not take the nonlinearity as its own torque.
 
@@ -195,9 +193,8 @@ def limit_cycles(
     poles = np.concatenate([np.linalg.eigvals(system.A), system.under(*whole)])
     limits = _limits(band, poles)
     scan = _scan(limits, poles)
-    found = [
-        _cycle(system, nonlinearity, omega) for omega in _roots(system, nonlinearity, scan, poles)
-    ]
+    roots = _roots(system, nonlinearity, scan, poles)
+    found = [_cycle(system, nonlinearity, omega) for omega in roots]
     return LimitCycles(
         found, (limits[0] / _TWO_PI, limits[1] / _TWO_PI), _stable(system.under(*whole))
     )

@@ -27,20 +27,32 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.group import is_number
 
 __all__ = [
-    "BackwardsAndForwards",
-    "March",
+    "BacklashRules",
+    "FrictionRules",
     "Piece",
     "Rules",
     "Settled",
     "Simulation",
-    "StickAndSlip",
-    "march",
+    "Trajectory",
+    "integrate",
     "rules",
     "settled",
     "simulate",
 ]
 
 _Real = NDArray[np.float64]
+#: The sign of a contact or a motion in the name of its piece.
+_SIGN = {1.0: "+", -1.0: "-"}
+_HALVINGS = 44
+_BLOCK = 64
+_AT_ONCE = 200  # switches within one step: chatter
+_STEADY = 0.01  # spread of the last periods
+_SMALL = 0.2  # share of the largest amplitude below which an oscillation has decayed
+_PERIODS = 5
+_LAST = 0.4  # share of the time that is looked at
+_POINTS = 40  # steps in a period of the fastest oscillation
+_LEAST = 400  # steps at least
+_MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,19 +120,16 @@ class Rules(ABC):
         """Return what follows when a border is crossed, and the state there."""
 
 
-class BackwardsAndForwards(Rules):
+class BacklashRules(Rules):
     """Backlash: gap and two flanks."""
 
     def __init__(self, system: Around, law: Backlash, constant: _Real) -> None:
         damped = law.damping > 0.0
         super().__init__(system, constant, int(damped))
         self.law, self.damped = law, damped
-        self.pieces = {"gap": self._gap()} | {
-            f"contact {'+' if s > 0 else '-'}": self._contact(
-                s, system.D, float(system.C @ system.B)
-            )
-            for s in (1.0, -1.0)
-        }
+        D, speed = system.D, float(system.C @ system.B)
+        pieces = (self._gap(), self._contact(1.0, D, speed), self._contact(-1.0, D, speed))
+        self.pieces = {piece.name: piece for piece in pieces}
 
     def _gap(self) -> Piece:
         F, way = self.base.copy(), self.read.copy()
@@ -146,7 +155,7 @@ class BackwardsAndForwards(Rules):
         if c > 0.0 and D != 0.0:
             F[self.n] = T / c
             F[self.n, self.n] -= k / c
-        return Piece(f"contact {'+' if s > 0 else '-'}", F, s * T[None], -T, self.read - D * T)
+        return Piece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
 
     def first(self, X: _Real) -> str:
         """Return the gap, or the flank that is pressed."""
@@ -166,7 +175,7 @@ class BackwardsAndForwards(Rules):
         return "gap", X
 
 
-class StickAndSlip(Rules):
+class FrictionRules(Rules):
     """Friction: rest and two senses of motion."""
 
     def __init__(self, system: Around, law: CoulombFriction, constant: _Real) -> None:
@@ -177,14 +186,13 @@ class StickAndSlip(Rules):
         self.hold = hold
         limits = np.array([law.sticks * self.one - hold, law.sticks * self.one + hold])
         stick = Piece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
-        self.pieces = {"stick": stick} | {
-            f"slip {'+' if s > 0 else '-'}": self._slip(s, law.level) for s in (1.0, -1.0)
-        }
+        pieces = (stick, self._slip(1.0, law.level), self._slip(-1.0, law.level))
+        self.pieces = {piece.name: piece for piece in pieces}
 
     def _slip(self, s: float, level: float) -> Piece:
         w = -s * level * self.one
         return Piece(
-            f"slip {'+' if s > 0 else '-'}",
+            f"slip {_SIGN[s]}",
             self.base + np.outer(self.push, w),
             s * self.read[None],
             w,
@@ -226,17 +234,12 @@ def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
         Its entries, held.
     """
     if isinstance(nonlinearity, Backlash):
-        return BackwardsAndForwards(system, nonlinearity, constant)
-    return StickAndSlip(system, nonlinearity, constant)
-
-
-_HALVINGS = 44
-_BLOCK = 64
-_AT_ONCE = 200  # switches within one step: chatter
+        return BacklashRules(system, nonlinearity, constant)
+    return FrictionRules(system, nonlinearity, constant)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class March:
+class Trajectory:
     """A way through pieces.
 
     Attributes
@@ -283,7 +286,7 @@ class _Exact:
         return share + 0.5**_HALVINGS, after, int(np.argmin(self.piece.borders @ after))
 
 
-def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
+def integrate(rules: Rules, start: _Real, duration: float, step: float) -> Trajectory:
     """Follow a loop through its pieces.
 
     Parameters
@@ -297,7 +300,7 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
 
     Returns
     -------
-    March
+    Trajectory
 
     Raises
     ------
@@ -311,7 +314,7 @@ def march(rules: Rules, start: _Real, duration: float, step: float) -> March:
 
 def _followed(
     rules: Rules, exact: Mapping[str, _Exact], start: _Real, duration: float, step: float
-) -> March:
+) -> Trajectory:
     names = tuple(rules.pieces)
     now, X, t = rules.first(start), start, 0.0
     times, states, pieces = [np.array([0.0])], [X[None]], [np.array([names.index(now)])]
@@ -343,19 +346,13 @@ def _followed(
             raise SolverError(
                 f"simulation: the loop grows beyond all numbers at {t:.6g} s: it is unstable"
             )
-    return March(
+    return Trajectory(
         np.concatenate(times),
         np.concatenate(states),
         np.concatenate(pieces).astype(np.intp),
         names,
         np.array(switches),
     )
-
-
-_STEADY = 0.01  # spread of the last periods
-_SMALL = 0.2  # share of the whole series below which what is left has decayed
-_PERIODS = 5
-_LAST = 0.4  # share of the time that is looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -459,11 +456,6 @@ def _harmonic(t: _Real, y: _Real, a: float, b: float, frequency: float) -> float
     values = np.interp(times, t, y)
     wave = np.exp(-2j * np.pi * frequency * times)
     return float(abs(2.0 / (b - a) * np.trapezoid(values * wave, times)))
-
-
-_POINTS = 40  # steps in a period of the fastest oscillation
-_LEAST = 400  # steps at least
-_MOST = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -616,10 +608,10 @@ def simulate(
     pieces = rules(system, nonlinearity, held)
     length = _length(system, nonlinearity, pieces, duration, step)
     X = _start(system, plant, pieces, nonlinearity, start, scale)
-    way = march(pieces, X, float(duration), length)
-    w_rows, z_rows = (
-        np.array([getattr(pieces.pieces[n], row) for n in way.names]) for row in ("w", "z")
-    )
+    way = integrate(pieces, X, float(duration), length)
+    along = [pieces.pieces[name] for name in way.names]
+    w_rows = np.array([piece.w for piece in along])
+    z_rows = np.array([piece.z for piece in along])
     w = np.einsum("tm,tm->t", way.states, w_rows[way.piece])
     z = np.einsum("tm,tm->t", way.states, z_rows[way.piece])
     series = (

@@ -42,6 +42,18 @@ __all__ = [
 #: Largest number of channels that are drawn, those with the largest errors.
 _DRAWN = 6
 _ERROR_FLOOR = 1e-7
+#: Largest number of poles that are listed.
+_LISTED = 60
+#: Largest number of channels in the table of errors.
+_CHANNELS = 40
+#: Conversions in words, and whether `updyn.plant` offers them.
+_CONVERSIONS = {
+    "modal": ("real modes, full modal damping matrix", "offered"),
+    "complex": ("complex modes of the damped structure", "offered"),
+    "biot": ("internal variables (Biot)", "offered"),
+    "diagonal": ("modal damping ratios alone", "refused"),
+    "single-frequency": ("damping matrix at one frequency", "refused"),
+}
 
 
 def plant_figures(result: PlantResult) -> dict[str, Figure]:
@@ -49,8 +61,12 @@ def plant_figures(result: PlantResult) -> dict[str, Figure]:
     plant = result.plant
     if plant is None or result.freq is None:
         return {}
-    out = {bode_name(i, j): _bode(result, plant, i, j) for i, j in channels(result)}
-    return out | {weight_name(i, j): _weight(found) for (i, j), found in result.weights.items()}
+    out = {}
+    for i, j in channels(result):
+        out[bode_name(i, j)] = _bode(result, plant, i, j)
+    for (i, j), found in result.weights.items():
+        out[weight_name(i, j)] = _weight(found)
+    return out
 
 
 def channels(result: PlantResult) -> list[tuple[int, int]]:
@@ -130,7 +146,9 @@ def degree_axis(values: object) -> dict[str, object]:
     """Return an axis of degrees in steps that divide a half turn, around all values."""
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array)]
-    low, high = (float(array.min()), float(array.max())) if array.size else (-180.0, 0.0)
+    low, high = -180.0, 0.0
+    if array.size:
+        low, high = float(array.min()), float(array.max())
     step = next((s for s in (45, 90, 180, 360) if (high - low) / s <= 6), 720)
     return {"tick0": 0, "dtick": step, "range": [low - 0.15 * step, high + 0.15 * step]}
 
@@ -146,20 +164,6 @@ def _weight(found: UncertaintyWeight) -> Figure:
     return stacked(
         [Panel("relative to the nominal plant", traces, axis)], log_frequency(found.freq), 320
     )
-
-
-#: Largest number of poles that are listed.
-_LISTED = 60
-#: Largest number of channels in the table of errors.
-_CHANNELS = 40
-#: Conversions in words, and whether `updyn.plant` offers them.
-_CONVERSIONS = {
-    "modal": ("real modes, full modal damping matrix", "offered"),
-    "complex": ("complex modes of the damped structure", "offered"),
-    "biot": ("internal variables (Biot)", "offered"),
-    "diagonal": ("modal damping ratios alone", "refused"),
-    "single-frequency": ("damping matrix at one frequency", "refused"),
-}
 
 
 class PlantSection(Section):
@@ -235,7 +239,9 @@ def _about(result: PlantResult) -> str:
     band = f"{number(low, 4)} to {number(high, 4)} Hz"
     if plant is None:
         return f"No plant holds the tolerance of {share(result.tolerance)} from {band}."
-    of = "the updated model" if result.updated else "the model as it stands, which is NOT updated"
+    of = "the model as it stands, which is NOT updated"
+    if result.updated:
+        of = "the updated model"
     return (
         f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
         f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
@@ -245,7 +251,9 @@ def _about(result: PlantResult) -> str:
 
 def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
     """Return name, value and hint of the key figures."""
-    rigid = f"{plant.rigid} of rigid-body motion" if plant.rigid else "no rigid-body motion"
+    rigid = "no rigid-body motion"
+    if plant.rigid:
+        rigid = f"{plant.rigid} of rigid-body motion"
     modes = f"{len(plant.modes) - plant.rigid} flexible modes, {rigid}"
     tiles = [
         ("Error", share(plant.error), f"of the peak, at most; asked {share(plant.tolerance)}"),
@@ -286,7 +294,10 @@ def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
     """Return the channels and their errors, the largest first."""
     errors = result.channel_errors()
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
-    return [[channel_name(plant, i, j), share(float(errors[i, j]))] for i, j in order[:_CHANNELS]]
+    rows = []
+    for i, j in order[:_CHANNELS]:
+        rows.append([channel_name(plant, i, j), share(float(errors[i, j]))])
+    return rows
 
 
 def _poles(plant: Plant) -> NDArray[np.complex128]:
@@ -315,7 +326,9 @@ def _conversion_head(result: PlantResult) -> list[str]:
 
 def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
     """Return the cells of each conversion, and whether it holds the tolerance."""
-    route = "" if result.plant is None else result.plant.route
+    route = ""
+    if result.plant is not None:
+        route = result.plant.route
     rows = []
     for found in result.conversions:
         words, state = _CONVERSIONS.get(found.name, (found.name, ""))

@@ -51,6 +51,10 @@ _REACH = 2.0
 _MODULUS = 0.5
 
 _Real = NDArray[np.float64]
+#: Largest number of crossings that are listed for each loop.
+_CROSSINGS = 12
+#: Largest number of unstable members that are listed.
+_MEMBERS_LISTED = 12
 
 
 def servo_figures(servo: Servo, plant: Plant) -> dict[str, Figure]:
@@ -242,13 +246,15 @@ def _critical(turn: _Real) -> list[float]:
 def _closed(servo: Servo, plant: Plant, at: NDArray[np.intp]) -> Figure:
     outer = servo.loops[-1]
     freq = outer.freq[at]  # those of the loop and of the reference are the same
-    named = "position" if servo.position_loop is not None else "velocity"
+    named = outer.name
     S = outer.S[at]
     traces = [
         curve(freq, _decibels(servo.reference[at]), f"{named} over reference", "@after", unit="dB"),
         curve(freq, _decibels(S), "sensitivity S", "@third", unit="dB"),
     ]
-    marks = () if servo.bandwidth is None else (servo.bandwidth,)
+    marks: tuple[float, ...] = ()
+    if servo.bandwidth is not None:
+        marks = (servo.bandwidth,)
     both = np.concatenate([_decibels(servo.reference[at]), _decibels(S)])
     panels = [Panel("closed loop (dB)", traces, _db_axis(both, -60.0), 1.0, (0.0,))]
     if servo.compliance is not None and servo.disturbance is not None:
@@ -344,12 +350,6 @@ def _db_axis(values: _Real, lowest: float = _QUIET) -> dict[str, Any]:
         low, high = max(-20.0, lowest), 20.0
     step = next((s for s in (3, 6, 10, 20) if (high - low) / s <= 8), 40)
     return {"dtick": step, "tick0": 0, "range": [low - 0.3 * step, high + 0.3 * step]}
-
-
-#: Largest number of crossings that are listed for each loop.
-_CROSSINGS = 12
-#: Largest number of unstable members that are listed.
-_MEMBERS_LISTED = 12
 
 
 class ServoSection(Section):

@@ -26,6 +26,11 @@ __all__ = [
     "ResonancePair",
     "drive_figures",
 ]
+_Real = NDArray[np.float64]
+_COUNT = 10  # modes where no band is given
+_AGREES = 1e-3  # a stated ratio
+_STILL = 1e-9  # share of the largest motion below which a DOF is at rest
+_ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,13 +238,6 @@ def _g(value: float | None) -> str:
     return "-" if value is None else f"{value:.6g}"
 
 
-_Real = NDArray[np.float64]
-_COUNT = 10  # modes where no band is given
-_AGREES = 1e-3  # a stated ratio
-_STILL = 1e-9  # share of the largest motion below which a DOF is at rest
-_ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of it
-
-
 @dataclass(frozen=True, slots=True)
 class _Rigid:
     """Inertia at the motor, gear ratio, and a note where one of them is not known."""
@@ -309,7 +307,9 @@ def drive_figures(
     ends = _ends(given, motor, load)
     limits = _checked(ratio, band, separation)
     held = _held(given, [int(ends.index[0])])
-    top = np.inf if limits is None else limits[1]
+    top = np.inf
+    if limits is not None:
+        top = limits[1]
     locked = _up_to(held, top)
     free = _up_to(given, top, at_least=len(locked) + 1)
     rigid = int((free.frequency == 0.0).sum())
@@ -408,12 +408,13 @@ def _held(model: Model, at: Sequence[int]) -> Model:
     left = np.flatnonzero(keep)
 
     def cut(matrix: Any) -> Any:
-        return None if matrix is None else matrix[left][:, left]
+        if matrix is None:
+            return None
+        return matrix[left][:, left]
 
-    groups = {
-        name: g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
-        for name, g in model.groups.items()
-    }
+    groups = {}
+    for name, g in model.groups.items():
+        groups[name] = g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
     return Model(groups, model.dofs[left], model.geometry, model.title)
 
 
@@ -459,7 +460,7 @@ def _damping(found: Modes, limits: tuple[float, float] | None) -> _Real:
 
 
 def _wanted(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_]:
-    low, high = (0.0, np.inf) if limits is None else limits
+    low, high = limits or (0.0, np.inf)
     return (freq > 0) & (freq >= low) & (freq <= high)
 
 
@@ -523,16 +524,16 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
     if not pairs:
         return 0.0
     still = model.with_damping({name: {"loss_factor": 0.0} for name in model.groups})
-    groups = {
-        name: Group(g.stiffness, g.mass)
-        for name, g in still.groups.items()
-        if g.stiffness is not None or g.mass is not None
-    }
+    groups = {}
+    for name, g in still.groups.items():
+        if g.stiffness is not None or g.mass is not None:
+            groups[name] = Group(g.stiffness, g.mass)
     bare = Model(groups, model.dofs)
     zero = np.array([p.antiresonance for p in pairs])
     lines = np.unique(np.concatenate([zero * (1 - _ASIDE), zero * (1 + _ASIDE)]))
     H = response(bare, lines, [motor], [motor]).values[:, 0, 0].real
-    below, above = (H[np.searchsorted(lines, zero * (1 + s))] for s in (-_ASIDE, _ASIDE))
+    below = H[np.searchsorted(lines, zero * (1 - _ASIDE))]
+    above = H[np.searchsorted(lines, zero * (1 + _ASIDE))]
     # The straight line through both sides gives the zero.
     return float(np.abs(_ASIDE * (below + above) / (below - above)).max())
 
@@ -600,12 +601,11 @@ def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _
     supports: list[int] = []
     if resting.shape[1]:
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)
-        supports = [int(i) for i in order[: resting.shape[1]]]
-    bare = {
-        name: Group(g.stiffness)
-        for name, g in _held(model, supports).groups.items()
-        if g.stiffness is not None
-    }
+        supports = order[: resting.shape[1]].tolist()
+    bare = {}
+    for name, g in _held(model, supports).groups.items():
+        if g.stiffness is not None:
+            bare[name] = Group(g.stiffness)
     if not bare:
         raise ModelError("drive figures: the model has no stiffness")
     kept = model.dofs[np.setdiff1d(np.arange(model.n_dofs), supports)]

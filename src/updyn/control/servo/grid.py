@@ -28,19 +28,23 @@ _Complex = NDArray[np.complex128]
 #: A loop function of s.
 Loop = Callable[[NDArray[Any]], _Complex]
 
-#: Lines a decade where nothing happens, and distances from a resonance in half its width.
+#: Lines in a decade without resonances.
 _PER_DECADE = 80
+#: Lines about a resonance, in half widths.
 _OFFSETS = np.array([0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0])
 #: A resonance is not taken to be narrower than this, as a share of its frequency.
 _NARROWEST = 1e-7
-#: Largest turn of the phase between neighbouring lines, in rad, and how often an interval is halved
-#: for it.
-_TURN, _HALVINGS = 0.7, 40
+#: Largest change of phase between neighbouring lines, in rad.
+_TURN = 0.7
+#: Largest number of times that an interval is halved for it.
+_HALVINGS = 40
 _MOST_LINES = 60_000
 #: Parts of the imaginary part that are rounding.
 _ROUNDING = 1e-11
-#: What may be left of a function at its root, and how large a gain is taken to be infinite.
-_RESOLVED, _INFINITE = 1e-5, 1e8
+#: Largest residual of a function at its root.
+_RESOLVED = 1e-5
+#: Gain that counts as infinite.
+_INFINITE = 1e8
 _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
 

@@ -99,19 +99,25 @@ class Margins:
     @property
     def gain_margin_db(self) -> float | None:
         """`gain_margin` in dB; inf where no gain makes the loop unstable."""
-        return None if self.gain_margin is None else float(20.0 * np.log10(self.gain_margin))
+        if self.gain_margin is None:
+            return None
+        return float(20.0 * np.log10(self.gain_margin))
 
     @property
     def gain_reduction_db(self) -> float | None:
         """`gain_reduction` in dB, negative; -inf where none makes the loop unstable."""
         if self.gain_reduction is None:
             return None
-        return float(20.0 * np.log10(self.gain_reduction)) if self.gain_reduction > 0 else -np.inf
+        if self.gain_reduction == 0:
+            return -np.inf
+        return float(20.0 * np.log10(self.gain_reduction))
 
     @property
     def peak_sensitivity(self) -> float | None:
         """Largest |1 / (1 + L)|, M_s."""
-        return None if self.modulus_margin is None else 1.0 / self.modulus_margin
+        if self.modulus_margin is None:
+            return None
+        return 1.0 / self.modulus_margin
 
     def summary(self) -> str:
         """Return the figures, one a line."""

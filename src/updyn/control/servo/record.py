@@ -23,6 +23,14 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+_NAMES = {
+    "gain_margin": "gain margin",
+    "gain_reduction": "gain reduction",
+    "phase_margin": "phase margin",
+    "delay_margin": "delay margin",
+    "modulus_margin": "modulus margin",
+    "crossover": "crossover",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,16 +262,6 @@ class Servo:
     def summary(self) -> str:
         """Return margins, time responses and notes as text."""
         return servo_text(self)
-
-
-_NAMES = {
-    "gain_margin": "gain margin",
-    "gain_reduction": "gain reduction",
-    "phase_margin": "phase margin",
-    "delay_margin": "delay margin",
-    "modulus_margin": "modulus margin",
-    "crossover": "crossover",
-}
 
 
 def servo_text(servo: Servo) -> str:

@@ -191,7 +191,7 @@ def _lines(
         return given
     own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
     peaks = [np.abs(j.poles.imag) for m in members for j in m if j is not None]
-    more = np.concatenate(peaks) if peaks else np.zeros(0)
+    more = np.concatenate([np.zeros(0), *peaks])
     more = more[(more > own[0]) & (more < own[-1])]
     lines = np.asarray(np.unique(np.concatenate([own, more])) / _TWO_PI)
     return lines[_drawable(lines, judged, members)]
@@ -211,8 +211,10 @@ def _drawable(
 
 def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) -> Loop:
     L, phase = _drawn(judged, lines)
-    drawn = [_drawn(own, lines) for own in members]
-    shape = len(members), len(lines)
+    family = np.zeros((len(members), len(lines)), dtype=np.complex128)
+    family_phase = np.zeros(family.shape)
+    for i, own in enumerate(members):
+        family[i], family_phase[i] = _drawn(own, lines)
     margins = tuple(own.margins for own in members)
     return Loop(
         name=name,
@@ -221,8 +223,8 @@ def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) ->
         phase=phase,
         margins=judged.margins,
         bandwidth=_bandwidth(lambda s: (L := judged.loop(s)) / (1.0 + L), judged),
-        family=np.array([values for values, _ in drawn], dtype=np.complex128).reshape(shape),
-        family_phase=np.array([own for _, own in drawn], dtype=np.float64).reshape(shape),
+        family=family,
+        family_phase=family_phase,
         members=margins,
         worst=ranges(margins) if margins else {},
     )
@@ -247,13 +249,15 @@ def _bandwidth(closed: grid.Loop, judged: Judged) -> float | None:
         return np.asarray(np.abs(closed(1j * w)) / rest - np.sqrt(0.5))
 
     found = grid.level(above, judged.w, above(judged.w))
-    return None if found is None else found / _TWO_PI
+    if found is None:
+        return None
+    return found / _TWO_PI
 
 
 def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
     return {
         "states": plant.n_states,
-        "modes": tuple(float(f) for f in plant.modes),
+        "modes": tuple(map(float, plant.modes)),
         "rigid": plant.rigid,
         "band": tuple(plant.band),
         "error": plant.error,

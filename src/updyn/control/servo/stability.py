@@ -31,6 +31,16 @@ _AT_REST = 1e-5
 #: A pole grows if its real part exceeds this share of its size: undamped modes that the loop does
 #: not see are rounded.
 _GROWS = 1e-9
+_TWO_PI = 2.0 * np.pi
+#: First line over the lowest pole or zero of the loop, and last line over the highest.
+_BELOW = 0.02
+_ABOVE = 10.0
+#: Largest loop gain at the last line.
+_SMALL = 0.05
+#: With dead time: last line over that where the loop gain has become so small.
+_BEYOND = 4.0
+#: Smallest pole or zero that counts, as a share of the largest: below it is rounding of 0.
+_SMALLEST = 1e-7
 
 
 def count_drifting(poles: _Complex, scale: float) -> int:
@@ -100,18 +110,6 @@ def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> 
             " which is no whole number; the lines do not reach low enough"
         )
     return round(found)
-
-
-_TWO_PI = 2.0 * np.pi
-#: First line over the lowest pole or zero of the loop, and last line over the highest.
-_BELOW = 0.02
-_ABOVE = 10.0
-#: Largest loop gain at the last line.
-_SMALL = 0.05
-#: With dead time: last line over that where the loop gain has become so small.
-_BEYOND = 4.0
-#: Smallest pole or zero that counts, as a share of the largest: below it is rounding of 0.
-_SMALLEST = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)

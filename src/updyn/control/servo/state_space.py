@@ -26,6 +26,7 @@ _Real = NDArray[np.float64]
 
 #: Largest scale of a state, as a power of 2.
 _LARGEST = 40.0
+_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,9 +182,6 @@ def _all_pass(a: float, b: float) -> StateSpace:
         np.array([[0.0, -2.0 * a]]),
         np.ones((1, 1)),
     )
-
-
-_Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,9 +20,9 @@ from updyn.group import is_number
 __all__ = [
     "StepFigures",
     "Timed",
-    "at_rest",
-    "march",
-    "march_late",
+    "delayed_response",
+    "final_value",
+    "linear_response",
     "schedule",
     "step_figures",
     "step_series",
@@ -31,16 +31,37 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: About the fewest and most intervals of a record, and intervals in a radian of the fastest motion
-#: that shows.
-_FEWEST, _MOST, _PER_RADIAN = 1000, 20_000, 12.0
-#: A mode shows if its share of the response exceeds the first; a record lasts until shares are
-#: below the second.
-_SHOWS, _SETTLED = 1e-3, 2e-3
+#: Least number of intervals of a record, about.
+_FEWEST = 1000
+#: Largest number of intervals of a record.
+_MOST = 20_000
+#: Intervals in a radian of the fastest mode that contributes.
+_PER_RADIAN = 12.0
+#: Share of the response from which a mode contributes.
+_SHOWS = 1e-3
+#: Share of the response below which a mode has settled.
+_SETTLED = 2e-3
+#: Half width of the band in which a response has settled, as a share of its final value.
 _BAND = 0.02
+_TWO_PI = 2.0 * np.pi
+#: Positions in `Cascade.closed`.
+_REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
+_POSITION, _TORQUE, _POINTING = range(3)
+#: Share of the variance of the error that a series of the wind may lack above its last frequency.
+_LEFT_OUT = 1e-4
+#: Largest length of such a series.
+_LONGEST = 2**16
+#: With exact dead time: factor by which the intervals are finer.
+_FINER = 4.0
+#: With exact dead time: largest number of intervals.
+_LONGEST_STEP = 60_000
+#: With exact dead time: least number of intervals in it; otherwise it is approximated.
+_COARSEST = 16
+#: Number of samples that are kept, about.
+_KEPT = 5000
 
 
-def march(
+def linear_response(
     system: StateSpace, u: _Real, dt: float, start: _Real | None = None
 ) -> tuple[_Real, _Real]:
     """Return states and outputs of a system under inputs that are linear between samples.
@@ -70,7 +91,9 @@ def march(
     own = np.ascontiguousarray(own.T)
     forced = u[:-1] @ held.T + np.diff(u, axis=0) @ sloped.T
     states = np.empty((len(u), system.n_states))
-    states[0] = 0.0 if start is None else start
+    states[0] = 0.0
+    if start is not None:
+        states[0] = start
     for k in range(len(u) - 1):
         states[k + 1] = states[k] @ own + forced[k]
     return states, states @ system.C.T + u @ system.D.T
@@ -112,7 +135,7 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
     )
 
 
-def march_late(
+def delayed_response(
     opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and derivatives of a loop whose first output is fed back late.
@@ -164,7 +187,7 @@ def march_late(
     return np.asarray(np.arange(n_t) * dt, dtype=np.float64), outputs, slopes
 
 
-def at_rest(system: StateSpace, output: int, input: int) -> float:
+def final_value(system: StateSpace, output: int, input: int) -> float:
     """Return the final value of an output under a constant input of 1; nan if it is unbounded.
 
     Parameters
@@ -262,7 +285,7 @@ def step_series(
         start = system.B[:, rate] * size
     time, states = np.zeros(1), start[None]
     for n, dt in parts:
-        more = march(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
+        more = linear_response(system, np.broadcast_to(u, (n + 1, len(u))), dt, states[-1])[0]
         time = np.concatenate([time, time[-1] + dt * np.arange(1, n + 1)])
         states = np.concatenate([states, more[1:]])
     outputs = states @ system.C.T + system.D @ u
@@ -318,8 +341,9 @@ def step_figures(
     if np.isfinite(final):
         width = _BAND * abs(final if reference else peak)
         if width and abs(value[-1] - final) <= width:
-            last = [_within(curve.solve(final + side * width), time) for side in (-1.0, 1.0)]
-            settles = float(np.concatenate([*last, time[:1]]).max())
+            below = _within(curve.solve(final - width), time)
+            above = _within(curve.solve(final + width), time)
+            settles = float(np.concatenate([below, above, time[:1]]).max())
     return StepFigures(rise, overshoot, settles, peak, peak_time)
 
 
@@ -332,25 +356,6 @@ def _within(places: _Real, time: _Real) -> _Real:
     """Return places that are numbers (a constant piece has nan) within the record."""
     good = np.isfinite(places)
     return np.asarray(places[good & (np.where(good, places, 0.0) >= time[0])])
-
-
-_TWO_PI = 2.0 * np.pi
-
-#: Positions in `Cascade.closed`.
-_REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
-_POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that a series of the wind may lack above its last frequency.
-_LEFT_OUT = 1e-4
-#: Largest length of such a series.
-_LONGEST = 2**16
-#: With exact dead time: factor by which the intervals are finer.
-_FINER = 4.0
-#: With exact dead time: largest number of intervals.
-_LONGEST_STEP = 60_000
-#: With exact dead time: least number of intervals in it; otherwise it is approximated.
-_COARSEST = 16
-#: Number of samples that are kept, about.
-_KEPT = 5000
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,8 +436,11 @@ def _reference_step(
     cascade: Cascade, system: StateSpace, size: float, duration: float | None, notes: list[str]
 ) -> StepResponse | None:
     outer = cascade.has_position
-    at = _REFERENCE if outer else _VELOCITY
-    rate = _RATE if outer and cascade.controller.feed_forward else None
+    at, rate = _VELOCITY, None
+    if outer:
+        at = _REFERENCE
+        if cascade.controller.feed_forward:
+            rate = _RATE
     if rate is not None and (system.D[_POSITION, rate] or system.D[_TORQUE, rate]):
         notes.append(
             "a step of the reference with feed-forward asks for a torque without bound: left out;"
@@ -440,10 +448,12 @@ def _reference_step(
         )
         return None
     wiring = cascade.wiring
-    name = (wiring.position if outer else wiring.velocity) or wiring.velocity
+    name = wiring.velocity
+    if outer:
+        name = wiring.position or name
     unit = _unit(cascade, name, not outer)
     time, outputs, slopes = _record(cascade, system, _POSITION, at, size, rate, duration)
-    final = size * at_rest(system, _POSITION, at)
+    final = size * final_value(system, _POSITION, at)
     figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
     time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
     return StepResponse(
@@ -477,7 +487,9 @@ def _record(
     """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
     parts = schedule(system, output, at, duration)
     delay = cascade.controller.dead_time
-    opened = cascade.opened() if delay else None
+    opened = None
+    if delay:
+        opened = cascade.opened()
     long = sum(n * dt for n, dt in parts)
     wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
     late = min(wanted, int(_LONGEST_STEP * delay / long))
@@ -489,7 +501,7 @@ def _record(
     if rate is not None:
         start = opened.B[:, 1 + rate] * size
     n = int(np.ceil(long * late / delay - 1e-9)) + 1
-    time, outputs, slopes = march_late(opened, w, start, delay, delay / late, n)
+    time, outputs, slopes = delayed_response(opened, w, start, delay, delay / late, n)
     order = [1, 0, 2]
     return time, outputs[:, order], slopes[:, order]
 
@@ -508,7 +520,7 @@ def _disturbance_step(
 ) -> StepResponse:
     name, unit, output, output_unit = _disturbance_names(cascade)
     time, outputs, slopes = _record(cascade, system, _POINTING, _DISTURBANCE, size, None, duration)
-    final = size * at_rest(system, _POINTING, _DISTURBANCE)
+    final = size * final_value(system, _POINTING, _DISTURBANCE)
     figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
     time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
     return StepResponse(
@@ -547,19 +559,20 @@ def _wind(
         }
     else:
         time, torque = _series(wind)
-    rest = at_rest(system, _POINTING, _DISTURBANCE)
+    rest = final_value(system, _POINTING, _DISTURBANCE)
     if np.isnan(rest):
         rest, first = 0.0, 0.0
     else:
-        first = torque[0]  # it has acted for ever before
+        first = torque[0]  # it acts since minus infinity
     u = np.zeros((len(time), 4))
     u[:, _DISTURBANCE] = torque - first
-    error = march(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
+    error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
     name, unit, output, output_unit = _disturbance_names(cascade)
+    rms = float(np.sqrt(np.mean(error**2)))
+    peak, mean = float(np.abs(error).max()), float(error.mean())
     return WindResponse(
-        name, unit, output, output_unit, time, torque, error, float(np.sqrt(np.mean(error**2))),
-        float(np.abs(error).max()), float(error.mean()), expected, facts,
-    )  # fmt: skip
+        name, unit, output, output_unit, time, torque, error, rms, peak, mean, expected, facts
+    )
 
 
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
@@ -569,7 +582,8 @@ def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, floa
         np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
     )
     middle = 0.5 * (edges[1:] + edges[:-1])
-    ends, between = (np.abs(cascade.compliance(2j * np.pi * f)) ** 2 for f in (edges, middle))
+    ends = np.abs(cascade.compliance(2j * np.pi * edges)) ** 2
+    between = np.abs(cascade.compliance(2j * np.pi * middle)) ** 2
     shares = wind.torque_variance(edges) * (ends[1:] + 4.0 * between + ends[:-1]) / 6.0
     below = float(wind.torque_variance(np.array([0.0, low]))[0] * ends[0])
     total = np.cumsum(shares) + below
@@ -579,7 +593,9 @@ def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, floa
 
 def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     try:
-        time, values = (np.array(part, dtype=np.float64) for part in given)
+        time, values = given
+        time = np.array(time, dtype=np.float64)
+        values = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(
             "wind: expected a Wind, or (time, disturbance) as two arrays of one length"

@@ -246,7 +246,7 @@ OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
 LEVEL = 0.02
 #: A misfit, as a share of the rms of the data, below which no test could see anything.
 _EXACT = 1e-7
-#: Real numbers over which the size of noise that was told from averages has errors of its own.
+#: Real numbers over which the size of noise that was estimated from averages has errors.
 _SHARED = 32.0
 #: Places that are listed.
 _LISTED = 12
@@ -291,7 +291,7 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """An error of the model that would explain what is left.
+    """An error of the model that would explain the residual.
 
     Attributes
     ----------
@@ -415,7 +415,7 @@ def assess(
     absolute : bool
         Whether the size of the noise is known from elsewhere, and not from this residual.
     averages : int, optional
-        How many averages the size of the noise was told from, line by line; None: it is known as
+        How many averages the size of the noise was estimated from by line; None: it is known as
         such.
     level : float
         Share of fits to pure noise of which something may be said all the same.
@@ -435,7 +435,7 @@ def assess(
     values. The unknowns make the residual smaller than the noise, which is counted for all values
     together, not place by place: the tests err on the side of silence. Likeness:
     `serial_p`. Channels over all bands, bands over all channels and all
-    data together are tested as well, with the p-values of likeness joined by Stouffer's sum of
+    data together are tested as well, with the p-values of correlation joined by Stouffer's sum of
     normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
     share of `level`.
     """

@@ -121,7 +121,7 @@ def localise(
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
         For each part, the residual there over its standard deviation; NaN for what is not there.
     beyond : float or None
-        How much of the sum of squares the noise does not explain; None: not known, and told from
+        How much of the sum of squares the noise does not explain; None: not known, estimated from
         its serial correlation.
 
     Returns
@@ -146,7 +146,7 @@ def localise(
     local = residual.local(task, coordinates.to_x(values))
     if local is None:
         return ()
-    # The unknowns come first: below them the triangle holds what is left once they have adapted.
+    # The unknowns come first: below them the triangle holds the residual once they have adapted.
     R, q = local.R[n:, n:], local.q[n:]
     power = np.sum(R**2, axis=0)
     seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)

@@ -37,7 +37,7 @@ _Vector = NDArray[np.float64]
 _NAME = "constitutive"
 _NOTE = (
     "The error in the constitutive relations weighs the data by what model errors would do to them,"
-    " not by noise, and its standard deviations take what is left as independent and equal; use"
+    " not by noise, and its standard deviations take the residual as independent and equal; use"
     " maximum likelihood where the data are noisy."
 )
 
