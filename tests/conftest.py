@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,12 @@ from hypothesis import HealthCheck, settings
 
 import programs
 import updyn
+from places import DATA
 from updyn.errors import UpdynWarning
 from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet
 
-DATA = Path(__file__).parent / "data"
 CASES = DATA / "cases"
 
 # Derandomised: the same examples on every machine. No deadline: tests are not timed.
@@ -40,7 +39,7 @@ _ROUNDED = {"cli", "comparison", "docs", "io", "recovery", "report"}
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.relative_to(DATA.parent).parts[0] in _ROUNDED:
+        if _ROUNDED & set(item.path.relative_to(DATA.parent).parts):
             item.add_marker("kernels")
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from math import pi, sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import updyn
+from bodies import deflection
 from updyn.elements.beam import beam
 from updyn.elements.structure import (
     Beam,
@@ -21,10 +20,6 @@ from updyn.elements.structure import (
     structure,
     tube,
 )
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "elements"))
-
-from bodies import deflection
 
 E, RHO, NU = 2.1e11, 7850.0, 0.3
 G = E / (2 * (1 + NU))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from math import pi
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +11,9 @@ from numpy.polynomial import legendre
 from scipy.sparse.linalg import spsolve
 
 import updyn
+from bodies import deflection, rigid_inertia, rotation, strain_of_rigid_motions
 from updyn.elements.structure import Beam, PointMass, Shell, Spring, rectangle, structure
 from updyn.errors import ModelError, UpdynWarning
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "elements"))
-
-from bodies import deflection, rigid_inertia, rotation, strain_of_rigid_motions
 
 E, RHO, NU = 7.0e10, 2700.0, 0.3
 SIDE, THIN = 1.2, 0.003

@@ -5,19 +5,15 @@ from __future__ import annotations
 import re
 import sys
 from math import pi, sqrt
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import updyn
-from updyn.elements.structure import Beam, PointMass, RigidLink, Shell, Solid, rectangle, structure
-from updyn.errors import ModelError
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "elements"))
-
 from bodies import deflection, rigid_inertia, rotation, strain_of_rigid_motions
 from meshes import block
+from updyn.elements.structure import Beam, PointMass, RigidLink, Shell, Solid, rectangle, structure
+from updyn.errors import ModelError
 
 E, RHO, NU = 2.1e11, 7850.0, 0.3
 KINDS = pytest.mark.parametrize("nodes", [4, 8, 10, 20])

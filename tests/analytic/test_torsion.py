@@ -1,18 +1,16 @@
 """Torsional trains against textbook frequencies and closed forms."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import updyn
+from places import DATA
 from updyn.elements.drivetrain import GearPair, Inertia, Motor, Planetary, Shaft, Worm, drivetrain
 
-CASES = json.loads(
-    (Path(__file__).parents[1] / "data" / "cases" / "torsional.json").read_text(encoding="utf-8")
-)
+CASES = json.loads((DATA / "cases" / "torsional.json").read_text(encoding="utf-8"))
 
 
 def frequencies(model, count):

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-import rooms
 
+import rooms
 from updyn.demos import find_demo
 
 CONTROL = "updyn.control"

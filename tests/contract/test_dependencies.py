@@ -9,8 +9,9 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
-import rooms
 from packaging.requirements import Requirement
+
+import rooms
 
 PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))[
     "project"

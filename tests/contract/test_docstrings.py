@@ -13,8 +13,8 @@ import importlib
 import re
 
 import pytest
-import rooms
 
+import rooms
 import updyn
 
 HEADINGS = (

@@ -7,8 +7,8 @@ import subprocess
 import sys
 
 import pytest
-import rooms
 
+import rooms
 import updyn
 
 HEAVY = [

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from places import ROOT
 from updyn.io import read_model
 from updyn.io.abaqus.model import read_model as read_abaqus
 
-PAGE = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 SECTION = PAGE.split('<a id="abaqus"></a>')[1].split("\n<a id=")[0]
 
 

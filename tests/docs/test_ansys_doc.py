@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import inspect
 import re
-from pathlib import Path
 
 import pytest
 
+from places import ROOT
 from updyn.io.ansys import emat as ansys_emat
 from updyn.io.ansys import full as ansys_full
 from updyn.io.ansys import properties as ansys
 from updyn.io.opensees import from_opensees
 
-TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 
 
 def section(name: str) -> str:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import inspect
 import re
-from pathlib import Path
 
 import pytest
 
+from places import ROOT
 from updyn.io.calculix import read_model
 from updyn.io.consistent_units import UNITS
 from updyn.io.keyword_deck.structure import POINTS, SOLIDS
 
 SECTION = (
-    (Path(__file__).parents[2] / "docs" / "formats.md")
-    .read_text(encoding="utf-8")
-    .split('<a id="calculix"></a>')[1]
+    (ROOT / "docs" / "formats.md").read_text(encoding="utf-8").split('<a id="calculix"></a>')[1]
 )
 SECTION = SECTION.split("\n<a id=")[0]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import ROOT, blocks, run_python
 
+from pages import ROOT, blocks, run_python
 from updyn.cli import main
 from updyn.comparison import Comparison
 from updyn.comparison.table import COLUMNS

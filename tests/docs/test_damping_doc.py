@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import re
-import sys
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
-
 from pages import ROOT, blocks, run_python
-
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.updating.fit.methods import methods_with
 

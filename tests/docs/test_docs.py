@@ -12,13 +12,10 @@ from typing import Any
 import pytest
 
 import updyn
+from pages import ROOT, SKIPPED, blocks, run_console, run_python, save_toml
 from updyn.job import load_job, prepare
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import Job
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from pages import ROOT, SKIPPED, blocks, run_console, run_python, save_toml
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))

@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import io
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,10 @@ import numpy as np
 import pytest
 
 import updyn
+from pages import ROOT, blocks, run_python, save_toml
 from updyn.elements.drivetrain import PARTS, drivetrain_from_table
 from updyn.job import load_job
 from updyn.model import Model
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from pages import ROOT, blocks, run_python, save_toml
 
 PAGE = ROOT / "docs" / "drivetrain.md"
 TEXT = PAGE.read_text(encoding="utf-8")

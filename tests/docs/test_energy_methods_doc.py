@@ -7,9 +7,9 @@ from statistics import median
 
 import numpy as np
 import pytest
-from pages import ROOT
 
 import updyn
+from pages import ROOT
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, options_of

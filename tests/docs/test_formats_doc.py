@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 import scipy.io
 
+from places import ROOT
 from updyn.cli import main
 from updyn.errors import FormatError
 from updyn.io import read_frf, read_geometry, read_model
 from updyn.io.formats import FORMATS, Format, load
 from updyn.job import load_job, prepare
 
-TEXT = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 ROW = re.compile(
     r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE
 )

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from places import ROOT
 from updyn.cli import main
 from updyn.control.job.tables import (
     ControllerTable,
@@ -46,7 +47,7 @@ from updyn.store.result import result_to_json
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.result import STATUSES
 
-TEXT = (Path(__file__).parents[2] / "docs" / "job.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "job.md").read_text(encoding="utf-8")
 
 
 def tables() -> dict[str, dict[str, list[str]]]:

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import updyn
+from places import ROOT
 from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
 from updyn.updating.fit import null_space, search
 from updyn.updating.problem import noise, problem
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 
-TEXT = " ".join(
-    (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8").split()
-)
+TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split())
 
 
 @pytest.mark.parametrize(

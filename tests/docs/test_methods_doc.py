@@ -7,9 +7,9 @@ from statistics import median
 
 import numpy as np
 import pytest
-from pages import ROOT
 
 import updyn
+from pages import ROOT
 from updyn.demos.gear_train import starting_model, true_model, true_values
 from updyn.frf import FRF
 from updyn.model import Model

@@ -7,9 +7,9 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from pages import ROOT
 
 import updyn
+from pages import ROOT
 from updyn.model import Model
 
 TEXT = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")

@@ -7,9 +7,9 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from pages import ROOT, blocks
 
 import updyn
+from pages import ROOT, blocks
 from updyn.model import Model
 from updyn.updating.judge.adequacy import LEVEL, OUTCOMES, Misfit, Suspect
 

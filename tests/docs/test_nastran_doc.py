@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from places import ROOT
 from updyn.errors import UpdynWarning
 from updyn.io import read_model
 from updyn.io.nastran import bdf
 from updyn.io.nastran.op4 import write_op4
 
-PAGE = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 
 
 def section(name: str) -> str:

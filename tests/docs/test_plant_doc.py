@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from updyn.control.job.tables import PlantTable
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from pages import ROOT, blocks, run_python
+from updyn.control.job.tables import PlantTable
 
 PAGE = ROOT / "docs/plant.md"
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pages import ROOT, blocks, run_python
 from updyn.updating.fit import regularisation as regularise
 from updyn.updating.fit.methods import methods_with
 from updyn.updating.judge import selection
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from pages import ROOT, blocks, run_python
 
 NAME = "docs/regularisation.md"
 TEXT = " ".join((ROOT / NAME).read_text(encoding="utf-8").split())

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from updyn.control.job.tables import ServoTable
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from pages import ROOT, blocks, run_python
+from updyn.control.job.tables import ServoTable
 
 PAGE = ROOT / "docs/servo.md"
 

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from meshes import MSH
+from pages import ROOT, blocks, run_python
 from updyn.elements import structure as package
 from updyn.elements.structure import structure_from_table
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parents[1] / "elements"))
-
-from pages import ROOT, blocks, run_python
-from test_mesh import MSH
 
 PAGE = ROOT / "docs" / "structures.md"
 

@@ -6,20 +6,16 @@ import contextlib
 import inspect
 import io
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import updyn
+from pages import ROOT, blocks, run_python
 from updyn.uncertainty import bootstrap, prediction
 from updyn.uncertainty import minima as humps
 from updyn.uncertainty import sampling as diagnosis
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from pages import ROOT, blocks, run_python
 
 PAGE = ROOT / "docs" / "uncertainty.md"
 TEXT = " ".join(PAGE.read_text(encoding="utf-8").split())

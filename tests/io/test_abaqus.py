@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
-from io_samples import assert_same_geometry
 
 import updyn
+from io_samples import assert_same_geometry
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io import read_model, write_model
 from updyn.io.abaqus.model import write_properties

@@ -19,6 +19,7 @@ from updyn.io.ansys.emat import ElementFile
 pytest.importorskip("ansys.mapdl.reader", reason="needs updyn[ansys]")
 from ansys.mapdl import reader as mapdl
 from ansys.mapdl.reader import examples
+
 from ansys_samples import beam_elements, write_emat
 
 HALVES = {"root": range(1, 21), "tip": range(21, 41)}

@@ -20,6 +20,7 @@ from updyn.io.ansys.attributes import read_attributes
 pytest.importorskip("ansys.mapdl.reader", reason="needs updyn[ansys]")
 from ansys.mapdl import reader as mapdl
 from ansys.mapdl.reader import examples
+
 from ansys_samples import beam_elements
 
 FULL, RST = Path(examples.fullfile), Path(examples.rstfile)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from io_samples import assert_same_frf, assert_same_model, frf, model
 
 import updyn
+from io_samples import assert_same_frf, assert_same_model, frf, model
 from updyn.errors import FormatError, OptionError
 from updyn.io.atomic import atomic_path
 

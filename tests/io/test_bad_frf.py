@@ -1,16 +1,16 @@
 """Every malformed file raises an error of updyn that names the file and says what is wrong; never anything else."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-import uff_samples as uff
 
+import uff_samples as uff
 import updyn
+from places import DATA
 from updyn.errors import UpdynError, UpdynWarning
 
-BAD = Path(__file__).parents[1] / "data" / "bad"
+BAD = DATA / "bad"
 sys.path.insert(0, str(BAD))
 
 from make_bad_frf import files  # noqa: E402

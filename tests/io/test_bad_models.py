@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import updyn
+from places import DATA
 
-BAD = Path(__file__).parents[1] / "data" / "bad"
+BAD = DATA / "bad"
 MODELS = json.loads((BAD / "model" / "expected.json").read_text())
 FRFS = json.loads((BAD / "frf_npz_mat" / "expected.json").read_text())
 

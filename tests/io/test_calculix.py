@@ -5,9 +5,9 @@ import stat
 
 import numpy as np
 import pytest
-from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 
 import updyn
+from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix import read_model, write_properties
 

@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 
 import updyn
+from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 from updyn.cli import main
 from updyn.io.calculix import read_model
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from io_samples import assert_same_frf, frf
 
 import updyn
+from io_samples import assert_same_frf, frf
 from updyn.errors import FormatError, OptionError, UpdynWarning
 
 HEAD = "# quantity: accelerance\nfreq_Hz,H(3:Z/1:-X) re,H(3:Z/1:-X) im\n"

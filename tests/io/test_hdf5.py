@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from io_samples import assert_same_model, model
 
+from io_samples import assert_same_model, model
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.hdf5 import read_model, write_model
 from updyn.model import Group, Model

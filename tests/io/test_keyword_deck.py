@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from deck_samples import bar
 
+from deck_samples import bar
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix.model import read_parts

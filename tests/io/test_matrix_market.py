@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from io_samples import assert_same_model, model
 
+from io_samples import assert_same_model, model
 from updyn.errors import FormatError
 from updyn.io.matrix_market import read_model, write_model
 from updyn.model import Group, Model

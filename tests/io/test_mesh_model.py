@@ -9,22 +9,20 @@ from pathlib import Path
 import pytest
 
 import updyn
+from meshes import MSH
+from places import ROOT
 from updyn.elements.mesh import structure_from_mesh
 from updyn.elements.structure import tube
 from updyn.errors import FormatError, OptionError, UpdynWarning
 
-ROOT = Path(__file__).parents[2]
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 
 
 @pytest.fixture
 def mesh(tmp_path: Path) -> Path:
     """The mesh of the tests of `updyn.elements.mesh`, text of Gmsh in mm."""
-    text = (ROOT / "tests" / "elements" / "test_mesh.py").read_text(encoding="utf-8")
-    found = re.search(r'^MSH = """(.*?)"""', text, re.DOTALL | re.MULTILINE)
-    assert found is not None
     path = tmp_path / "table.msh"
-    path.write_text(found[1])
+    path.write_text(MSH)
     return path
 
 

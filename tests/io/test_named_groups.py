@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from io_samples import assert_same_model
-from matlab73 import write_matlab73
 
 import updyn
+from io_samples import assert_same_model
+from matlab73 import write_matlab73
 from updyn.errors import FormatError
 from updyn.model import Group, Model
 

@@ -5,9 +5,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from nastran_decks import mystran, plate
 
 import updyn
+from nastran_decks import mystran, plate
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_properties
 from updyn.io.nastran.deck import read_deck

@@ -6,8 +6,8 @@ import warnings
 
 import numpy as np
 import pytest
-from nastran_decks import plate
 
+from nastran_decks import plate
 from updyn.dofs import DofSet
 from updyn.errors import UpdynError, UpdynWarning
 from updyn.io.nastran.bdf import read_geometry, write_properties

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from io_samples import model
 
 import updyn
+from io_samples import model
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.nastran.dmig import write_dmig

@@ -4,9 +4,9 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from io_samples import assert_same_frf, frf, model
 
 import updyn
+from io_samples import assert_same_frf, frf, model
 from updyn.errors import FormatError, OptionError, UpdynError
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from io_samples import assert_same_frf, assert_same_model, frf, model
 
+from io_samples import assert_same_frf, assert_same_model, frf, model
 from updyn.errors import FormatError, OptionError
 from updyn.io.npz import read_frf, read_model, write_frf, write_model
 from updyn.model import Group, Model

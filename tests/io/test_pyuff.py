@@ -9,8 +9,8 @@ import contextlib
 import numpy as np
 import pytest
 import pyuff
-import uff_samples as uff
 
+import uff_samples as uff
 import updyn
 
 Y = np.array([1.5 - 2j, -0.25 + 1e-3j, 3e4 + 7j, -1e-6 - 1j / 3])

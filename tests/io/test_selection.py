@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from io_samples import assert_same_frf, frf
 
 import updyn
+from io_samples import assert_same_frf, frf
 from updyn.errors import FormatError, OptionError
 
 SUFFIXES = ("uff", "nc", "npz", "mat", "csv")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-import uff_samples as uff
 
+import uff_samples as uff
 import updyn
 from updyn.errors import FormatError, OptionError
 from updyn.io import read_geometry

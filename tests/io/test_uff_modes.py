@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import pyuff
-import uff_samples as uff
 
+import uff_samples as uff
 import updyn
 from updyn.errors import FormatError, UpdynWarning
 from updyn.modal import ModeSet

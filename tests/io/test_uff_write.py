@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyuff
-from io_samples import assert_same_frf, frf
 
 import updyn
+from io_samples import assert_same_frf, frf
 from updyn.errors import FormatError, UpdynWarning
 from updyn.frf import FRF
 from updyn.geometry import Geometry

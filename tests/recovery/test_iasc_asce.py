@@ -6,16 +6,14 @@ tests/data/cases/iasc_asce.json."""
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import updyn
+from places import DATA
 
-CASE = json.loads(
-    (Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8")
-)
+CASE = json.loads((DATA / "cases" / "iasc_asce.json").read_text(encoding="utf-8"))
 STOREY = {"x": "x_N_m", "y": "y_N_m", "theta": "theta_Nm_rad"}
 DIRECTIONS = ("x", "y", "theta")
 NOISE = 0.05

@@ -13,14 +13,13 @@ import pytest
 import scipy.linalg
 
 import updyn
+from places import DATA
 from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 
-CASE = json.loads(
-    (Path(__file__).parents[1] / "data" / "cases" / "iasc_asce.json").read_text(encoding="utf-8")
-)
+CASE = json.loads((DATA / "cases" / "iasc_asce.json").read_text(encoding="utf-8"))
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 
 

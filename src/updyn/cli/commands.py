@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from updyn.cli.describe import describe_identifiability, describe_parameters
+from updyn.cli.reading import FILE_KINDS, read_anything
 from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
@@ -78,7 +80,6 @@ def check(job: Path, /) -> int:
     job
         The job file (TOML).
     """
-    from updyn.cli.describe import describe_identifiability, describe_parameters
     from updyn.job import check_out, job_identifiability, job_selection, load_job, prepare
     from updyn.job.job_table import JOB_TABLES
 
@@ -183,7 +184,7 @@ def convert(
     from_, to
         Names of the formats, where content or suffix do not decide them.
     quantity
-        What was measured, where the file does not print_text: receptance, mobility or accelerance.
+        What was measured, where the file does not say: receptance, mobility or accelerance.
     duplicates
         What to do with functions that occur twice; the reader's default is to refuse them.
     scalar_direction
@@ -191,11 +192,10 @@ def convert(
     scale
         Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
     unit
-        Unit of length of a model's deck, which does not print_text it: m, mm or in.
+        Unit of length of a model's deck, which does not state it: m, mm or in.
     force
         Write over OUT where it exists.
     """
-    from updyn.cli.reading import read_anything
     from updyn.io import write_frf, write_model
 
     if target.exists():
@@ -229,12 +229,10 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     file
         The file.
     quantity
-        What was measured, where the file does not print_text.
+        What was measured, where the file does not say.
     unit
-        Unit of length of a model's deck, which does not print_text it: m, mm or in.
+        Unit of length of a model's deck, which does not state it: m, mm or in.
     """
-    from updyn.cli.reading import FILE_KINDS, read_anything
-
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     kinds, options = _kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)

@@ -28,7 +28,7 @@ def plant(
 
     It is that of the updated model where the job has been run, and else of the model as it stands,
     which is said. Exit code 3 if no plant holds the tolerance: none is written then; record and
-    page print_text what was reached.
+    page say what was reached.
 
     Parameters
     ----------

@@ -19,7 +19,6 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parents[1] / "io"))
 
 from matlab73 import write_matlab73  # noqa: E402  (a helper of the tests, not a package)
-
 from updyn.io.hdf5 import write_model  # noqa: E402
 from updyn.model import Group, Model  # noqa: E402
 

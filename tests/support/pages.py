@@ -1,0 +1,78 @@
+"""Code blocks of the pages, in order, and how each is run."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from places import ROOT
+
+__all__ = ["ROOT", "Block", "blocks", "run_console", "run_python", "save_toml"]
+
+
+_FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_EXIT = re.compile(r"\s+# exit (\d+)$")
+#: Lines of a console block that are not run, by their first words: they install, and run these very
+#: tests.
+SKIPPED = ("make demo", "make test", "pip install .")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A code block: its language, its text, and the line on which it starts."""
+
+    language: str
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    text = page.read_text(encoding="utf-8")
+    for found in _FENCE.finditer(text):
+        yield Block(found[1], found[2], text.count("\n", 0, found.start()) + 2)
+
+
+def run_console(block: Block, where: str) -> int:
+    """Run each line in the current folder; return how many were run."""
+    done = 0
+    for number, line in enumerate(block.text.splitlines(), block.line):
+        if line in SKIPPED:
+            continue
+        expected = _EXIT.search(line)
+        words = shlex.split(_EXIT.sub("", line))
+        assert words[0] == "updyn", f"{where}:{number}: do not know how to run {line!r}"
+        ended = subprocess.run(
+            [sys.executable, "-m", "updyn", *words[1:]],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        said = f"{where}:{number}: {line}\n{ended.stdout}\n{ended.stderr}"
+        assert ended.returncode == (int(expected[1]) if expected else 0), said
+        assert "Traceback" not in ended.stderr, said
+        assert ended.stdout, said
+        done += 1
+    return done
+
+
+def run_python(block: Block, where: str, namespace: dict[str, Any]) -> None:
+    """Run a block in the namespace of its page, with the page's own line numbers."""
+    code = compile("\n" * (block.line - 1) + block.text, where, "exec")
+    exec(code, namespace)  # the page is ours
+
+
+def save_toml(block: Block) -> Path | None:
+    """Save a block under the name in its first line; None where it has none."""
+    name = re.match(r"# (\S+\.toml)\n", block.text)
+    if name is None:
+        return None
+    path = Path(name[1])
+    path.write_text(block.text, encoding="utf-8")
+    return path

@@ -1,0 +1,79 @@
+"""The page in a real browser: figures are drawn, the channel picker works, nothing is refused and nothing fails."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import updyn
+from pages_read import attributes, dump
+from report_case import hostile, realistic
+
+pytestmark = pytest.mark.needs("browser")
+
+# What a user does: next channel by button, back by key twice, logarithmic axis, a figure saved as
+# SVG, a cell of FRAC.
+ACTIONS = """<script>
+(async () => {
+  const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;
+  const said = [at()];
+  document.getElementById("next-channel").click(); said.push(at());
+  const key = (name) => document.getElementById("overlay").dispatchEvent(new KeyboardEvent("keydown", { key: name }));
+  key("ArrowLeft"); key("ArrowLeft"); said.push(at());
+  root.dataset.channels = said.join("|");
+  document.querySelector("input[name=freq-scale][value=log]").click();
+  const plot = document.getElementById("overlay-plot");
+  root.dataset.axis = plot._fullLayout.xaxis.type;
+  root.dataset.title = plot._fullLayout.yaxis.title.text;
+  root.dataset.first = plot.calcdata[0][0].y.toPrecision(5);
+  const svg = await Plotly.toImage(plot, { format: "svg", imageDataOnly: true });
+  root.dataset.svg = svg.startsWith("<svg");
+  document.querySelector("[data-figure=frac-after]").emit("plotly_click", { points: [{ x: 0, y: 3 }] });
+  root.dataset.cell = `${at()}; ${document.getElementById("channel-figures").textContent}`;
+})();
+</script></body>"""
+
+
+def test_page_is_drawn_and_works(tmp_path):
+    result = realistic()
+    path = updyn.write_report(result, tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    dom = dump(path, tmp_path / "profile")
+    found = attributes(dom)
+    assert "errors" not in found, found["errors"]
+    # 12 figures and the overlay, of two layers each at least
+    assert len(re.findall(r'class="main-svg"', dom)) >= 26
+    names = [re.sub(r"\(channel.*", "", c).strip() for c in found["channels"].split("|")]
+    assert names == [
+        "Response at 1:Z, force at 3:Z",
+        "Response at 4:Z, force at 3:Z",
+        "Response at 12:Z, force at 12:Z",
+    ]
+    assert found["axis"] == "log"
+    assert found["title"].endswith("((m/s²)/N)")
+    # the browser draws what was measured: the first line of the channel that the keys led to
+    assert float(found["first"]) == pytest.approx(abs(result.frf.values[0, 4, 1]), rel=1e-4)
+    assert found["svg"] == "true"
+    assert "Response at 9:Z, force at 3:Z" in found["cell"]
+    assert "held out" in found["cell"]
+
+
+def test_hostile_text_runs_nothing(tmp_path):
+    path = updyn.write_report(hostile(), tmp_path / "report.html")
+    dom = dump(path, tmp_path / "profile")
+    assert "errors" not in attributes(dom)
+    assert int(attributes(dom)["drawn"]) > 10
+    assert not re.search(r"<b [^>]*onmouseover", dom)
+    assert "<img" not in dom
+
+
+def test_the_page_of_several_tests_is_drawn(tmp_path):
+    one = realistic()
+    both = updyn.JointResult({"rotor locked": one, "rotor <free>": one}, "Two tests")
+    path = updyn.write_report(both, tmp_path / "report.html")
+    dom = dump(path, tmp_path / "profile")
+    assert "errors" not in attributes(dom)
+    assert int(attributes(dom)["drawn"]) > 4
+    assert 'href="rotor%20%3Cfree%3E/report.html"' in dom

@@ -1,0 +1,233 @@
+"""What the figures are drawn from, by value."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+
+import numpy as np
+import pytest
+
+from report_case import all_figures, chain, realistic, smallest
+from updyn.report import data as report_data
+from updyn.report.agreement import level_difference
+from updyn.report.data import gather, keep_lines
+from updyn.report.formats import (
+    change,
+    decibels,
+    estimate,
+    figure_of_agreement,
+    interval,
+    number,
+    unit,
+)
+from updyn.report.head import verdict
+from updyn.report.overlay import overlay
+from updyn.report.plots import numbers
+from updyn.report.provenance import data_checksum, model_checksum
+from updyn.report.residual import relative_residual
+from updyn.report.unknowns import correlations
+from updyn.updating.problem.parameters import Parameter
+
+
+@pytest.fixture(scope="module")
+def result():
+    return realistic()
+
+
+@pytest.fixture(scope="module")
+def data(result):
+    return gather(result)
+
+
+def dense(model, freq, responses, references):
+    """Accelerance by a dense solve at each line: K (1 + i gamma) - omega^2 M for one loss factor a group."""
+    Z0 = (model.stiffness + 1j * model.structural).toarray()
+    M = model.mass.toarray()
+    rows, columns = model.dofs.match(responses), model.dofs.match(references)
+    out = []
+    for omega in 2 * np.pi * freq:
+        H = np.linalg.solve(Z0 - omega**2 * M, np.eye(len(M)))
+        out.append(
+            -(omega**2) * H[np.ix_(rows.index, columns.index)] * np.outer(rows.sign, columns.sign)
+        )
+    return np.array(out)
+
+
+def test_both_models_at_the_lines_of_the_data(result, data):
+    assert np.array_equal(data.freq, result.frf.freq)
+    for model, values in ((result.start, data.before), (result.model, data.after)):
+        expected = dense(model, data.freq, result.frf.responses, result.frf.references)
+        np.testing.assert_allclose(values, expected, rtol=1e-9)
+
+
+def test_agreement_is_over_the_lines_not_held_out(result, data):
+    low, high = result.validation_band
+    outside = (data.freq < low) | (data.freq > high)
+    assert np.array_equal(data.compared, outside)
+    X, A = result.frf.values[outside], data.before[outside]
+    frac = np.array(
+        [[abs(np.vdot(X[:, i, j], A[:, i, j])) ** 2 / (np.vdot(X[:, i, j], X[:, i, j]).real
+          * np.vdot(A[:, i, j], A[:, i, j]).real) for j in range(2)] for i in range(5)]
+    )  # fmt: skip
+    np.testing.assert_allclose(data.frac_before, frac, rtol=1e-10)
+    assert data.csac_after.shape == data.freq.shape
+    assert data.held_out == (False, False, False, True, False)
+    assert np.array_equal(data.freq[data.used], result.lines)
+
+
+def test_one_channel_has_no_csac():
+    assert gather(smallest()).csac_after is None
+
+
+def test_zero_hertz_is_left_out_and_said(result):
+    from updyn.frf import FRF
+
+    old = result.frf
+    frf = FRF(
+        np.r_[0.0, old.freq],
+        np.r_[np.ones((1, 5, 2)), old.values],
+        old.responses,
+        old.references,
+        "accelerance",
+    )
+    found = gather(dataclasses.replace(result, frf=frf))
+    assert found.freq[0] == old.freq[0]
+    assert "The line at 0 Hz is not drawn." in found.notes
+
+
+def test_models_are_computed_at_fewer_lines_above_the_budget(result, monkeypatch):
+    monkeypatch.setattr(report_data, "EVALUATION_BUDGET", 12 * 200)
+    found = gather(result)
+    assert len(found.freq) <= 200
+    assert set(found.freq) <= set(result.frf.freq)
+    assert f"{len(found.freq)} of the 800 measured lines" in found.notes[0]
+
+
+def test_thinning_keeps_ends_and_sharp_peaks():
+    n = 4001
+    level = np.ones(n)
+    level[[1003, 2777]] = 50.0, 1e-3  # a resonance and an antiresonance of one line each
+    kept = keep_lines(level[:, None, None].astype(complex), np.zeros(n, dtype=bool), 100)
+    assert len(kept) <= 100
+    assert {0, 1003, 2777, n - 1} <= set(kept.tolist())
+    assert np.all(np.diff(kept) > 0)
+    assert np.array_equal(
+        keep_lines(level[:50, None, None].astype(complex), np.ones(50, dtype=bool), 100),
+        np.arange(50),
+    )
+
+
+def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
+    drawn, note = overlay(result, data)
+    assert note == ""
+    assert np.array_equal(np.frombuffer(base64.b64decode(drawn["freq"]), "<f8"), data.freq)
+    for name in ("measured", "before", "after"):
+        found = np.frombuffer(base64.b64decode(drawn[name]), "<f4").reshape(5, 2, 800, 2)
+        expected = getattr(data, name)[:, 3, 1]
+        np.testing.assert_allclose(
+            found[3, 1, :, 0] + 1j * found[3, 1, :, 1], expected, rtol=1e-6, atol=1e-9
+        )
+    assert drawn["everyLineUsed"] is False
+    np.testing.assert_array_equal(data.freq[drawn["used"]], result.lines)
+    thin, note = overlay(result, data, budget=200 * 10 * 28)
+    kept = np.frombuffer(base64.b64decode(thin["freq"]), "<f8")
+    assert len(kept) <= 200
+    assert f"{len(kept)} of 800 lines are drawn" in note
+
+
+def test_correlations_are_blank_where_nothing_is_determined():
+    covariance = np.array([[4.0, 1.0, np.inf], [1.0, 1.0, np.inf], [np.inf, np.inf, np.inf]])
+    found = correlations(covariance)
+    np.testing.assert_allclose(found[:2, :2], [[1.0, 0.5], [0.5, 1.0]])
+    assert np.isnan(found[2]).all()
+    assert np.isnan(found[:, 2]).all()
+
+
+def test_residuals_by_value():
+    X = np.array([3.0, 4.0]).reshape(2, 1, 1).astype(complex)
+    A = 1j * X
+    assert relative_residual(X, A)[0, 0] == pytest.approx(np.sqrt(2.0))
+    np.testing.assert_allclose(level_difference(X, 10 * A), [20.0, 20.0])
+    assert level_difference(X, 0 * A).size == 0
+
+
+def test_every_figure_is_there_and_finite(result, data):
+    figures = all_figures(result)
+    assert set(figures) == {
+        "frac-before", "frac-after", "csac", "factors", "loss-factors", "singular-values", "correlation", "cost",
+        "factor-paths", "loss-factor-paths", "level-differences", "residual-by-channel", "misfit-map",
+    }  # fmt: skip
+    np.testing.assert_allclose(figures["frac-after"]["data"][0]["z"], data.frac_after)
+    assert figures["correlation"]["data"][0]["z"][2][2] is None  # mass of bay 5 is open
+    cost = figures["cost"]["data"]
+    assert [t["name"] for t in cost] == ["log", "maximum-likelihood", "step refused"]
+    assert cost[2]["x"] == [3, 7]
+    shares = [np.sum(numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]]
+    np.testing.assert_allclose(shares, 100.0)
+    factor = next(
+        t for t in figures["factors"]["data"] if t["name"] == "not determined by the data"
+    )
+    assert "error_x" not in factor
+    assert sorted(factor["x"]) == [1.1, 1.3]
+
+
+def test_intervals():
+    stiffness = Parameter("a", "stiffness", 1.0, 0.1, 10.0)
+    low, high = interval(stiffness, 2.0, 0.2)
+    assert low * high == pytest.approx(4.0)  # symmetric in the logarithm
+    assert np.log(high / 2.0) == pytest.approx(1.959964 * 0.1)
+    assert interval(stiffness, 2.0, np.inf) is None
+    loss = Parameter("a", "loss_factor", 0.01, 0.0, 1.0)
+    assert interval(loss, 0.01, 0.01) == pytest.approx((0.0, 0.01 + 1.959964 * 0.01))
+
+
+def test_numbers_in_words():
+    assert [estimate(1.00001, 0.0019), estimate(12.3456, 0.51), estimate(0.72, np.inf)] == [
+        "1.0000",
+        "12.35",
+        "0.72",
+    ]
+    assert number(-0.00001234) == "−1.234·10⁻⁵"
+    assert number(np.inf) == "∞"
+    assert number(np.nan) == "–"
+    assert [figure_of_agreement(v) for v in (0.5, 0.9944, 0.9996, 1.0)] == [
+        "0.50",
+        "0.994",
+        ">0.999",
+        "1.00",
+    ]
+    assert decibels(0.213) == "0.21 dB"
+    assert change(Parameter("a", "mass", 1.0, 0.1, 9.0), 1.234) == "+23.4 %"
+    assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"
+    assert unit("receptance", "1:Z", "2:Z") == "m/N"
+    assert unit("mobility", "1:RX", "2:RZ") == "(rad/s)/(N m)"
+
+
+def test_verdict_says_when_it_got_worse(result):
+    worse = {"before": {"frac_median": 0.9}, "after": {"frac_median": 0.4}, "validation": {}}
+    assert verdict(result, worse).agreement == "Median FRAC falls from 0.90 to 0.40."
+    assert "could not be computed" in verdict(result, {}).agreement
+
+
+def test_checksums_see_every_part(result):
+    frf = result.frf
+    text = "\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode()
+    assert (
+        data_checksum(frf)
+        == hashlib.sha256(text + frf.freq.tobytes() + frf.values.tobytes()).hexdigest()
+    )
+    start = chain(3)
+    seen = {
+        model_checksum(m)
+        for m in (
+            start,
+            start.scaled({"bay 1": {"stiffness": 1.0 + 1e-12}}),
+            start.scaled({"bay 1": {"mass": 1.1}}),
+            start.scaled({"bay 2": {"mass": 1.1}}),
+            start.scaled({"bay 1": {"loss_factor": 0.011}}),
+        )
+    }
+    assert len(seen) == 5
+    assert model_checksum(start) == model_checksum(chain(3, title="same numbers"))

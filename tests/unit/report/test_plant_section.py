@@ -1,0 +1,379 @@
+"""The sections on plant and servo: what they draw is what model, plant and loop answer; escapes; in a real browser."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import updyn
+from pages_read import attributes, dump, values
+from updyn.control.job.plant_result import lines_of, make_plant
+from updyn.control.job.record import control_record
+from updyn.control.report.page import write_plant_page
+from updyn.control.report.plant import share
+from updyn.control.servo.controller import Controller, Notch
+from updyn.job import load_job, prepare
+from updyn.report.plots import log_frequency, phases, with_peaks
+from updyn.report.section import Content, sections_of
+
+JOB = """title = "Azimuth <b>'\\"& 1</b>"
+[model]
+file = "m.h5"
+[test]
+file = "t.npz"
+[[parameter]]
+groups = ["shaft", "rim"]
+quantity = "stiffness"
+[method]
+starts = 0
+noise = { relative = 0.1 }
+[plant]
+inputs = [{ name = "M<i>", dof = "1:RZ" }, { name = "wind", dof = "3:RZ" }]
+outputs = [{ name = "speed", dof = "1:RZ" }, { name = "dish", dof = "3:RZ" }]
+quantity = ["mobility", "receptance"]
+band = [1.0, 90.0]
+family = 4
+seed = 3
+[servo]
+torque = "M<i>"
+velocity = "speed"
+position = "dish"
+disturbance = "wind"
+motor = "1:RZ"
+load = "3:RZ"
+wind = { mean_speed = 12, coefficient = 0.05, turbulence = 0.15, duration = 20 }
+[servo.controller]
+kp = 5
+ti = 0.3
+kv = 1.5
+dead_time = 0.001
+low_pass = 60
+notch = [{ frequency = 24, width = 10 }]
+[[servo.nonlinear]]
+kind = "backlash"
+mesh = "rim"
+at = "2:RZ"
+gap = 0.004
+frequency = 20
+duration = 0.5
+"""
+
+
+def model() -> updyn.Model:
+    groups = {}
+    for i, (name, J, k) in enumerate(
+        (("shaft", 0.03, 4e3), ("rim", 0.05, 2.5e3), ("dish", 1.2, 0.0))
+    ):
+        M, K = np.zeros((3, 3)), np.zeros((3, 3))
+        M[i, i] = J
+        if k:
+            K[i : i + 2, i : i + 2] = k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+        groups[name] = updyn.Group(K if k else None, M, loss_factor=0.03 if k else 0.0)
+    return updyn.Model.from_groups(groups, ["1:RZ", "2:RZ", "3:RZ"])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("servo")
+    updyn.write_model(model(), folder / "m.h5")
+    true = model().scaled({"shaft": {"stiffness": 1.1}, "rim": {"stiffness": 0.9}})
+    lines = np.linspace(2.0, 80.0, 60)
+    updyn.write_frf(updyn.response(true, lines, ["1:RZ", "3:RZ"], ["1:RZ"]), folder / "t.npz")
+    (folder / "job.toml").write_text(JOB)
+    ready = prepare(load_job(folder / "job.toml"))
+    unknowns = ready.parameters
+    result = updyn.update(ready.model, ready.frf, unknowns, noise={"relative": 0.1}, starts=0)
+    return result, make_plant(ready, result, "The updated model.")
+
+
+def drawn(plant_result):
+    """Sections by anchor, and their figures."""
+    content, texts, figures = Content(further={"plant": plant_result}), {}, {}
+    for section in sections_of(content):
+        own = section.figures(content)
+        texts[section.anchor] = section.render(content, own)
+        figures |= own
+    return texts, figures
+
+
+@pytest.fixture(scope="module")
+def parts(made):
+    return drawn(made[1])
+
+
+def trace(figure, name, number=0):
+    found = [t for t in figure["data"] if t.get("name") == name]
+    return values(found[number]["x"]), values(found[number]["y"])
+
+
+def exact(found, freq):
+    """The updated model by the library's own response: speed and dish over M and wind."""
+    H = updyn.response(found.model, freq, ["1:RZ", "3:RZ"], ["1:RZ", "3:RZ"]).values
+    return np.stack([2j * np.pi * freq[:, None] * H[:, 0], H[:, 1]], axis=1)
+
+
+# -- the plant -------------------------------------------------------------------------------------------------
+def test_the_bode_diagram_is_that_of_model_and_plant(made, parts):
+    result, plant_result = made
+    _, figures = parts
+    for i, j in np.ndindex(2, 2):
+        figure = figures[f"plant-{i}-{j}"]
+        freq, size = trace(figure, "updated model")
+        H = exact(result, plant_result.freq)[:, i, j]
+        np.testing.assert_allclose(freq, plant_result.freq, rtol=1e-6)
+        np.testing.assert_allclose(size, np.abs(H), rtol=1e-6)
+        G = plant_result.plant.response(plant_result.freq).values[:, i, j]
+        np.testing.assert_allclose(trace(figure, "plant")[1], np.abs(G), rtol=1e-6)
+        turn = trace(figure, "plant", 1)[1]
+        np.testing.assert_allclose(np.exp(1j * np.radians(turn)), G / np.abs(G), atol=1e-5)
+        off = trace(figure, "error")[1]
+        np.testing.assert_allclose(
+            off, np.maximum(np.abs(G - H) / np.abs(H).max(), 1e-7), rtol=1e-3, atol=2e-8
+        )
+        assert off.max() <= 1.05 * plant_result.plant.error
+        np.testing.assert_allclose(trace(figure, "tolerance")[1], 0.02)
+        low, high = (values(t["y"]) for t in figure["data"][:2])
+        assert figure["data"][1]["name"] == "family of 4"
+        members = np.abs(plant_result.family.response(plant_result.freq))[:, :, i, j]
+        np.testing.assert_allclose(high, np.maximum(members.max(axis=0), np.abs(G)), rtol=1e-6)
+        np.testing.assert_allclose(low, np.minimum(members.min(axis=0), np.abs(G)), rtol=1e-6)
+
+
+def test_lines_show_every_resonance(made):
+    plant_result = made[1]
+    freq = lines_of(plant_result.plant)
+    assert (freq[0], freq[-1]) == (1.0, 90.0)
+    assert (np.diff(freq) > 0).all()
+    for pole in plant_result.plant.poles[plant_result.plant.poles.imag > 1.0]:
+        f, half = abs(pole) / (2 * np.pi), -pole.real / (2 * np.pi)
+        assert ((freq > f - half) & (freq < f + half)).sum() >= 5
+
+
+def test_phases_run_through_and_stay_together():
+    s = 2j * np.pi * np.geomspace(0.1, 100.0, 400)
+    L = 100.0 * np.exp(-0.01 * s) / (s * (s + 10.0))
+    first, other = phases(L, L * np.exp(0.3j))
+    expected = -90.0 - np.degrees(np.arctan(s.imag / 10.0)) - np.degrees(0.01 * s.imag)
+    np.testing.assert_allclose(first, expected, atol=1e-9)
+    np.testing.assert_allclose(other - first, np.degrees(0.3), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("ends", "ticks"),
+    [
+        ((0.5, 40.0), ["0.5", "1", "2", "5", "10", "20"]),
+        ((1e-3, 1e4), ["0.001", "0.01", "0.1", "1", "10", "100", "1000", "10000"]),
+    ],
+)
+def test_ticks_are_written_out(ends, ticks):
+    assert log_frequency(ends)["ticktext"] == ticks
+
+
+def test_tables_of_the_plant(made, parts):
+    plant_result = made[1]
+    text = parts[0]["plant"]
+    assert "single-frequency" in text
+    found = {c.name: c for c in plant_result.conversions}
+    row = re.search(r'<tr[^>]*><th scope="row">single-frequency</th>(.*?)</tr>', text)
+    assert row is not None
+    assert f"<td>{share(found['single-frequency'].error)}</td>" in row[1]
+    assert found["single-frequency"].error > 0.1
+    assert 'class="open"' in row[0]  # far from the tolerance
+    poles = plant_result.plant.poles[plant_result.plant.poles.imag > 1.0]
+    for pole in poles:
+        assert f"{abs(pole) / (2 * np.pi):.5g}" in text
+        assert f"{-pole.real / abs(pole):.3g}" in text
+    assert "1 rigid-body mode with a pole at 0" in text
+    assert "goes beyond the data, 2 to 80 Hz" in text
+
+
+# -- the servo -------------------------------------------------------------------------------------------------
+def controller():
+    return Controller(5.0, 0.3, 1.5, (Notch.of_width(24.0, 10.0),), low_pass=60.0, dead_time=0.001)
+
+
+def test_the_loop_is_controller_times_plant(made, parts):
+    plant_result = made[1]
+    assert plant_result.servo.controller == controller()
+    freq, db = trace(parts[1]["bode-velocity"], "L, nominal")
+    s = 2j * np.pi * freq
+    L = controller().torque(s) * plant_result.plant.at(s)[:, 0, 0]
+    np.testing.assert_allclose(10 ** (db / 20), np.abs(L), rtol=2e-4, atol=1e-6)
+    seen = np.abs(L) > 1e-3  # frequencies are drawn in single precision, and the notch is a zero
+    turn = trace(parts[1]["bode-velocity"], "phase")[1]
+    np.testing.assert_allclose(
+        np.exp(1j * np.radians(turn))[seen], L[seen] / np.abs(L[seen]), atol=2e-3
+    )
+    # The Nichols plot is of the same numbers, and its circle is the one of a sensitivity of 6 dB.
+    figure = parts[1]["nichols-velocity"]
+    x, y = trace(figure, "L, nominal")
+    np.testing.assert_allclose(x, turn, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(y, db, rtol=1e-6, atol=1e-6)
+    x, y = trace(figure, "|1 + L| = 0.5")
+    np.testing.assert_allclose(
+        np.abs(1 + 10 ** (y / 20) * np.exp(1j * np.radians(x))), 0.5, rtol=1e-5
+    )
+
+
+def test_points_of_the_margins_lie_on_the_curves(made, parts):
+    margins = made[1].servo.velocity_loop.margins
+    figure = parts[1]["bode-velocity"]
+    x, y = trace(figure, f"gain margin {margins.gain_margin_db:.3g} dB")
+    assert (x[0], y[0]) == pytest.approx((margins.gain_margin_at, -margins.gain_margin_db))
+    x, y = trace(figure, f"phase margin {margins.phase_margin:.3g}°")
+    assert abs((y[0] + 180.0 - margins.phase_margin + 180.0) % 360.0 - 180.0) < 0.5
+
+
+def test_margins_of_the_family_are_in_the_table(made, parts):
+    servo = made[1].servo
+    text = parts[0]["servo"]
+    assert "on all 4 plants of the family too" in text
+    row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', text)[1]
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    inner = [m.phase_margin for m in servo.velocity_loop.members]
+    assert cells[0] == f"{servo.velocity_loop.margins.phase_margin:.3g}°"
+    assert cells[2:4] == [f"{min(inner):.3g}°", str(int(np.argmin(inner)))]
+    outer = [m.phase_margin for m in servo.position_loop.members]
+    assert cells[6:8] == [f"{min(outer):.3g}°", str(int(np.argmin(outer)))]
+
+
+def test_responses_over_time(made, parts):
+    servo = made[1].servo
+    time, dish = trace(parts[1]["step"], "dish")
+    assert dish[0] == pytest.approx(0.0, abs=1e-6)
+    assert dish[-1] == pytest.approx(1.0, abs=0.03)
+    assert time[-1] == pytest.approx(servo.step.time[-1], rel=1e-6)
+    assert parts[1]["step"]["layout"]["yaxis2"]["title"]["text"] == "command (N m)"
+    time, error = trace(parts[1]["wind"], servo.wind.output)
+    assert np.abs(error).max() == pytest.approx(servo.wind.peak, rel=1e-6)
+    assert time[-1] == pytest.approx(servo.wind.time[-1], rel=1e-6)
+
+
+def test_no_peak_is_lost_where_points_are_left_out():
+    value = np.random.default_rng(0).standard_normal(50_001)
+    value[31_234], value[7] = 9.0, -8.0
+    at = with_peaks(value, 1000)
+    assert len(at) <= 1002
+    assert (at[0], at[-1]) == (0, 50_000)
+    assert {31_234, 7} <= set(at.tolist())
+    np.testing.assert_array_equal(with_peaks(value[:900], 1000), np.arange(900))
+
+
+def test_an_unstable_loop_says_so(made):
+    from dataclasses import replace
+
+    plant_result = made[1]
+    wild = updyn.servo(
+        plant_result.family,
+        replace(controller(), kp=5000.0),
+        torque="M<i>",
+        velocity="speed",
+        position="dish",
+    )
+    texts, figures = drawn(replace(plant_result, servo=wild))
+    text = texts["servo"]
+    assert "The loop is UNSTABLE on the nominal plant" in text
+    assert "Unstable: velocity loop: plants 0, 1, 2, 3" in text
+    assert "step" not in figures
+    assert control_record(replace(plant_result, servo=wild))["servo"]["stable"] is False
+
+
+def test_backlash_is_that_of_the_library(made, parts):
+    _, plant_result = made
+    (found,) = plant_result.nonlinear
+    gap = updyn.opened(plant_result.model, "rim", "2:RZ")
+    assert found.law == gap.backlash(0.004, frequency=20.0)
+    ports = plant_result.plant.input_ports[:1], plant_result.plant.output_ports
+    plant = updyn.plant(
+        gap.model,
+        [*ports[0], gap.port],
+        [*ports[1], gap.port],
+        (1.0, 90.0),
+        quantity=["mobility", "receptance", "receptance"],
+    )
+    cycles = updyn.limit_cycles(
+        plant, controller(), found.law, "gap", torque="M<i>", velocity="speed", position="dish"
+    )
+    assert [c.frequency for c in found.cycles] == pytest.approx(
+        [c.frequency for c in cycles], rel=1e-6
+    )
+    assert found.simulation.time[-1] == pytest.approx(0.5, abs=1e-3)
+    time, twist = trace(parts[1]["nonlinear-0"], "twist")
+    assert time[-1] == pytest.approx(found.simulation.time[-1], rel=1e-6)
+    inside = np.interp(time, found.simulation.time, found.simulation.reading)
+    np.testing.assert_allclose(twist, inside, atol=2e-4 * np.abs(inside).max())
+    text = parts[0]["servo"]
+    assert "Backlash in &#39;rim&#39;, 0.004 rad at 2:RZ" in text
+    record = control_record(plant_result)["nonlinear"][0]
+    assert record["law"]["gap"] == 0.004
+    assert len(record["cycles"]) == len(cycles)
+
+
+# -- record and page -------------------------------------------------------------------------------------------
+def test_the_record_is_strict_and_holds_what_a_designer_needs(made):
+    plant_result = made[1]
+    found = json.loads(json.dumps(control_record(plant_result), allow_nan=False))
+    assert found["plant"]["order"] == plant_result.plant.n_states
+    assert found["plant"]["rigid"] == 1
+    assert found["plant"]["inputs"][0] == {"name": "M<i>", "unit": "N m", "weights": {"1:RZ": 1.0}}
+    assert found["plant"]["outputs"][0]["quantity"] == "mobility"
+    weight = found["family"]["weights"][0]
+    s = 2j * np.pi * 20.0
+    zeros, poles = (
+        np.array([complex(z["re"], z["im"]) for z in weight[k]]) for k in ("zeros", "poles")
+    )
+    W = weight["gain"] * np.prod(s - zeros) / np.prod(s - poles)
+    G = plant_result.family.response([20.0])[:, 0, 0, 0]
+    G0 = plant_result.plant.response([20.0]).values[0, 0, 0]
+    assert abs(W) >= np.abs(G / G0 - 1).max()
+    loop = found["servo"]["velocity_loop"]
+    assert loop["margins"]["phase_margin"] == pytest.approx(
+        plant_result.servo.velocity_loop.margins.phase_margin
+    )
+    assert loop["worst"]["phase_margin"]["smallest"] <= loop["margins"]["phase_margin"] + 1e-9
+    # Three inertias in a row: all together, and with the first one held.
+    assert found["drive"]["inertia"] == pytest.approx(0.03 + 0.05 + 1.2)
+    k1, k2 = 4e3 * made[0].values["shaft.stiffness"], 2.5e3 * made[0].values["rim.stiffness"]
+    squares = np.linalg.eigvals(np.array([[(k1 + k2) / 0.05, -k2 / 0.05], [-k2 / 1.2, k2 / 1.2]]))
+    assert found["drive"]["locked"] == pytest.approx(
+        np.sort(np.sqrt(squares)) / (2 * np.pi), rel=1e-9
+    )
+
+
+def test_names_are_escaped(made, tmp_path):
+    text = write_plant_page(made[1], tmp_path / "plant.html").read_text(encoding="utf-8")
+    body = text.split("<body>")[1].split("<script")[0]
+    assert "<i>" not in body
+    assert "<b>" not in body
+    assert "M&lt;i&gt;" in body
+    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', text)[1])
+    assert set(re.findall(r'data-figure="([^"]*)"', text)) == set(figures)
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', body)
+
+
+def test_the_report_has_the_sections(made, tmp_path):
+    result, plant_result = made
+    text = updyn.write_report(result, tmp_path / "report.html", plant=plant_result).read_text(
+        encoding="utf-8"
+    )
+    order = [
+        text.index(f'<section id="{name}">')
+        for name in ("unknowns", "plant", "servo", "provenance")
+    ]
+    assert order == sorted(order)
+    assert '<section id="plant">' not in updyn.write_report(
+        result, tmp_path / "bare.html"
+    ).read_text(encoding="utf-8")
+
+
+@pytest.mark.needs("browser")
+def test_the_page_is_drawn_in_a_browser(made, tmp_path):
+    page = write_plant_page(made[1], tmp_path / "plant.html")
+    dom = dump(page, tmp_path / "profile")
+    found = attributes(dom)
+    assert "errors" not in found, found["errors"]
+    _, figures = drawn(made[1])
+    assert len(re.findall(r'class="main-svg"', dom)) >= 2 * len(figures)

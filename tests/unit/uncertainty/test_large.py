@@ -1,0 +1,84 @@
+"""Models too large for dense matrices: draws in a reduced model about the estimate, whose error is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import updyn
+from uncertain_cases import noisy
+
+N = 60
+
+
+@pytest.fixture(scope="module")
+def result() -> updyn.UpdateResult:
+    """A chain of 60 masses in two halves, solved as a sparse model."""
+    groups = {}
+    for name, members in (("near", range(N // 2)), ("far", range(N // 2, N))):
+        K, M = np.zeros((N, N)), np.zeros((N, N))
+        for i in members:
+            M[i, i] = 1.0
+            K[i, i] += 1e5
+            if i:
+                K[i - 1, i - 1] += 1e5
+                K[[i - 1, i], [i, i - 1]] -= 1e5
+        groups[name] = updyn.Group(K, M, loss_factor=0.03)
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(N)])
+    frf = updyn.response(
+        model.scaled({"far": {"stiffness": 1.1}}),
+        np.linspace(0.5, 6.0, 25),
+        ["60:X", "20:X"],
+        ["60:X"],
+    )
+    unknowns = updyn.parameters(model, stiffness="all")
+    return updyn.update(
+        model,
+        noisy(frf, 0, 0.02),
+        unknowns,
+        noise={"relative": 0.02},
+        tier="sparse",
+        backend="superlu",
+        starts=0,
+    )
+
+
+def test_a_bootstrap_is_made_in_a_reduced_model(result) -> None:
+    found = updyn.bootstrap(result, 30)
+    assert found.options["basis"] < N
+    assert found.options["error"] <= found.options["accuracy"] == 1e-5
+    assert found.converged
+    for name in found.names:
+        assert found.deviation[name] == pytest.approx(result.std[name], rel=0.4)
+    # Those of the whole model, refit by refit.
+    whole = updyn.update(
+        result.start,
+        result.frf,
+        result.parameters,
+        noise={"relative": 0.02},
+        tier="dense",
+        starts=0,
+    )
+    exact = updyn.bootstrap(whole, 4)
+    std = np.array([result.std[n] for n in found.names])
+    assert (np.abs(exact.values - found.values[:4]) < 0.02 * std).all()
+
+
+def test_sampling_is_made_in_a_reduced_model(result) -> None:
+    pytest.importorskip("emcee")
+    pytest.importorskip("arviz_stats")
+    found = updyn.sample(result, 200, max_evaluations=8000)
+    assert found.options["basis"] < N
+    assert found.options["error"] <= found.options["accuracy"]
+    assert found.options["humps"] == 1
+    for name in found.names:
+        assert found.deviation[name] == pytest.approx(result.std[name], rel=0.15)
+
+
+def test_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) -> None:
+    from updyn.uncertainty import surrogate
+
+    monkeypatch.setattr(surrogate.Surrogate, "error", lambda self, x: 0.01)
+    found = updyn.bootstrap(result, 3)
+    assert not found.converged
+    assert "The reduced model errs by 0.01 at the furthest draws, not 1e-05" in found.message

@@ -1,0 +1,160 @@
+"""Bands of prediction: by the delta method, from draws, at DOFs never measured; and how often they are right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from uncertain_cases import in_series, noisy, one_spring, springs
+from updyn.errors import DataError, DofError, OptionError
+
+LINES = np.linspace(1.0, 9.0, 30)
+
+
+def two_masses() -> updyn.Model:
+    groups = {
+        "base": updyn.Group(springs((0, 1, 1000.0), n=2), np.diag([1.0, 0.0]), loss_factor=0.03),
+        "top": updyn.Group(springs((1, 2, 600.0), n=2), np.diag([0.0, 1.0]), loss_factor=0.05),
+    }
+    return updyn.Model.from_groups(groups, ["1:X", "2:X"])
+
+
+def fit(seed: int, noise: dict[str, float] | None = None) -> updyn.UpdateResult:
+    """Only the lower mass is measured; its noise is relative 3 %."""
+    true = two_masses()
+    frf = noisy(updyn.response(true, LINES, ["1:X"], ["1:X"]), seed, 0.03)
+    unknowns = updyn.parameters(true, stiffness="all", loss_factor="all")
+    return updyn.update(true, frf, unknowns, noise=noise or {"relative": 0.03}, starts=0)
+
+
+@pytest.fixture(scope="module")
+def result() -> updyn.UpdateResult:
+    return fit(0)
+
+
+def test_it_is_the_delta_method_in_closed_form() -> None:
+    """H = 1 / (kappa k): d ln H = -d ln kappa."""
+    result = one_spring(floor=0.1)
+    band = updyn.predict(result, [0.5, 7.0], ["1:X"], ["1:X"])
+    value = 1 / (50 * result.values["spring.stiffness"])
+    spread = result.std["spring.stiffness"] / result.values["spring.stiffness"]
+    np.testing.assert_allclose(band.frf.values[:, 0, 0], [value, value], rtol=1e-12)
+    np.testing.assert_allclose(band.std_real, value * spread, rtol=1e-9)
+    np.testing.assert_allclose(band.std_imag, 0.0, atol=1e-12 * value)
+    np.testing.assert_allclose(band.upper, value * np.exp(1.959964 * spread), rtol=1e-6)
+    np.testing.assert_allclose(band.lower, value * np.exp(-1.959964 * spread), rtol=1e-6)
+    np.testing.assert_allclose(band.phase_upper - band.phase_lower, 0.0, atol=1e-6)
+
+
+def test_phase_and_magnitude_follow_what_the_unknowns_do(result) -> None:
+    """Against differences: each unknown moved by its own share of the covariance's root."""
+    band = updyn.predict(
+        result, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance", level=0.6826895
+    )
+    names = result.parameters.names
+    root = np.linalg.cholesky(result.covariance)
+    here = np.array([result.values[n] for n in names])
+    h, log = 1e-3, []
+    for column in root.T:
+        ends = []
+        for side in (h, -h):
+            model = result.parameters.apply(result.start, here + side * column)
+            ends.append(
+                updyn.response(model, LINES[::4], ["2:X"], ["1:X"], quantity="accelerance").values
+            )
+        log.append(np.log(ends[0] / ends[1]) / (2 * h))
+    spread = np.sqrt(np.sum(np.real(log) ** 2, axis=0))
+    turn = np.sqrt(np.sum(np.imag(log) ** 2, axis=0))
+    np.testing.assert_allclose(np.log(band.upper / np.abs(band.frf.values)), spread, rtol=1e-4)
+    np.testing.assert_allclose(band.phase_upper - np.angle(band.frf.values), turn, rtol=1e-4)
+
+
+def test_the_truth_lies_within_as_often_as_said() -> None:
+    """At the mass that was never measured, in 95 % of lines and draws, and a new measurement in its own band."""
+    truth = updyn.response(two_masses(), LINES, ["2:X"], ["1:X"])
+    again = updyn.response(two_masses(), LINES, ["1:X"], ["1:X"])
+    covered, measured = [], []
+    for seed in range(40):
+        result = fit(seed)
+        covered.append(updyn.predict(result, LINES, ["2:X"], ["1:X"]).covers(truth).mean())
+        band = updyn.predict(result, LINES, ["1:X"], ["1:X"], noise=True)
+        measured.append(band.covers(noisy(again, 1000 + seed, 0.03)).mean())
+    assert np.mean(covered) == pytest.approx(0.95, abs=0.035)
+    assert np.mean(measured) == pytest.approx(0.95, abs=0.02)
+
+
+def test_draws_give_the_band_of_laplace_where_that_is_right(result) -> None:
+    draws = updyn.bootstrap(result, 150)
+    one, other = (updyn.predict(s, LINES[::3], ["1:X", "2:X"], ["1:X"]) for s in (result, draws))
+    np.testing.assert_allclose(other.frf.values, one.frf.values)
+    ratio = np.log(other.upper / other.lower) / np.log(one.upper / one.lower)
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.2)
+    turn = (other.phase_upper - other.phase_lower) / (one.phase_upper - one.phase_lower)
+    assert np.median(turn) == pytest.approx(1.0, abs=0.2)
+    assert np.median(other.std_real / one.std_real) == pytest.approx(1.0, abs=0.15)
+    assert (other.source, one.source) == ("bootstrap", "Laplace")
+    with_noise = updyn.predict(draws, LINES[::3], ["1:X", "2:X"], ["1:X"], noise=True)
+    assert np.median(with_noise.std_real / np.abs(one.frf.values)) == pytest.approx(
+        0.03 / np.sqrt(2), rel=0.2
+    )
+
+
+def test_what_is_open_has_no_band_only_where_it_moves() -> None:
+    """Two springs in a row: the end is known, the DOF between them is anywhere."""
+    band = updyn.predict(in_series(), LINES, ["2:X", "1:X"], ["2:X"])
+    assert (band.upper[:, 0] / band.lower[:, 0] < 1.2).all()
+    assert np.isinf(band.upper[:, 1]).all()
+    assert (band.lower[:, 1] == 0.0).all()
+    assert np.isinf(band.std_real[:, 1]).all()
+    np.testing.assert_allclose(band.phase_upper[:, 1] - band.phase_lower[:, 1], 2 * np.pi)
+
+
+def test_noise_with_a_floor_takes_the_level_of_its_unit() -> None:
+    result = fit(0, {"relative": 0.0, "floor": 0.05})
+    plain, more = (updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=n) for n in (False, True))
+    level = np.sqrt(np.mean(np.abs(result.frf.values) ** 2))
+    added = np.sqrt(more.std_real**2 - plain.std_real**2)
+    np.testing.assert_allclose(
+        added, 0.05 * level * result.noise["inflation"] / np.sqrt(2), rtol=1e-6
+    )
+    assert "of a measurement" in repr(more)
+    with pytest.raises(OptionError, match="predict that quantity"):
+        updyn.predict(result, LINES, ["2:X"], ["1:X"], noise=True, quantity="mobility")
+
+
+def test_of_several_tests_one_answers() -> None:
+    one = fit(0)
+    tests = [
+        updyn.Test(one.start, fit(seed).frf, str(seed), noise={"relative": 0.03}) for seed in (0, 1)
+    ]
+    joint = updyn.update_jointly(tests, one.parameters, starts=0)
+    band = updyn.predict(joint, LINES, ["2:X"], ["1:X"], test="1")
+    alone = updyn.predict(one, LINES, ["2:X"], ["1:X"])
+    ratio = np.log(band.upper / band.lower) / np.log(alone.upper / alone.lower)
+    assert np.median(ratio) == pytest.approx(1 / np.sqrt(2), rel=0.15)
+    with pytest.raises(OptionError, match="which test's model"):
+        updyn.predict(joint, LINES, ["2:X"], ["1:X"])
+
+
+def test_what_cannot_be_predicted_is_refused(result) -> None:
+    ask = (LINES, ["2:X"], ["1:X"])
+    with pytest.raises(OptionError, match="level = 95"):
+        updyn.predict(result, *ask, level=95)
+    with pytest.raises(DofError, match="3:X"):
+        updyn.predict(result, LINES, ["3:X"], ["1:X"])
+    with pytest.raises(OptionError, match="one test only"):
+        updyn.predict(result, *ask, test="a")
+    with pytest.raises(OptionError, match="expected the result of an update or draws, found Model"):
+        updyn.predict(result.start, *ask)
+    with pytest.raises(OptionError, match="give them their update first"):
+        updyn.predict(replace(updyn.bootstrap(result, 2), result=None), *ask)
+    given = replace(result.frf, variance=np.full(result.frf.values.shape, 1e-12))
+    known = updyn.update(result.start, given, result.parameters, starts=0)
+    with pytest.raises(OptionError, match="known at the measured values only"):
+        updyn.predict(known, *ask, noise=True)
+    band = updyn.predict(result, *ask)
+    with pytest.raises(DataError, match="the band is about receptance"):
+        band.covers(updyn.response(two_masses(), *ask, quantity="mobility"))
