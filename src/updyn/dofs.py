@@ -15,7 +15,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.errors import DofError, InputError
+from updyn.errors import DofError, InputError, in_all
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -159,12 +159,9 @@ class DofSet(Sequence[Dof]):
             )
         if not isinstance(dofs, Iterable):
             raise DofError(f"DOFs {dofs!r}: expected a list of labels, found {type(dofs).__name__}")
-        parsed = [_read(d) for d in dofs]
-        self._set(
-            np.array([node for node, _, _ in parsed], dtype=np.int64),
-            np.array([axis for _, axis, _ in parsed], dtype=np.int8),
-            np.array([sign for _, _, sign in parsed], dtype=np.int8),
-        )
+        parsed = np.array(list(map(_read, dofs)), dtype=np.int64).reshape(-1, 3)
+        nodes, axes, signs = parsed.T
+        self._set(nodes, axes.astype(np.int8), signs.astype(np.int8))
 
     @classmethod
     def from_arrays(
@@ -193,11 +190,9 @@ class DofSet(Sequence[Dof]):
         """
         node = whole_numbers(nodes, "DOF nodes")
         axis = whole_numbers(axes, "DOF directions")
-        sign = (
-            np.ones(node.shape, dtype=np.int64)
-            if signs is None
-            else whole_numbers(signs, "DOF signs")
-        )
+        sign = np.ones(node.shape, dtype=np.int64)
+        if signs is not None:
+            sign = whole_numbers(signs, "DOF signs")
         if not (node.shape == axis.shape == sign.shape and node.ndim == 1):
             raise DofError(
                 f"DOF arrays: expected equal lengths, found {node.shape}, {axis.shape},"
@@ -254,7 +249,7 @@ class DofSet(Sequence[Dof]):
         return DofSet.from_arrays(self.nodes[item], self.axes[item], self.signs[item])
 
     def __iter__(self) -> Iterator[Dof]:
-        return (self[i] for i in range(len(self)))
+        return map(self.__getitem__, range(len(self)))
 
     def __contains__(self, dof: object) -> bool:
         try:
@@ -273,8 +268,10 @@ class DofSet(Sequence[Dof]):
         )
 
     def __repr__(self) -> str:
-        shown = ", ".join(str(d) for d in self[:6])
-        return f"DofSet([{shown}{', ...' if len(self) > 6 else ''}], n={len(self)})"
+        shown = self[:6].labels
+        if len(self) > 6:
+            shown.append("...")
+        return f"DofSet([{', '.join(shown)}], n={len(self)})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return DofSet.from_arrays, (self.nodes, self.axes, self.signs)
@@ -316,14 +313,14 @@ class DofSet(Sequence[Dof]):
         DofError
             If one is not here; the message lists the nearest that are.
         """
-        wanted = other if isinstance(other, DofSet) else DofSet(other)
+        wanted = DofSet(other)
         index, found = self._find(wanted)
         if not found.all():
             missing = np.flatnonzero(~found)
             first = wanted[int(missing[0])]
-            more = f" ({len(missing)} such)" if len(missing) > 1 else ""
             raise DofError(
-                f"{what} {first} is not among the {len(self)} DOFs{more}; {self._near(first)}"
+                f"{what} {first} is not among the {len(self)} DOFs{in_all(missing.size)};"
+                f" {self._near(first)}"
             )
         return Match(index, (self.signs[index] * wanted.signs).astype(np.float64))
 
@@ -354,7 +351,7 @@ class DofSet(Sequence[Dof]):
             return "there is none to choose from"
         distance = np.abs(self.nodes - dof.node) * 6 + (self.axes != _INDEX[dof.direction])
         best = np.argsort(distance, kind="stable")[:n]
-        return "nearest: " + ", ".join(str(self[int(i)]) for i in best)
+        return "nearest: " + ", ".join(self[best].labels)
 
 
 def whole_numbers(
@@ -406,7 +403,9 @@ def _read(label: object) -> tuple[int, int, int]:
     found = _LABEL.fullmatch(label)
     if found is None:
         tidy = _LABEL.fullmatch(re.sub(r"\s+", "", label).upper())
-        hint = f"; did you mean {tidy[0]!r}?" if tidy else ""
+        hint = ""
+        if tidy:
+            hint = f"; did you mean {tidy[0]!r}?"
         raise DofError(f"DOF {label!r}: expected {_SHAPE}{hint}")
     node = int(found[1])
     if abs(node) > _LARGEST_NODE:

@@ -45,6 +45,7 @@ __all__ = [
     "ToleranceError",
     "UpdynError",
     "UpdynWarning",
+    "in_all",
     "key_path",
     "nearest",
     "suggest",
@@ -177,6 +178,23 @@ def nearest(word: str, choices: Iterable[str], n: int = 3) -> list[str]:
     exact = [c for c in options if c.casefold() == word.casefold()]
     close = difflib.get_close_matches(word, options, n=n, cutoff=0.6)
     return list(dict.fromkeys(exact + close))[:n]
+
+
+def in_all(count: int) -> str:
+    """Return the addition to a message that names the first of several; empty where it is all.
+
+    Parameters
+    ----------
+    count : int
+        How many there are.
+
+    Returns
+    -------
+    str
+    """
+    if count < 2:
+        return ""
+    return f" ({count} such)"
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:

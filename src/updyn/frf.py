@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, key_path, suggest
+from updyn.errors import DataError, in_all, key_path, suggest
 from updyn.geometry import Geometry
 
 if TYPE_CHECKING:
@@ -141,7 +141,9 @@ class FRF:
         whole = isinstance(averages, int | np.integer) and not isinstance(averages, bool)
         if averages is not None and not (whole and averages >= 1):
             raise DataError(f"averages {averages!r}: expected a whole number of at least 1")
-        set_("averages", None if averages is None else int(averages))
+        if averages is not None:
+            averages = int(averages)
+        set_("averages", averages)
         set_("geometry", geometry)
         set_("source", source)
 
@@ -160,7 +162,7 @@ class FRF:
         return array
 
     def _where(self, at: Sequence[int] | NDArray[Any]) -> str:
-        line, row, column = (int(i) for i in at)
+        line, row, column = map(int, at)
         return (
             f"at {self.freq[line]:g} Hz, response {self.responses[row]}, reference"
             f" {self.references[column]}"
@@ -176,7 +178,9 @@ class FRF:
                 f" {array.shape}"
             )
         if not np.isfinite(array).all():
-            gap = f"; {_GAPS}" if name == "values" and np.isnan(array).any() else ""
+            gap = ""
+            if name == "values" and np.isnan(array).any():
+                gap = f"; {_GAPS}"
             raise DataError(
                 f"{name} {self._where(np.argwhere(~np.isfinite(array))[0])} is not finite{gap}"
             )
@@ -219,13 +223,17 @@ class FRF:
         if power == 0:
             return self
         if self.freq[0] == 0.0:
+            positive = "a positive frequency"
+            if len(self.freq) > 1:
+                positive = f"{self.freq[1]} Hz"
             raise DataError(
                 f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it"
-                " first, for instance with a band that starts at"
-                f" {self.freq[1] if len(self.freq) > 1 else 'a positive frequency'} Hz"
+                f" first, for instance with a band that starts at {positive}"
             )
         factor = ((2j * np.pi * self.freq) ** power)[:, None, None]
-        variance = None if self.variance is None else self.variance * np.abs(factor) ** 2
+        variance = self.variance
+        if variance is not None:
+            variance = variance * np.abs(factor) ** 2
         return replace(self, values=self.values * factor, variance=variance, quantity=quantity)
 
     # -- selection -----------------------------------------------------------------------------
@@ -276,29 +284,36 @@ class FRF:
             chosen = self.find_lines(lines)
             outside = np.setdiff1d(chosen, keep)
             if outside.size:
-                more = f" ({outside.size} such)" if outside.size > 1 else ""
                 raise DataError(
                     f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g}"
-                    f" Hz{more}",
+                    f" Hz{in_all(outside.size)}",
                     key=("band",),
                 )
             keep = chosen
-        chosen_rows = self.responses if responses is None else DofSet(responses)
-        chosen_columns = self.references if references is None else DofSet(references)
+        chosen_rows = self.responses
+        if responses is not None:
+            chosen_rows = DofSet(responses)
+        chosen_columns = self.references
+        if references is not None:
+            chosen_columns = DofSet(references)
         with key_path("responses"):
             rows = self.responses.match(chosen_rows, "response")
         with key_path("references"):
             columns = self.references.match(chosen_columns, "reference")
         sign = rows.sign[:, None] * columns.sign[None, :]
         at = np.ix_(keep, rows.index, columns.index)
+        parts = {}
+        for name in ("coherence", "variance"):
+            whole = getattr(self, name)
+            if whole is not None:
+                parts[name] = whole[at]
         return replace(
             self,
             freq=self.freq[keep],
             values=self.values[at] * sign,
             responses=chosen_rows,
             references=chosen_columns,
-            coherence=None if self.coherence is None else self.coherence[at],
-            variance=None if self.variance is None else self.variance[at],
+            **parts,
         )
 
     def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
@@ -424,13 +439,15 @@ class FRF:
                     )
                 arrays[name] = data[name].transpose(*_DIMS).values
         averages = data.attrs.get("averages")
+        if averages is not None:
+            averages = int(averages)
         return cls(
             freq=data["freq"].values,
             values=arrays.pop("frf"),
-            responses=[str(x) for x in data["response"].values],
-            references=[str(x) for x in data["reference"].values],
+            responses=map(str, data["response"].values),
+            references=map(str, data["reference"].values),
             quantity=str(said or quantity),
-            averages=None if averages is None else int(averages),
+            averages=averages,
             geometry=_geometry(data),
             source=str(data.attrs.get("source", "")),
             **arrays,
@@ -448,8 +465,10 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
             f"{name}: holds masked values; leave out their lines, responses or references, or"
             f" {_GAPS}"
         )
-    if array.dtype.kind not in ("iufc" if dtype is np.complex128 else "iuf"):
-        expected = "complex or real" if dtype is np.complex128 else "real"
+    kinds, expected = "iuf", "real"
+    if dtype is np.complex128:
+        kinds, expected = "iufc", "complex or real"
+    if array.dtype.kind not in kinds:
         raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
     return array.astype(dtype)
 
@@ -459,16 +478,19 @@ def _geometry(data: xr.Dataset) -> Geometry | None:
         return None
     if "node" not in data.variables:  # xarray would make up 0, 1, 2, ...
         raise DataError("dataset: 'xyz' without 'node', the numbers of the nodes")
-    lines = data["trace"].values if "trace" in data.variables else np.empty((0, 2))
-    axes = data["node_axes"].values if "node_axes" in data.variables else None
-    return Geometry(data["node"].values, data["xyz"].transpose("node", "axis").values, lines, axes)
+    more = {}
+    for argument, name in (("lines", "trace"), ("axes", "node_axes")):
+        if name in data.variables:
+            more[argument] = data[name].values
+    xyz = data["xyz"].transpose("node", "axis").values
+    return Geometry(data["node"].values, xyz, **more)
 
 
 def _band(band: object) -> tuple[float, float]:
     array = _numbers("band", band, np.float64)  # type: ignore[arg-type]
     if array.shape != (2,):
         raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")
-    low, high = (float(x) for x in array)
+    low, high = map(float, array)
     if not low < high:
         raise DataError(
             f"band {low:g} to {high:g} Hz: the first must be below the second", key=("band",)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import whole_numbers
-from updyn.errors import InputError
+from updyn.errors import InputError, in_all
 
 __all__ = ["Geometry"]
 
@@ -56,9 +56,9 @@ class Geometry:
                 f"geometry: expected n node numbers and (n, 3) positions, found {ids.shape} and"
                 f" {points.shape}"
             )
-        pairs = whole_numbers(
-            np.empty((0, 2)) if lines is None else lines, "geometry: lines", InputError
-        )
+        if lines is None:
+            lines = np.empty((0, 2))
+        pairs = whole_numbers(lines, "geometry: lines", InputError)
         if pairs.size == 0:
             pairs = pairs.reshape(0, 2)
         if pairs.ndim != 2 or pairs.shape[1] != 2:
@@ -78,7 +78,9 @@ class Geometry:
                 f"geometry: a line names node {pairs[~np.isin(pairs, ids)][0]}, which has no"
                 " position"
             )
-        directions = None if axes is None else _directions(axes, ids)
+        directions = None
+        if axes is not None:
+            directions = _directions(axes, ids)
         for name, array in (
             ("nodes", ids),
             ("xyz", points),
@@ -111,19 +113,14 @@ class Geometry:
             If a node has no position.
         """
         wanted = np.atleast_1d(whole_numbers(nodes, "geometry: nodes", InputError))
-        order = np.argsort(self.nodes)
-        at = (
-            np.minimum(np.searchsorted(self.nodes[order], wanted), len(order) - 1)
-            if len(order)
-            else wanted * 0
-        )
-        if len(order) == 0 or (self.nodes[order][at] != wanted).any():
-            missing = wanted[~np.isin(wanted, self.nodes)]
-            more = f" ({missing.size} such)" if missing.size > 1 else ""
+        missing = wanted[~np.isin(wanted, self.nodes)]
+        if missing.size:
             raise InputError(
-                f"geometry: node {missing[0]} has no position{more};"
+                f"geometry: node {missing[0]} has no position{in_all(missing.size)};"
                 f" {_near(self.nodes, missing[0])}"
             )
+        order = np.argsort(self.nodes)
+        at = np.searchsorted(self.nodes, wanted, sorter=order)
         return np.asarray(self.xyz[order[at]])
 
 
@@ -156,4 +153,4 @@ def _near(nodes: NDArray[np.int64], node: np.int64) -> str:
     if not nodes.size:
         return "the geometry is empty"
     best = nodes[np.argsort(np.abs(nodes - node), kind="stable")[:3]]
-    return "nearest: " + ", ".join(str(n) for n in best)
+    return "nearest: " + ", ".join(map(str, best))

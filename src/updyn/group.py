@@ -115,8 +115,9 @@ class Group:
     ) -> None:
         sizes = {}
         for name, given in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
-            matrix = None if given is None else _symmetric(given, name)
-            if matrix is not None:
+            matrix = None
+            if given is not None:
+                matrix = _symmetric(given, name)
                 sizes[name] = matrix.shape[0]
             object.__setattr__(self, name, matrix)
         if not sizes:
@@ -150,7 +151,9 @@ class Group:
         """Build from matrices that came out of a `Group` and need no second check."""
         out = cls.__new__(cls)
         for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
-            object.__setattr__(out, name, None if matrix is None else read_only(matrix))
+            if matrix is not None:
+                matrix = read_only(matrix)
+            object.__setattr__(out, name, matrix)
         rest = {"mass_damping": 0.0, "stiffness_damping": 0.0, "loss_table": None, **damping}
         out._damp(**rest)
         return out
@@ -165,20 +168,20 @@ class Group:
     @property
     def n_dofs(self) -> int:
         """Number of DOFs N of the matrices."""
-        return int(
-            next(m.shape[0] for m in (self.stiffness, self.mass, self.viscous) if m is not None)
-        )
+        given = next(m for m in (self.stiffness, self.mass, self.viscous) if m is not None)
+        return int(given.shape[0])
 
     @property
     def damping(self) -> dict[str, Any]:
         """The damping without the viscous matrix, by name, as `Group` takes it."""
         out: dict[str, Any] = {"loss_factor": self.loss_factor}
-        out |= {
-            name: value
-            for name in VALUES
-            if name != "loss_factor" and (value := getattr(self, name))
-        }
-        return out if self.loss_table is None else out | {"loss_table": self.loss_table}
+        for name in VALUES:
+            value = getattr(self, name)
+            if value:
+                out[name] = value
+        if self.loss_table is not None:
+            out["loss_table"] = self.loss_table
+        return out
 
     @property
     def damping_words(self) -> str:
@@ -231,7 +234,9 @@ class Group:
         float
             1 for a factor, else the group's own value.
         """
-        return float(getattr(self, quantity)) if quantity in VALUES else 1.0
+        if quantity not in VALUES:
+            return 1.0
+        return float(getattr(self, quantity))
 
     def loss_at(self, freq: float, name: str) -> float:
         """Return the loss factor at a line.
@@ -263,12 +268,15 @@ class Group:
             (self.mass, self.mass_damping),
             (self.stiffness, self.stiffness_damping),
         )
-        parts = [
-            matrix if share == 1.0 else matrix * share
-            for matrix, share in shares
-            if matrix is not None and share
-        ]
-        return sum(parts[1:], parts[0]) if parts else None
+        total = None
+        for matrix, share in shares:
+            if matrix is None or not share:
+                continue
+            part = matrix
+            if share != 1.0:
+                part = matrix * share
+            total = part if total is None else total + part
+        return total
 
     def with_matrices(self, stiffness: Any | None, mass: Any | None, viscous: Any | None) -> Group:
         """Return a group of other matrices with the same damping coefficients.

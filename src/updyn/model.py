@@ -371,9 +371,9 @@ def _negative(matrix: Matrix) -> str | None:
     if own.size <= _DENSE_CHECK:
         values = np.linalg.eigvalsh(matrix[own][:, own].toarray())
         low, high = float(values[0]), float(np.abs(values).max())
-        return (
-            f"smallest eigenvalue {low:.3g}, largest {high:.3g}" if low < -ROUNDING * high else None
-        )
+        if low < -ROUNDING * high:
+            return f"smallest eigenvalue {low:.3g}, largest {high:.3g}"
+        return None
     diagonal = matrix.diagonal()
     largest = float(np.abs(matrix.data).max())
     if diagonal.min() < -ROUNDING * largest:

@@ -79,18 +79,21 @@ class Unknowns:
         Unknowns
         """
         items = list(parameters)
-        drives = [
-            (i, d)
-            for i, p in enumerate(items)
-            for d in p.acts_on
-            if system.has(d.group, d.quantity)
-        ]
+        owners, terms, kinds, powers = [], [], [], []
+        for i, parameter in enumerate(items):
+            for drive in parameter.acts_on:
+                # What one test of several lacks does not act on its model.
+                if system.has(drive.group, drive.quantity):
+                    owners.append(i)
+                    terms.append(system.find(drive.group, drive.quantity))
+                    kinds.append(_NUMBER.get(drive.quantity, _FACTOR))
+                    powers.append(drive.power)
         return cls(
             len(items),
-            np.array([i for i, _ in drives], dtype=np.intp),
-            np.array([system.find(d.group, d.quantity) for _, d in drives], dtype=np.intp),
-            np.array([_NUMBER.get(d.quantity, _FACTOR) for _, d in drives], dtype=np.intp),
-            np.array([d.power for _, d in drives], dtype=np.float64),
+            np.array(owners, dtype=np.intp),
+            np.array(terms, dtype=np.intp),
+            np.array(kinds, dtype=np.intp),
+            np.array(powers, dtype=np.float64),
         )
 
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:

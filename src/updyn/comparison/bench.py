@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -146,7 +147,9 @@ def _methods(
     """Return the methods to run; one with a wrong name or wrong options is refused."""
     if isinstance(given, str):
         raise OptionError(f"methods {given!r}: expected a list of names, such as [{given!r}]")
-    names = tuple(METHODS if given is None else given)
+    if given is None:
+        given = METHODS
+    names = tuple(given)
     if not names:
         raise OptionError(f"methods: expected at least one; {suggest('', METHODS)}")
     for name in [*names, *options]:
@@ -161,7 +164,7 @@ def _truth(given: Mapping[str, float] | None, parameters: ParameterSet) -> dict[
     """Return true values, checked against the unknowns."""
     if given is None:
         return {}
-    known = {p.name: p for p in parameters}
+    known = dict(zip(parameters.names, parameters, strict=True))
     out = {}
     for name, value in given.items():
         if name not in known:
@@ -245,6 +248,10 @@ class Bench:
             data.append(fitted.select(lines=lines))
         return cls(tuple(with_lines), parameters, options, running, tuple(data))
 
+    @property
+    def _n_lines(self) -> list[int]:
+        return [len(frf.freq) for frf in self.data]
+
     # -- one method ----------------------------------------------------------------------------
     def row(self, name: str, counter: StepCounter) -> Row:
         """Run a method with the unknowns that it can update.
@@ -257,27 +264,38 @@ class Bench:
             If the model cannot be solved at a line where it starts.
         """
         facts = method_facts(name)
-        taken = [p for p in self.parameters if not _acts_on(p, facts["cannot"])]
+        taken: list[Parameter] = []
+        left: list[str] = []
+        for parameter in self.parameters:
+            if _acts_on(parameter, facts["cannot"]):
+                left.append(parameter.name)
+            else:
+                taken.append(parameter)
         if not taken:
             quantities = " and ".join(facts["cannot"]).replace("_", " ")
             return self.refused(name, f"it cannot update {quantities}, and nothing else is unknown")
         counter.lines_solved = 0
-        result = self._fit(name, ParameterSet(tuple(taken)), counter, self.tests)
+        unknowns = ParameterSet(tuple(taken))
+        result = self._fit(name, unknowns, counter, self.tests)
         first = result.first
         message = first.message
         if not self._regularises(name):
             message += " It was run without regularisation."
-        values = {p.name: result.values.get(p.name, p.start) for p in self.parameters}
+        values: dict[str, float] = {}
+        std: dict[str, float] = {}
+        for parameter in self.parameters:
+            values[parameter.name] = result.values.get(parameter.name, parameter.start)
+            std[parameter.name] = result.std.get(parameter.name, np.nan)
         fitted, held_out = figures_of(result)
         truth = self.options.truth
         return Row(
             **facts,
             status=result.status,
             message=message,
-            updated=tuple(p.name for p in taken),
-            left=tuple(p.name for p in self.parameters if p not in taken),
+            updated=tuple(unknowns.names),
+            left=tuple(left),
             values=values,
-            std={n: result.std.get(n, np.nan) for n in self.parameters.names},
+            std=std,
             errors=errors_against(values, truth, self.parameters),
             off={name: values[name] - true for name, true in truth.items()},
             fitted=fitted,
@@ -285,7 +303,7 @@ class Bench:
             rank=first.identifiability.rank,
             iterations=first.iterations,
             lines_solved=counter.lines_solved,
-            n_lines=sum(len(frf.freq) for frf in self.data),
+            n_lines=sum(self._n_lines),
             seconds=first.timing_s["total"],
             result=result,
         )
@@ -298,9 +316,13 @@ class Bench:
     def _fit(
         self, name: str, unknowns: ParameterSet, counter: StepCounter, tests: tuple[Test, ...]
     ) -> _Result:
-        held = tuple(p for p in self.parameters if p not in unknowns)
-        left_out = {p.name: f"{name} cannot update it" for p in held}
-        selection = Selection(unknowns, left_out=left_out, held=held)
+        held = []
+        left_out = {}
+        for parameter in self.parameters:
+            if parameter not in unknowns:
+                held.append(parameter)
+                left_out[parameter.name] = f"{name} cannot update it"
+        selection = Selection(unknowns, left_out=left_out, held=tuple(held))
         keywords = {**self.running, **self.options.by_method.get(name, {}), "callback": counter}
         if not self._regularises(name):
             del keywords["regularise"]
@@ -324,7 +346,7 @@ class Bench:
         """Find the fewest lines with which a method that was run still recovers."""
         assert row.result is not None
         unknowns, stage = row.result.parameters, counter.stage
-        n_lines = max(len(frf.freq) for frf in self.data)
+        n_lines = max(self._n_lines)
         if self.options.by_method.get(row.method, {}).get("modes") is not None:
             note = "it was given measured modes, and does not depend on the lines"
             return Fewest(None, note=note)
@@ -337,7 +359,7 @@ class Bench:
 
         def distance_with(count: int) -> float | None:
             if count == n_lines:
-                return np.inf if row.status == "failed" else distance(row.values)
+                return distance_of(row)
             counter.stage = f"{stage}, {count} of {n_lines} lines"
             try:
                 result = self._fit(row.method, unknowns, counter, self._subset(count))
@@ -347,7 +369,12 @@ class Bench:
                 counter.stage = stage
             if counter.stopped:
                 return None
-            return np.inf if result.status == "failed" else distance(result.values)
+            return distance_of(result)
+
+        def distance_of(fit: Row | _Result) -> float:
+            if fit.status == "failed":
+                return np.inf
+            return distance(fit.values)
 
         def lines_of(count: int) -> tuple[float, ...]:
             first = self._subset(count)[0]
@@ -367,7 +394,7 @@ class Bench:
             if row.status != "converged":
                 return Fewest(None, note=f"its own answer with all lines is {row.status}")
             return own_answer(row.result, tolerance)
-        if not any(name in truth for name in unknowns.names):
+        if truth.keys().isdisjoint(unknowns.names):
             return Fewest(None, note="the truth of none of the unknowns that it updates is known")
 
         def distance(values: Mapping[str, float]) -> float:
@@ -378,8 +405,8 @@ class Bench:
     def _subset(self, count: int) -> tuple[Test, ...]:
         """Return the tests with `count` of their lines, the same for every method."""
         if count not in self._subsets:
-            pairs = zip(self.tests, self.data, strict=True)
-            self._subsets[count] = tuple(self._thinned(test, frf, count) for test, frf in pairs)
+            thinned = map(self._thinned, self.tests, self.data, repeat(count))
+            self._subsets[count] = tuple(thinned)
         return self._subsets[count]
 
     def _thinned(self, test: Test, frf: FRF, count: int) -> Test:
@@ -539,11 +566,17 @@ def compare_jointly(
     SolverError
         If a model cannot be solved at a line where it starts.
     """
-    listed = list(tests)
-    if not listed or not all(isinstance(test, Test) for test in listed):
+    named = []
+    for number, test in enumerate(tests, 1):
+        if not isinstance(test, Test):
+            raise OptionError(
+                f"compare_jointly: item {number} is {type(test).__name__}, not a Test"
+            )
+        named.append(replace(test, name=test.name or f"test {number}"))
+    if not named:
         raise OptionError("compare_jointly: expected a sequence of at least one Test")
     selected = Selection.of(parameters)
-    check(listed, selected.parameters)
+    check(named, selected.parameters)
     checked = Options.checked(
         selected.parameters,
         methods,
@@ -554,9 +587,6 @@ def compare_jointly(
         chosen=chosen,
         title=title,
     )
-    named = [
-        replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
-    ]
     running = {"tier": tier, "backend": backend, "accuracy": accuracy, "regularise": regularise}
     return _compare(named, selected, checked, running, engine, callback)
 
@@ -592,7 +622,7 @@ def _compare(
             rows.append(row)
             if counter.stopped:
                 break
-    if len(refusals) == len(rows) > 1 and len({str(error) for error in refusals}) == 1:
+    if len(refusals) == len(rows) > 1 and len(set(map(str, refusals))) == 1:
         raise refusals[0]  # the inputs are wrong, not the methods
     searched = ""
     if options.fewest:

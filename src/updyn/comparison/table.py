@@ -141,8 +141,12 @@ class Row:
         Below about 3 where these are right; nan where the truth is not known or no unknown has a
         finite standard deviation.
         """
-        known = [name for name in self.off if 0.0 < self.std.get(name, math.nan) < math.inf]
-        return max((abs(self.off[name]) / self.std[name] for name in known), default=math.nan)
+        largest = math.nan
+        for name, off in self.off.items():
+            std = self.std.get(name, math.nan)
+            if 0.0 < std < math.inf:
+                largest = np.fmax(largest, abs(off) / std)
+        return float(largest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,13 +234,13 @@ def method_facts(name: str) -> dict[str, Any]:
         ``method``, ``reference``, ``cannot``, ``needs``, as of `Row`.
     """
     method = METHODS.find(name)
-    cannot = list(method.cannot)
+    cannot = tuple(method.cannot)
     if not method.calibrates:
-        cannot += [quantity for quantity in CHANNELS if quantity not in cannot]
+        cannot = tuple(dict.fromkeys([*cannot, *CHANNELS]))
     return {
         "method": name,
         "reference": method.reference,
-        "cannot": tuple(cannot),
+        "cannot": cannot,
         "needs": method.needs,
     }
 
@@ -246,9 +250,10 @@ def figures_of(result: UpdateResult | JointResult) -> tuple[_Figures, _Figures]:
 
     Of several tests the worst figure is taken.
     """
-    results = list(result.results.values())
-    fitted = [r.correlation for r in results]
-    held_out = [r.correlation.get("validation") or {} for r in results]
+    fitted, held_out = [], []
+    for one in result.results.values():
+        fitted.append(one.correlation)
+        held_out.append(one.correlation.get("validation") or {})
     if not any(held_out):
         return _worst(fitted), {}
     return _worst(fitted), _worst(held_out)
@@ -261,8 +266,11 @@ def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
         out[when] = {}
         for figures in tests:
             for name, value in (figures.get(when) or {}).items():
-                worse = np.maximum if name.startswith("db_") else np.minimum
-                out[when][name] = float(worse(out[when].get(name, value), value))
+                known = out[when].get(name, value)
+                if name.startswith("db_"):
+                    out[when][name] = float(np.maximum(known, value))
+                else:
+                    out[when][name] = float(np.minimum(known, value))
     return out
 
 
@@ -277,13 +285,17 @@ def _figure(figures: _Figures, row: Row, name: str) -> str:
         return "-"
     if not name.startswith("db_"):
         return f"{value:.4f}"
-    return f"{value:.2g} dB" if value >= 1e-9 else "0 dB"
+    if value < 1e-9:  # rounding of an exact fit
+        return "0 dB"
+    return f"{value:.2g} dB"
 
 
 def _number(value: float) -> str:
     if math.isnan(value):
         return "-"
-    return "0" if value == 0.0 else f"{value:.2g}"
+    if value == 0.0:
+        return "0"
+    return f"{value:.2g}"
 
 
 def _error(row: Row, value: float) -> str:
@@ -310,15 +322,22 @@ def limits(row: Row) -> str:
 
 def _quantities(names: Sequence[str]) -> str:
     """Return quantities in words, calibration factors together and kinds of damping together."""
-    others = [name for name in names if name not in _DAMPING]
-    if set(CHANNELS) <= set(others):
-        others = [name for name in others if name not in CHANNELS] + ["calibration"]
-    damping = [name for name in names if name in _DAMPING]
-    if set(_DAMPING) <= set(damping):
+    given = set(names)
+    others, calibration, damping = [], [], []
+    for name in names:
+        if name in CHANNELS:
+            calibration.append(name)
+        elif name in _DAMPING:
+            damping.append(name)
+        else:
+            others.append(name)
+    if given.issuperset(CHANNELS):
+        calibration = ["calibration"]
+    if given.issuperset(_DAMPING):
         damping = ["damping"]
-    elif set(_DAMPING[1:]) <= set(damping):
+    elif given.issuperset(_DAMPING[1:]):
         damping = ["viscous damping"]
-    return ", ".join(name.replace("_", " ") for name in [*others, *damping])
+    return ", ".join([*others, *calibration, *damping]).replace("_", " ")
 
 
 #: Key, heading and content of every column.
@@ -399,8 +418,10 @@ def summary(comparison: Comparison) -> str:
         if row.fewest is not None and row.fewest.note:
             lines.append(f"{row.method}: fewest lines not sought to the end: {row.fewest.note}")
     if comparison.stopped:
-        not_run = f"; not run: {', '.join(comparison.not_run)}" if comparison.not_run else ""
-        lines.append(f"Stopped{not_run}.")
+        stopped = "Stopped"
+        if comparison.not_run:
+            stopped += f"; not run: {', '.join(comparison.not_run)}"
+        lines.append(f"{stopped}.")
     return "\n".join(lines)
 
 
@@ -420,6 +441,8 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) 
 
 def listing() -> str:
     """Return a table of all methods: what they cannot update or need, and their publications."""
-    rows = [Row(**method_facts(name), status="", message="") for name in METHODS]
-    table = [[row.method, limits(row), row.reference or "-"] for row in rows]
+    table = []
+    for name in METHODS:
+        row = Row(**method_facts(name), status="", message="")
+        table.append([name, limits(row), row.reference or "-"])
     return _table(["method", "cannot update", "reference"], table, 3)

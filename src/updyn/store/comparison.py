@@ -38,18 +38,21 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         "unknowns": comparison.parameters.names,
         "truth": plain(dict(comparison.truth)) or None,
         **plain_fields(comparison, "tolerance", "rule", "stopped", "not_run"),
-        "rows": [_row(row) for row in comparison],
+        "rows": list(map(_row, comparison)),
         "versions": {"updyn": __version__},
     }
 
 
 def _row(row: Row) -> dict[str, Any]:
+    fewest = None
+    if row.fewest is not None:
+        fewest = _fewest(row.fewest)
     return {
         **plain_fields(row, *_OUTCOME),
         "n_unknowns": len(row.updated),
         "correlation": {"fitted": plain(row.fitted), "held_out": plain(row.held_out)},
         **plain_fields(row, *_FIGURES),
-        "fewest": None if row.fewest is None else _fewest(row.fewest),
+        "fewest": fewest,
     }
 
 

@@ -137,8 +137,9 @@ class Mixed:
 
     def put(self, data: xr.Dataset, name: str, value: Any) -> None:
         """Write the values."""
-        fields = asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
-        text = to_text(fields, name)
+        if is_dataclass(value) and not isinstance(value, type):
+            value = asdict(value)
+        text = to_text(value, name)
         if self._is_attribute:
             data.attrs[name] = text
         else:
@@ -177,7 +178,7 @@ class Texts:
 
     def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[str, ...]:
         """Return the texts."""
-        return tuple(str(text) for text in variable(data, self._dim, path))
+        return tuple(map(str, variable(data, self._dim, path)))
 
 
 class Array:
@@ -204,7 +205,9 @@ class Array:
     ) -> None:
         self._dims = dims
         self._variable = variable
-        self._attributes = {} if unit is None else {"units": unit}
+        self._attributes = {}
+        if unit is not None:
+            self._attributes["units"] = unit
         self._is_flag = is_flag
 
     def put(self, data: xr.Dataset, name: str, value: Any) -> None:

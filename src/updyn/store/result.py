@@ -24,10 +24,10 @@ and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -48,7 +48,7 @@ from updyn.store.netcdf import (
     variable,
     write_dataset,
 )
-from updyn.store.values import from_text, plain, plain_fields, to_text
+from updyn.store.values import from_text, plain, plain_fields, plain_records, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.identifiability import Identifiability
@@ -59,6 +59,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["read_result", "result_to_json", "write_result", "write_result_json"]
+
+_T = TypeVar("_T")
 
 
 def write_result(result: UpdateResult, path: str | Path) -> None:
@@ -132,15 +134,23 @@ class _Parameters:
 
     def put(self, data: xr.Dataset, name: str, value: ParameterSet) -> None:
         data.coords["parameter"] = ("parameter", texts(value.names))
-        data["group"] = ("parameter", texts(p.group for p in value))
-        data["quantity"] = ("parameter", texts(p.quantity for p in value))
+        groups, quantities, links = [], [], []
+        priors = np.full(len(value), np.nan)
+        is_linked = False
+        for i, p in enumerate(value):
+            groups.append(p.group)
+            quantities.append(p.quantity)
+            links.append(to_text(self._link(p), p.name))
+            is_linked |= bool(p.drives) or p.nominal is not None
+            if p.prior_std is not None:
+                priors[i] = p.prior_std
+        data["group"] = ("parameter", texts(groups))
+        data["quantity"] = ("parameter", texts(quantities))
         for column in ("start", "lower", "upper"):
             data[column] = ("parameter", getattr(value, column))
-        if any(p.prior_std is not None for p in value):
-            priors = [np.nan if p.prior_std is None else p.prior_std for p in value]
-            data["prior_std"] = ("parameter", np.array(priors))
-        if any(p.drives or p.nominal is not None for p in value):
-            links = [to_text(self._link(p), p.name) for p in value]
+        if not np.isnan(priors).all():
+            data["prior_std"] = ("parameter", priors)
+        if is_linked:
             data["link"] = ("parameter", texts(links))
 
     def take(self, data: xr.Dataset, name: str, path: Path) -> ParameterSet:
@@ -196,13 +206,14 @@ class _AtBound:
     """The bound that each unknown ended on; an empty text for none."""
 
     def put(self, data: xr.Dataset, name: str, value: Mapping[str, str]) -> None:
-        names = data["parameter"].values.tolist()
-        for unknown in value:
-            if unknown not in names:
+        bounds = dict.fromkeys(data["parameter"].values.tolist(), "")
+        for unknown, bound in value.items():
+            if unknown not in bounds:
                 raise InputError(
-                    f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, names)}"
+                    f"{name} names {unknown!r}, which is not an unknown; {suggest(unknown, bounds)}"
                 )
-        data[name] = ("parameter", texts(value.get(unknown, "") for unknown in names))
+            bounds[unknown] = bound
+        data[name] = ("parameter", texts(bounds.values()))
 
     def take(self, data: xr.Dataset, name: str, path: Path) -> dict[str, str]:
         names = map(str, variable(data, "parameter", path))
@@ -256,7 +267,9 @@ class _Adequacy:
     def put(self, data: xr.Dataset, name: str, value: Adequacy | None) -> None:
         if value is None:
             return
-        rest = {key: v for key, v in asdict(value).items() if key not in self._ARRAYS}
+        rest = asdict(value)
+        for key in self._ARRAYS:
+            del rest[key]
         data[name] = ((), to_text(rest, name))
         put_fields(data, value, self._ARRAYS)
 
@@ -266,11 +279,15 @@ class _Adequacy:
         rest = Mixed().take(data, name, path)
         arrays = take_fields(data, self._ARRAYS, path)
         try:
-            worst = tuple(Misfit(**place) for place in rest.pop("worst"))
-            suspects = tuple(Suspect(**suspect) for suspect in rest.pop("explained_by"))
+            worst = _records(Misfit, rest.pop("worst"))
+            suspects = _records(Suspect, rest.pop("explained_by"))
             return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects)
         except (AttributeError, KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+
+def _records(kind: Callable[..., _T], rows: Iterable[Mapping[str, Any]]) -> tuple[_T, ...]:
+    return tuple(kind(**row) for row in rows)
 
 
 #: Fields of an `UpdateResult` but for its models and its FRF, in the order of the file.
@@ -322,15 +339,14 @@ def _put_rows(
 
 
 def _take_rows(data: xr.Dataset, name: str, path: Path) -> list[dict[str, float]]:
-    names = [str(label) for label in variable(data, "parameter", path)]
+    names = texts(map(str, variable(data, "parameter", path)))
     table = variable(data, name, path).reshape(-1, len(names))
-    given = np.ones(table.shape, dtype=np.int8)
+    given = np.ones(table.shape, dtype=np.bool_)
     if f"{name}_given" in data.variables:
-        given = data[f"{name}_given"].values.reshape(table.shape)
+        given = data[f"{name}_given"].values.reshape(table.shape).astype(np.bool_)
     rows = []
     for numbers, there in zip(table, given, strict=True):
-        columns = np.flatnonzero(there)
-        rows.append({names[i]: float(numbers[i]) for i in columns})
+        rows.append(dict(zip(names[there], numbers[there].tolist(), strict=True)))
     return rows
 
 
@@ -359,11 +375,12 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``adequacy`` by name.
     """
     if isinstance(result, JointResult):
-        own = {name: result_to_json(one) for name, one in result.results.items()}
+        first: dict[str, Any] = {}
         tests = {}
-        for name, one in own.items():
-            tests[name] = {key: one[key] for key in ("correlation", "noise", "adequacy")}
-        first = next(iter(own.values()))
+        for name, one in result.results.items():
+            record = result_to_json(one)
+            first = first or record
+            tests[name] = {key: record[key] for key in ("correlation", "noise", "adequacy")}
         return {**first, "title": result.title, "tests": tests}
     correlation = {
         when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")
@@ -385,8 +402,8 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
         return None
     return {
         **plain_fields(found, *_ADEQUACY),
-        "worst": [plain(asdict(place)) for place in found.worst],
-        "explained_by": [plain(asdict(suspect)) for suspect in found.explained_by],
+        "worst": plain_records(found.worst),
+        "explained_by": plain_records(found.explained_by),
     }
 
 
@@ -421,7 +438,7 @@ def _parameter_json(result: UpdateResult, unknown: Parameter) -> dict[str, Any]:
         "value": plain(result.values.get(name, math.nan)),
         "std": plain(std),
         **plain_fields(unknown, "lower", "upper", "nominal", "unit"),
-        "drives": [plain(asdict(drive)) for drive in unknown.drives],
+        "drives": plain_records(unknown.drives),
         "at_bound": name in result.at_bound,
         "bound": result.at_bound.get(name),
         "identifiable": bool(math.isfinite(std)),

@@ -126,7 +126,9 @@ def read_uncertainty(
     if kind not in KINDS:
         raise FormatError(f"kind {kind!r}; {suggest(str(kind), ('profile', *KINDS))}", path)
     draws = Draws(**take_fields(data, _DRAWS, path))
-    return draws if result is None else draws.of(result)
+    if result is None:
+        return draws
+    return draws.of(result)
 
 
 def _of_draws(found: Draws) -> xr.Dataset:
@@ -142,26 +144,29 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
 
     listed = list(found.values())
     points = max((len(p.values) for p in listed), default=0)
-    n_parameters = listed[0].others.shape[1] if listed else 0
+    n_parameters = 0
+    if listed:
+        n_parameters = listed[0].others.shape[1]
     values = np.full((len(listed), points), np.nan)
     drop = values.copy()
     others = np.full((len(listed), points, n_parameters), np.nan)
+    estimates, ranges, ends = [], [], []
     for row, one in enumerate(listed):
         n = len(one.values)
         values[row, :n] = one.values
         drop[row, :n] = one.drop
         others[row, :n] = one.others
+        estimates.append(one.estimate)
+        ranges.append([[h.lower, h.best, h.upper, h.drop] for h in one.humps])
+        ends.append([one.lower_end, one.upper_end])
     data = xr.Dataset(coords={"profile": ("profile", texts(found))})
     data["value"] = (("profile", "point"), values)
     data["drop"] = (("profile", "point"), drop)
     data["others"] = (("profile", "point", "parameter"), others)
-    data["estimate"] = ("profile", np.array([p.estimate for p in listed]))
-    ranges = []
-    for one in listed:
-        ranges.append([[h.lower, h.best, h.upper, h.drop] for h in one.humps])
+    data["estimate"] = ("profile", np.array(estimates))
     data.attrs["kind"] = "profile"
     data.attrs["humps"] = to_text(ranges, "humps")
-    data.attrs["ends"] = to_text([[p.lower_end, p.upper_end] for p in listed], "ends")
+    data.attrs["ends"] = to_text(ends, "ends")
     data.attrs["missing"] = to_text(list(found.missing), "missing")
     put_fields(data, found, _PROFILES)
     return data

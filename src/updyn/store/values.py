@@ -10,7 +10,8 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.modal.mode_set import ModeSet
 
-__all__ = ["from_text", "plain", "plain_fields", "to_text"]
+__all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
 
@@ -62,15 +63,14 @@ def _marked(value: Any, what: str) -> Any:
     if isinstance(value, Dof):
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
-        fields = {name: getattr(value, name) for name in _MODES}
-        return {"__modes__": _marked(fields, what)}
+        return {"__modes__": _marked(_fields(value, _MODES), what)}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufcU":
         items = _marked(value.ravel().tolist(), what)
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, Mapping):
         if all(isinstance(k, str) and not k.startswith("__") for k in value):
             return {k: _marked(v, what) for k, v in value.items()}
-        return {"__pairs__": _marked([[key, v] for key, v in value.items()], what)}
+        return {"__pairs__": _marked(list(map(list, value.items())), what)}
     kind = type(value).__name__
     warnings.warn(
         f"{what} holds a {kind}, which a file cannot keep: its text {str(value)!r} is kept in its"
@@ -146,4 +146,13 @@ def plain(value: Any) -> Any:
 
 def plain_fields(record: Any, *names: str) -> dict[str, Any]:
     """Return attributes of a record by name, as strict JSON values."""
-    return {name: plain(getattr(record, name)) for name in names}
+    return plain(_fields(record, names))  # type: ignore[no-any-return]
+
+
+def plain_records(records: Iterable[Any]) -> list[Any]:
+    """Return dataclasses with all their fields, as strict JSON values."""
+    return plain(list(map(asdict, records)))  # type: ignore[no-any-return]
+
+
+def _fields(record: Any, names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in names}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, OptionError
+from updyn.errors import FormatError, OptionError, in_all
 from updyn.io.consistent_units import UNITS, System, system
 from updyn.io.items import placed
 
@@ -281,11 +281,10 @@ def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> D
     if other.size:
         at = int(other[0])
         name = DOF_NAMES.get(int(numbers[at]), f"number {numbers[at]}")
-        more = f" ({other.size} such)" if other.size > 1 else ""
         raise FormatError(
-            f"node {nodes[at]} has the degree of freedom {name}{more}; expected displacements and"
-            " rotations only (UX UY UZ ROTX ROTY ROTZ): a structure without fields, fluid and"
-            " multipliers",
+            f"node {nodes[at]} has the degree of freedom {name}{in_all(other.size)}; expected"
+            " displacements and rotations only (UX UY UZ ROTX ROTY ROTZ): a structure without"
+            " fields, fluid and multipliers",
             path,
         )
     with placed(path, "degrees of freedom"):
