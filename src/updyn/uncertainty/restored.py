@@ -140,8 +140,8 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method lacks the attribute, it is regularised, or the fit did not end
-        at a minimum.
+        If it is no result, its method lacks the attribute, it is regularised, or the fit did not
+        end at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
