@@ -1,4 +1,4 @@
-"""What the package can be extended with, by name: built-in entries, registered ones and entry points.
+"""Registries of extensions by name: built-in entries, registered ones and entry points.
 
 Each kind of extension (reader, element, residual, method, backend, engine, report section, job
 table, command) has one `Registry`. An entry is an object, or a text ``"module:attribute"`` that is
@@ -81,7 +81,7 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         self._entries[name] = entry
 
     def entry(self, name: str) -> Entry | str:
-        """Return an entry as it was registered: the object, or ``"module:attribute"``, not imported.
+        """Return an entry as it was registered: the object or ``"module:attribute"``, not imported.
 
         Parameters
         ----------

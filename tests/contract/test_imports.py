@@ -72,7 +72,7 @@ def test_the_core_loads_numpy_and_scipy_and_nothing_else_from_outside():
     extra = (
         {m for m in loaded - bare if not m.startswith("_")}
         - set(sys.stdlib_module_names)
-        - {"updyn"}
+        - {"updyn", "lazy_loader"}
     )
     assert extra == set()
 
@@ -182,7 +182,7 @@ def test_public_names_resolve():
 
 
 def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="module 'updyn' has no attribute 'Modle'"):
+    with pytest.raises(AttributeError, match="Modle"):
         updyn.Modle  # noqa: B018
 
 

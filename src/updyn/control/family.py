@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.dofs import Dof
-from updyn.engines import Engine, choose_engine
+from updyn.engines import Engine, opened_engine
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
 from updyn.model import Model
@@ -304,10 +303,7 @@ def plant_family(
     options = {"quantity": quantity, "tier": tier, "backend": backend}
     making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
     nominal = making.plant(own.model, route)
-    with ExitStack() as ending:
-        made = choose_engine(engine)
-        if made is not engine:
-            ending.callback(made.close)
+    with opened_engine(engine) as made:
         try:
             members = making.members(values, nominal.route, made)
         except ModelError:

@@ -16,7 +16,7 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.progress import Progress, WorkCounter
-from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore
+from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
@@ -158,25 +158,25 @@ def bootstrap(
 
 
 def _refits(restored: RestoredFit, kind: str) -> _Refits:
-    H = tuple(part.responses(restored.x) for part in restored.problem.parts)
-    std = tuple(np.sqrt(v) for v in restored.variances())
-    whitened: tuple[_Complex, ...] = ()
-    if kind == "residual":
-        std = tuple(s / restored.inflation for s in std)
-        # The fitted unknowns make the residual smaller than the noise.
-        count = 2 * restored.problem.n_values
-        scale = np.sqrt(count / max(count - restored.problem.n, 1))
-        triples = zip(restored.problem.parts, H, std, strict=True)
-        whitened = tuple(scale * (part.frf.values - h) / s for part, h, s in triples)
+    # The fitted unknowns make the residual smaller than the noise.
+    count = 2 * restored.problem.n_values
+    scale = np.sqrt(count / max(count - restored.problem.n, 1))
+    H, std, whitened = [], [], []
+    for part, variance in zip(restored.problem.parts, restored.variances(), strict=True):
+        H.append(part.responses(restored.x))
+        std.append(np.sqrt(variance))
+        if kind == "residual":
+            std[-1] = std[-1] / restored.inflation
+            whitened.append(scale * (part.frf.values - H[-1]) / std[-1])
     length = float(restored.first.noise.get("correlation_length", 1.0))
     return _Refits(
         restored.problem,
         restored.method(),
         restored.initial_noises(),
         restored.x,
-        H,
-        std,
-        whitened,
+        tuple(H),
+        tuple(std),
+        tuple(whitened),
         int(np.ceil(length)),
     )
 
@@ -200,7 +200,9 @@ def _refit(refits: _Refits, item: tuple[int, int]) -> tuple[str, _Vector]:
         fit = refits.method.fit(generated, refits.noises, Monitor(generated), refits.x)
     except SolverError as error:
         return f"not solved: {error}", refits.x
-    return "" if fit.reason == "converged" else fit.reason, fit.x
+    if fit.reason == "converged":
+        return "", fit.x
+    return fit.reason, fit.x
 
 
 def _with_priors(refits: _Refits, rng: np.random.Generator) -> Problem:
@@ -268,9 +270,14 @@ def _draws(
     """Return the refits as draws, with a message on what limits their use."""
     coordinates = restored.problem.coordinates
     parameters = coordinates.parameters
-    kept = [coordinates.to_values(x) + 0.0 for reason, x in found if not reason]
+    kept = []
+    failed: Counter[str] = Counter()
+    for reason, x in found:
+        if reason:
+            failed[reason] += 1
+        else:
+            kept.append(coordinates.to_values(x) + 0.0)
     values = np.array(kept).reshape(len(kept), len(parameters))
-    failed = Counter(reason for reason, _ in found if reason)
     n_failed = len(found) - len(kept)
     reliable = n_failed <= _FAILED * len(found) and len(kept) > 1
     messages = []
@@ -308,7 +315,7 @@ def _draws(
         names=tuple(parameters.names),
         chains=values[None],
         estimate=coordinates.to_values(restored.x) + 0.0,
-        std=np.array([restored.first.std[name] for name in parameters.names]),
+        std=std_of(restored.first),
         lower=parameters.lower,
         upper=parameters.upper,
         is_factor=parameters.is_factor,

@@ -128,9 +128,8 @@ class Draws:
             If the update has other unknowns or another estimate.
         """
         same = tuple(result.parameters.names) == self.names
-        if not same or not np.allclose(
-            [result.values[n] for n in self.names], self.estimate, rtol=1e-9, atol=1e-12
-        ):
+        estimate = [result.values.get(name, np.nan) for name in self.names]
+        if not same or not np.allclose(estimate, self.estimate, rtol=1e-9, atol=1e-12):
             raise OptionError(
                 "these draws are about another update: its unknowns or its estimate differ"
             )
@@ -160,7 +159,8 @@ class Draws:
         if not 0.0 < level < 1.0:
             raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
         known = INTERVALS[self.kind]
-        kind = known[0] if kind is None else kind
+        if kind is None:
+            kind = known[0]
         if kind not in known:
             raise OptionError(
                 f"intervals of a {self.kind} of kind {kind!r}: {suggest(str(kind), known)}"

@@ -102,7 +102,9 @@ class Likelihood:
         centre, weight = self.problem.coordinates.prior
         prior = weight * (x - centre)
         cost = 0.5 * total + 0.5 * float(prior @ prior)
-        return cost if np.isfinite(cost) else np.inf
+        if not np.isfinite(cost):
+            return np.inf
+        return cost
 
     def descend(self, x: _Vector, held: int | None = None) -> Point | None:
         """Minimise the cost from x within the bounds.
@@ -148,7 +150,9 @@ class Likelihood:
 
 def _again(seen: dict[bytes, Local], free: NDArray[np.bool_], y: _Vector) -> Local | None:
     known = seen.get(y.tobytes())
-    return None if known is None else Local(known.cost, known.R[:, free], known.q)
+    if known is None:
+        return None
+    return Local(known.cost, known.R[:, free], known.q)
 
 
 class Gaussian:

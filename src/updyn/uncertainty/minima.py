@@ -85,7 +85,9 @@ def _random(
     factor = likelihood.problem.coordinates.parameters.is_factor
     draws = qmc.LatinHypercube(d=len(x), rng=np.random.default_rng(seed)).random(starts)
     for number, draw in enumerate(draws):
-        least_loss = _INFLATED if number % 2 == 0 else 0.0
+        least_loss = 0.0
+        if number % 2 == 0:
+            least_loss = _INFLATED
         factors = x + _SPREAD * (2.0 * draw - 1.0)
         start = np.where(factor, factors, np.maximum(x, least_loss))
         yield np.clip(start, lower, upper), True
@@ -103,7 +105,7 @@ def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bo
             other = np.array(x)
             other[[i, j]] = x[[j, i]]
             tries.append(np.clip(other, lower, upper))
-    costs = [likelihood.cost(t) for t in tries]
+    costs = list(map(likelihood.cost, tries))
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
         if np.isfinite(costs[at]):
             yield tries[at], False
@@ -118,7 +120,9 @@ def _climb(likelihood: Likelihood, item: tuple[_Vector, bool]) -> Point | None:
 
         def evaluate(at: _Vector) -> Local | None:
             local = LogError().local(rough, at)
-            return None if local is None else with_prior(local, rough, at)
+            if local is None:
+                return None
+            return with_prior(local, rough, at)
 
         if evaluate(x) is None:
             return None

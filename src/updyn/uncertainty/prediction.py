@@ -13,7 +13,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.restored import restore
+from updyn.uncertainty.restored import estimate_of, restore
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.noise import Stated, level_by_unit
 from updyn.updating.problem.problem import Part
@@ -90,19 +90,22 @@ def predict(
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
-    draws = source if isinstance(source, Draws) else None
-    about = source if draws is None else draws.result
-    if isinstance(source, Draws) and about is None:
-        raise OptionError(
-            "these draws were read from a file; give them their update first: draws.of(result)"
-        )
+    about, draws = source, None
+    if isinstance(source, Draws):
+        if source.result is None:
+            raise OptionError(
+                "these draws were read from a file; give them their update first: draws.of(result)"
+            )
+        about, draws = source.result, source
     if not isinstance(about, UpdateResult | JointResult):
         found = type(about).__name__
         raise OptionError(f"expected the result of an update or draws, found {found}")
     result = result_of_test(about, test)
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
-    x = problem.coordinates.to_x(np.array([result.values[n] for n in result.parameters.names]))
-    variance = _noise(result, problem, x) if noise else None
+    x = problem.coordinates.to_x(estimate_of(result))
+    variance = None
+    if noise:
+        variance = _noise(result, problem, x)
     if draws is not None:
         return _from_draws(problem, x, draws, level, variance, seed)
     return _from_laplace(problem, x, about, result, level, variance)
@@ -179,9 +182,11 @@ def _from_laplace(
         rr = np.einsum("kfij,kl,lfij->fij", real, covariance, real)
         ii = np.einsum("kfij,kl,lfij->fij", imag, covariance, imag)
         ri = np.einsum("kfij,kl,lfij->fij", real, covariance, imag)
-        added = 0.0 if noise is None else 0.5 * noise
-        rr = np.where(is_open, np.inf, rr + added)
-        ii = np.where(is_open, np.inf, ii + added)
+        if noise is not None:
+            rr = rr + 0.5 * noise
+            ii = ii + 0.5 * noise
+        rr = np.where(is_open, np.inf, rr)
+        ii = np.where(is_open, np.inf, ii)
         ri = np.where(is_open, 0.0, ri)
         # d ln|H| and d arg H are the real and the imaginary part of dH / H.
         u = np.conj(H) / np.abs(H) ** 2
@@ -218,10 +223,12 @@ def _covariance(
 
 def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     """Return H and its derivatives by the optimiser's coordinates, shape (n, n_f, n_i, n_j)."""
-    blocks = list(part.blocks(x))
-    H = np.concatenate([block.H for block in blocks])
-    dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
-    return H, dH
+    H, dH = [], []
+    for block in part.blocks(x):
+        H.append(block.H)
+        if block.dH is not None:
+            dH.append(block.dH)
+    return np.concatenate(H), np.concatenate(dH, axis=1)
 
 
 def _from_draws(

@@ -110,16 +110,22 @@ def profile(
             if first is None:
                 raise SolverError("the model cannot be solved at the estimate")
             if starts is None:
-                starts = 0 if likelihood.problem.spreads else STARTS
+                starts = STARTS
+                if likelihood.problem.spreads:
+                    starts = 0
             found, best = _profiles(likelihood, first, at, drop, (starts, seed), counter)
             if best.cost < first.cost - _BETTER:
                 values = likelihood.problem.coordinates.to_values(best.x)
                 better = dict(zip(restored.names, values.tolist(), strict=True))
         except Stopped:  # before the first profile
             pass
-    profiles = tuple(_to_values(found[k], likelihood) for k in at if k in found)
-    missing = tuple(restored.names[k] for k in at if k not in found)
-    return Profiles(profiles, level, drop, missing, better)
+    profiles, missing = [], []
+    for k in at:
+        if k in found:
+            profiles.append(_to_values(found[k], likelihood))
+        else:
+            missing.append(restored.names[k])
+    return Profiles(tuple(profiles), level, drop, tuple(missing), better)
 
 
 def _profiles(
@@ -143,7 +149,8 @@ def _profiles(
         try:
             for k, (one, lowest) in zip(at, results, strict=True):
                 found[k] = one
-                better = lowest if lowest.cost < better.cost else better
+                if lowest.cost < better.cost:
+                    better = lowest
                 if counter.step(one.name):
                     break
         except Stopped:
@@ -165,14 +172,13 @@ def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
     coordinates = likelihood.problem.coordinates
     parameters = coordinates.parameters
     k = parameters.names.index(found.name)
-    bounds = zip(likelihood.bounds, (parameters.lower, parameters.upper), strict=True)
-    ends = [(float(x[k]), float(value[k])) for x, value in bounds]
+    given = (parameters.lower, parameters.upper)
 
     def value(x: float) -> float:
         # The exponential of the logarithm of a bound may miss it by the last digit.
-        for end, given in ends:
-            if abs(x - end) <= 1e-12 * max(1.0, abs(x)):
-                return given
+        for end, bound in zip(likelihood.bounds, given, strict=True):
+            if abs(x - float(end[k])) <= 1e-12 * max(1.0, abs(x)):
+                return float(bound[k])
         return float(coordinates.to_values(np.full(len(parameters), x))[k])
 
     intervals = []
@@ -420,11 +426,12 @@ class ProfileTracer:
         found.sort(key=lambda ended: ended[0].lower)
         points = sorted(self._points, key=lambda point: point.x[self.k])
         others = np.array([point.x for point in points])
+        drop = np.array(list(map(self._drop, points)))
         profile = Profile(
             name=self.likelihood.problem.coordinates.parameters.names[self.k],
             estimate=float(self.best.x[self.k]),
             values=others[:, self.k].copy(),
-            drop=np.array([self._drop(point) for point in points]),
+            drop=drop,
             others=others,
             humps=tuple(_merged([interval for interval, _, _ in found])),
             lower_end=found[0][1],
@@ -444,7 +451,9 @@ class ProfileTracer:
     def _end(self, minimum: Point, side: float) -> tuple[float, str]:
         """Return where the interval about a minimum ends on one side, and why."""
         lower, upper = self.likelihood.bounds
-        bound = float(lower[self.k] if side < 0 else upper[self.k])
+        bound = float(upper[self.k])
+        if side < 0:
+            bound = float(lower[self.k])
         here = minimum
         for _ in range(_MOST_STEPS):
             room = side * (bound - here.x[self.k])
@@ -462,7 +471,9 @@ class ProfileTracer:
     def _kind_of(self, side: float, bound: float) -> str:
         """Return whether a bound is the zero of a loss factor or another bound."""
         is_factor = self.likelihood.problem.coordinates.parameters.is_factor[self.k]
-        return "zero" if side < 0 and bound == 0.0 and not is_factor else "bound"
+        if side < 0 and bound == 0.0 and not is_factor:
+            return "zero"
+        return "bound"
 
     def _drop(self, point: Point) -> float:
         return point.cost - self.best.cost
@@ -486,7 +497,9 @@ class ProfileTracer:
         root = float(np.sqrt(max(g * g + 2.0 * S * left, 0.0)))
         if g > 0.0:  # this form of the root does not divide by S, which may be rounding
             return 2.0 * left / (g + root)
-        return (root - g) / S if S > 0.0 else np.inf
+        if S <= 0.0:
+            return np.inf
+        return (root - g) / S
 
     def _follow(self, here: Point) -> tuple[_Vector, _Vector]:
         """Return the derivative of all unknowns by this one along the profile, and R times it."""

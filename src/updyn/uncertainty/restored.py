@@ -18,7 +18,16 @@ from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Session
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["LIKELIHOOD", "WITH_NOISE", "RestoredFit", "parts_of", "positions_of", "restore"]
+__all__ = [
+    "LIKELIHOOD",
+    "WITH_NOISE",
+    "RestoredFit",
+    "estimate_of",
+    "parts_of",
+    "positions_of",
+    "restore",
+    "std_of",
+]
 
 _Vector = NDArray[np.float64]
 
@@ -90,13 +99,14 @@ class RestoredFit:
         SolverError
             If the model cannot be solved at the estimate.
         """
-        residuals = [OutputError(np.sqrt(2.0 / variance)) for variance in self.variances()]
+        residuals = []
+        for variance in self.variances():
+            residuals.append(OutputError(np.sqrt(2.0 / variance)))
         return Likelihood(self.problem, Each(tuple(residuals)))
 
     def initial_noises(self) -> tuple[NoiseModel, ...]:
         """Return the noise models at the start of the fit, their levels not estimated yet."""
-        triples = zip(self.results, self.problem.parts, self.noises, strict=True)
-        return tuple(_initial_noise(*triple) for triple in triples)
+        return tuple(map(_initial_noise, self.results, self.problem.parts, self.noises))
 
     def method(self) -> Any:
         """Return the method with the options of the fit, without its search."""
@@ -130,8 +140,8 @@ def restore(
     Raises
     ------
     OptionError
-        If it is no result, its method lacks the attribute, it is regularised, or the fit did not end
-        at a minimum.
+        If it is no result, its method lacks the attribute, it is regularised, or the fit did not
+        end at a minimum.
     SolverError
         If the model cannot be solved at the estimate.
     """
@@ -153,11 +163,14 @@ def restore(
             f" {first.message}"
         )
     session = session or Session()
-    names = [""] if len(results) == 1 else list(map(str, range(len(results))))
-    parts = [_part(r, session, name) for r, name in zip(results, names, strict=True)]
+    parts = []
+    for number, one in enumerate(results):
+        name = ""
+        if len(results) > 1:
+            name = str(number)
+        parts.append(_part(one, session, name))
     problem = Problem.of(parts)
-    values = np.array([first.values[name] for name in first.parameters.names])
-    x = problem.coordinates.to_x(values)
+    x = problem.coordinates.to_x(estimate_of(first))
     noises = []
     for part_result, part in zip(results, problem.parts, strict=True):
         # The unknowns that count against this part, for unbiased weights: its share of the data.
@@ -165,6 +178,16 @@ def restore(
         noises.append(_noise(part_result, part, x, n_unknowns))
     inflation = float(first.noise.get("inflation", 1.0))
     return RestoredFit(results, problem, x, tuple(noises), inflation)
+
+
+def estimate_of(result: UpdateResult) -> _Vector:
+    """Return the estimate in the units of the unknowns, shape (n,)."""
+    return np.array([result.values[name] for name in result.parameters.names])
+
+
+def std_of(result: UpdateResult) -> _Vector:
+    """Return the standard deviations in the units of the unknowns, shape (n,)."""
+    return np.array([result.std[name] for name in result.parameters.names])
 
 
 def parts_of(result: UpdateResult | JointResult) -> tuple[UpdateResult, ...]:
@@ -190,15 +213,19 @@ def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> lis
     """
     if names is None:
         return list(range(len(known)))
-    listed = [names] if isinstance(names, str) else list(names)
-    for name in listed:
+    if isinstance(names, str):
+        names = [names]
+    positions: list[int] = []
+    for name in names:
         if name not in known:
             raise OptionError(f"no unknown {name!r}; {suggest(str(name), known)}")
-        if listed.count(name) > 1:
+        at = list(known).index(name)
+        if at in positions:
             raise OptionError(f"unknown {name!r} is named twice")
-    if not listed:
+        positions.append(at)
+    if not positions:
         raise OptionError("names: expected at least one unknown, found none")
-    return [list(known).index(name) for name in listed]
+    return positions
 
 
 def _part(result: UpdateResult, session: Session, name: str) -> Part:
@@ -207,7 +234,9 @@ def _part(result: UpdateResult, session: Session, name: str) -> Part:
     tier = result.options.get("tier")
     if tier == "reduced":
         tier = "sparse"
-    backend = None if tier == "dense" else result.options.get("backend")
+    backend = None
+    if tier != "dense":
+        backend = result.options.get("backend")
     return Part.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point, furthest
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
-from updyn.uncertainty.restored import RestoredFit, restore
+from updyn.uncertainty.restored import RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
@@ -187,7 +188,9 @@ class _Run:
             raise SolverError("the model cannot be solved at the estimate")
         starts = self.starts
         if starts is None:
-            starts = 0 if self._is_large else STARTS
+            starts = STARTS
+            if self._is_large:
+                starts = 0
         minima = find_minima(likelihood, best, starts, self.seed, self.counter)
         self.n_modes = len(minima)
         mixture = Mixture.of(likelihood, minima)
@@ -225,7 +228,7 @@ class _Run:
             seed = np.random.default_rng([self.seed, number]).integers(2**32)
             random = np.random.RandomState(seed)
             coords = np.clip(mixture.draw(random, self.walkers), lower, upper)
-            log_prob = np.array([-likelihood.cost(x) for x in coords])
+            log_prob = _log_prob(likelihood, coords)
             lost = ~np.isfinite(log_prob)
             # The model can be solved at a minimum.
             coords[lost] = minima[0].x
@@ -273,7 +276,7 @@ class _Run:
             names=tuple(parameters.names),
             chains=np.zeros((1, 0, len(parameters))),
             estimate=coordinates.to_values(self.restored.x) + 0.0,
-            std=np.array([self.restored.first.std[name] for name in parameters.names]),
+            std=std_of(self.restored.first),
             lower=parameters.lower,
             upper=parameters.upper,
             is_factor=parameters.is_factor,
@@ -312,8 +315,9 @@ class _Run:
         problems = []
         r_hat = diagnostics["r_hat"]
         effective = np.minimum(diagnostics["ess_bulk"], diagnostics["ess_tail"])
-        apart = [names[k] for k in np.flatnonzero(~(r_hat <= CHAINS_AGREE))]
-        few = [names[k] for k in np.flatnonzero(~(effective >= min(self.n, 400)))]
+        # A diagnostic that is nan counts against its unknown.
+        apart = list(compress(names, ~(r_hat <= CHAINS_AGREE)))
+        few = list(compress(names, ~(effective >= min(self.n, 400))))
         if self.counter.stopped:
             problems.append("Stopped by the caller.")
         if apart:
@@ -335,6 +339,10 @@ class _Run:
         return problems
 
 
+def _log_prob(likelihood: Likelihood, X: NDArray[np.float64]) -> _Vector:
+    return np.array([-likelihood.cost(x) for x in X])
+
+
 def _steps(
     likelihood: Likelihood, item: tuple[Mixture, _Ensemble, int]
 ) -> tuple[_Ensemble, NDArray[np.float64], float]:
@@ -348,9 +356,7 @@ def _steps(
         (emcee.moves.DESnookerMove(), _MOVES[2]),
     ]
 
-    def log_prob(X: NDArray[np.float64]) -> _Vector:
-        return np.array([-likelihood.cost(x) for x in X])
-
+    log_prob = partial(_log_prob, likelihood)
     sampler = emcee.EnsembleSampler(*state.coords.shape, log_prob, moves=moves, vectorize=True)
     begin = emcee.State(state.coords, log_prob=state.log_prob, random_state=state.random, copy=True)
     end = sampler.run_mcmc(begin, steps, skip_initial_state_check=True)
@@ -404,19 +410,20 @@ class Mixture:
     @classmethod
     def of(cls, likelihood: Likelihood, minima: Sequence[Point]) -> Mixture:
         """Return the mixture of the Gaussian approximations about the minima."""
-        gaussians = [Gaussian(likelihood, point) for point in minima]
-        volumes = np.array([g.log_volume for g in gaussians])
-        weight = volumes - np.array([point.cost for point in minima])
-        return cls(
-            np.array([g.mean for g in gaussians]),
-            np.array([g.root for g in gaussians]),
-            volumes,
-            _floored(np.exp(weight - logsumexp(weight))),
-        )
+        means, roots, volumes, costs = [], [], [], []
+        for point in minima:
+            gaussian = Gaussian(likelihood, point)
+            means.append(gaussian.mean)
+            roots.append(gaussian.root)
+            volumes.append(gaussian.log_volume)
+            costs.append(point.cost)
+        weight = np.array(volumes) - np.array(costs)
+        shares = _floored(np.exp(weight - logsumexp(weight)))
+        return cls(np.array(means), np.array(roots), np.array(volumes), shares)
 
     def adapted(self, X: _Matrix) -> Mixture:
         """Return the mixture with means, scales and shares estimated from draws X, shape (m, n)."""
-        means, roots, volumes = (np.array(a) for a in (self.means, self.roots, self.log_volumes))
+        means, roots, volumes = map(np.array, (self.means, self.roots, self.log_volumes))
         shares = np.empty(len(means))
         nearest = np.argmin(list(map(partial(_distances, X), means, roots)), axis=0)
         for k in range(len(means)):

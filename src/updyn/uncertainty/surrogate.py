@@ -85,23 +85,25 @@ class Surrogate:
 
     def problem(self) -> Problem:
         """Return the problem with the current reduced models."""
-        pairs = zip(self.exact.parts, self._reductions, strict=True)
-        return Problem.of(
-            [replace(p, solver=r.solver(f"reduced, {r.basis.size}")) for p, r in pairs]
-        )
+        parts = []
+        for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
+            solver = reduction.solver(f"reduced, {reduction.basis.size}")
+            parts.append(replace(part, solver=solver))
+        return Problem.of(parts)
 
     def error(self, x: _Vector) -> float:
         """Return the largest error at a point, relative to the largest receptance of its line.
 
         It is inf where the model cannot be solved.
         """
-        try:
-            return max(
-                reduction.certify(part.state(x), part.frf.freq, enrich=False).error
-                for part, reduction in zip(self.exact.parts, self._reductions, strict=True)
-            )
-        except SolverError:
-            return np.inf
+        errors = []
+        for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
+            try:
+                found = reduction.certify(part.state(x), part.frf.freq, enrich=False)
+            except SolverError:
+                return np.inf
+            errors.append(found.error)
+        return max(errors)
 
 
 def reduced_about(

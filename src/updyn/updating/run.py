@@ -16,7 +16,7 @@ import scipy
 
 from updyn import __version__
 from updyn.dynamics.fields import ACCURACY
-from updyn.engines import Engine, choose_engine
+from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
@@ -126,7 +126,7 @@ def run(
         splits.append(split)
         noises.append(choose_noise(test.noise, split.fitted))
     with ExitStack() as ending:
-        session = Session(_engine(options.engine, ending), Recent())
+        session = Session(ending.enter_context(opened_engine(options.engine)), Recent())
         largest = max(test.model.n_dofs for test in tests)
         n_lines = sum(len(test.frf.freq) for test in tests)
         reducing = is_reduced(options.tier, largest, n_lines, options.method)
@@ -295,14 +295,6 @@ def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     if reduced is not None:
         return reduced.record
     return fallback(part.solver.used, part.solver.backend)
-
-
-def _engine(engine: int | Client | Engine | None, ending: ExitStack) -> Engine:
-    """Return the engine, closed in the end unless the caller made it."""
-    made = choose_engine(engine)
-    if made is not engine:
-        ending.callback(made.close)
-    return made
 
 
 def _fitted(
