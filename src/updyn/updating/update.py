@@ -191,16 +191,12 @@ def update_jointly(
     listed = list(tests)
     if not listed or not all(isinstance(test, Test) for test in listed):
         raise OptionError("update_jointly: expected a sequence of at least one Test")
-    named = [
-        replace(test, name=test.name or f"test {number}") for number, test in enumerate(listed, 1)
-    ]
-    twice = [
-        test.name
-        for i, test in enumerate(named)
-        if test.name in [other.name for other in named[:i]]
-    ]
-    if twice:
-        raise OptionError(f"update_jointly: two tests are called {twice[0]!r}")
+    named: dict[str, Test] = {}
+    for number, test in enumerate(listed, 1):
+        name = test.name or f"test {number}"
+        if name in named:
+            raise OptionError(f"update_jointly: two tests are called {name!r}")
+        named[name] = replace(test, name=name)
     how = RunOptions(
         method,
         options,
@@ -214,10 +210,8 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
-    results = run(named, parameters, how)
-    return JointResult(
-        {test.name: result for test, result in zip(named, results, strict=True)}, title
-    )
+    results = run(list(named.values()), parameters, how)
+    return JointResult(dict(zip(named, results, strict=True)), title)
 
 
 def identifiability(
@@ -232,8 +226,8 @@ def identifiability(
     Parameters
     ----------
     model, frf, parameters, lines, noise
-        As for `update`. Where neither `noise` nor the data say how noisy they are, 5 % of |H| and a
-        floor of 0.1 % of the rms are assumed.
+        As for `update`. Where neither `noise` nor the data state the noise, 5 % of |H| and a floor
+        of 0.1 % of the rms are assumed.
 
     Returns
     -------
@@ -273,12 +267,12 @@ def joint_identifiability(
         If a model cannot be solved at a line.
     """
     chosen = Selection.of(parameters)
-    parameters, tests = (
-        chosen.parameters,
-        [replace(test, model=chosen.start_of(test.model)) for test in tests],
-    )
-    check(tests, parameters)
-    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
-    noises = [choose_noise(test.noise, test.frf) for test in tests]
+    tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
+    check(tests, chosen.parameters)
+    parts, noises = [], []
+    for test in tests:
+        part = Part.build(test.model, test.frf, chosen.parameters, name=test.name)
+        parts.append(on_lines(part, test.lines))
+        noises.append(choose_noise(test.noise, test.frf))
     analysis, advice = at_start(Problem.of(parts), noises)
     return replace(analysis.report, advice=advice)

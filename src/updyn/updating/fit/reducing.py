@@ -38,7 +38,8 @@ __all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
 _Vector = NDArray[np.float64]
 
 #: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
-_DOFS, _LINES = 20_000, 40
+_DOFS = 20_000
+_LINES = 40
 #: Trust radius of a basis for logarithms of factors.
 _TRUST_RADIUS = 0.2
 #: Trust radius for loss factors: this, or half their value if that is larger.
@@ -79,7 +80,9 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    refused = "" if method is None else METHODS.find(method).needs_exact
+    refused = ""
+    if method is not None:
+        refused = METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
         raise OptionError(refused, key=("tier",))
     return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
@@ -98,6 +101,8 @@ def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = 
         Further DOFs whose motion counts in its error.
     """
     freq = part.frf.freq
+    if others is None:
+        others = np.zeros(0, dtype=np.intp)
     return Reduction(
         part.solver.system,
         part.rows,
@@ -105,7 +110,7 @@ def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = 
         (float(freq[0]), float(freq[-1])),
         part.solver.backend,
         accuracy,
-        np.zeros(0, dtype=np.intp) if others is None else others,
+        others,
         part.session.check,
     )
 
@@ -123,10 +128,8 @@ class _Part:
     @classmethod
     def of(cls, part: Part, accuracy: float) -> _Part:
         others = part.solver.others(np.union1d(part.rows, part.columns))
-        return cls(
-            part,
-            reduction_of(part, accuracy, others[:: max(1, -(-len(others) // _ELSEWHERE))]),
-        )
+        stride = max(1, -(-len(others) // _ELSEWHERE))
+        return cls(part, reduction_of(part, accuracy, others[::stride]))
 
     def build(self, x: _Vector) -> None:
         state = self.exact.state(x)
@@ -185,8 +188,12 @@ class Reducing:
     @property
     def error(self) -> float | None:
         """The largest error of the latest certificates."""
-        found = [part.certificate.error for part in self._parts if part.certificate is not None]
-        return max(found) if found else None
+        return max((certificate.error for certificate in self._certificates), default=None)
+
+    @property
+    def _certificates(self) -> list[Certificate]:
+        """The latest certificate of each part that has one."""
+        return [part.certificate for part in self._parts if part.certificate is not None]
 
     def restart(self, exact: Problem) -> None:
         """Discard the reduced models, for the same problem with other starts."""
@@ -210,10 +217,11 @@ class Reducing:
 
     def inside(self, problem: Problem) -> Problem:
         """Return a problem with the latest reduced models."""
-        pairs = zip(problem.parts, self._parts, strict=True)
-        return Problem.of(
-            [replace(p, solver=made.solver) for p, made in pairs if made.solver is not None]
-        )
+        parts = []
+        for part, made in zip(problem.parts, self._parts, strict=True):
+            if made.solver is not None:
+                parts.append(replace(part, solver=made.solver))
+        return Problem.of(parts)
 
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
@@ -260,9 +268,8 @@ class Reducing:
 
     def _may_search(self, strategy: Method) -> bool:
         """Whether the method searches, has enough steps, and a wider basis is not too large."""
-        starts = getattr(
-            getattr(strategy, "method", strategy), "starts", 0
-        )  # of a regularised one: what it wraps
+        inner = getattr(strategy, "method", strategy)  # the method that a regularised one wraps
+        starts = getattr(inner, "starts", 0)
         size = max(part.reduction.size_with(_POINTS) for part in self._parts)
         return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
 
@@ -294,17 +301,18 @@ class Reducing:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
                     if number == 0:
-                        x = self._better(problem, x) if far else x
+                        if far:
+                            x = self._better(problem, x)
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
                 boxed = problem.with_box(box)
-                before, steps = (
-                    len(monitor.history),
-                    left if near else min(left, _MAX_STEPS_PER_ROUND),
-                )
+                before = len(monitor.history)
+                steps = left
+                if not near:
+                    steps = min(left, _MAX_STEPS_PER_ROUND)
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 left = max(left - (len(monitor.history) - before), 0)
                 near, x, ready = not _outside(fit.x, box), fit.x, False
@@ -349,24 +357,27 @@ class Reducing:
             "The reduced model could not be certified where the fit ended: its error there may be"
             f" {error:.1g} of the largest receptance of a line, not {self.accuracy:g}."
         )
-        reason = "max-iterations" if fit.reason == "converged" else fit.reason
+        reason = fit.reason
+        if reason == "converged":
+            reason = "max-iterations"
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
     @property
     def record(self) -> dict[str, float | int | str]:
         """Record for the result; of several tests, sums and the largest error."""
-        found = [part.certificate for part in self._parts if part.certificate is not None]
+        found = self._certificates
         if not found:
             return {"accuracy": self.accuracy}
+        error: float | str = "not checked where the fit ended"
+        if self.certified:
+            error = max(c.error for c in found)
         used: Counter[str] = Counter()
         for part in self._parts:
             used.update(part.reduction.used)
         return {
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
-            "error": (
-                max(c.error for c in found) if self.certified else "not checked where the fit ended"
-            ),
+            "error": error,
             "lines checked": sum(len(c.lines) for c in found),
             "factorisations": sum(c.factorisations for c in found),
             **fallback(used, self._parts[0].reduction.backend),
@@ -385,11 +396,13 @@ class Reducing:
         self._use(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
-        """Add what the bases lack at x, and return whether that was anything; else certify them."""
-        before = [part.reduction.basis.size for part in self._parts]
+        """Enrich the bases at x and return True, or certify them where they lack nothing."""
+        grown = False
         for part in self._parts:
+            before = part.reduction.basis.size
             part.certify(x, enrich=True)
-        if [part.reduction.basis.size for part in self._parts] != before:
+            grown = grown or part.reduction.basis.size != before
+        if grown:
             self._use(x)
             return True
         error = self.error
@@ -420,12 +433,16 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
         The one that was chosen.
     """
     others = [f"{name} {number}" for name, number in used.items() if name != backend]
-    return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"} if others else {}
+    if not others:
+        return {}
+    return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"}
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:
     local = LogError().local(problem, x)
-    return np.inf if local is None else local.cost
+    if local is None:
+        return np.inf
+    return local.cost
 
 
 def _outside(x: _Vector, box: tuple[_Vector, _Vector]) -> bool:

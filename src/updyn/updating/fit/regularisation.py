@@ -160,7 +160,9 @@ class Spectrum:
         x, y = dP / (2.0 * P), dD / (2.0 * D)
         xx, yy = ddP / (2.0 * P) - 2.0 * x**2, ddD / (2.0 * D) - 2.0 * y**2
         speed = (x**2 + y**2) ** 1.5
-        return (x * yy - xx * y) / speed if speed > 0.0 else 0.0
+        if speed <= 0.0:
+            return 0.0
+        return float((x * yy - xx * y) / speed)
 
     def _components(self, shares: _Vector) -> _Vector:
         seen = self.s > 0.0
@@ -233,11 +235,9 @@ def discrepancy(spectrum: Spectrum, low: float, high: float) -> float:
     if not within.size:
         return low
     last = int(within[-1])
-    return (
-        high
-        if last == _GRID - 1
-        else float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
-    )
+    if last == _GRID - 1:
+        return high
+    return float(np.exp(brentq(excess, logs[last], logs[last + 1], xtol=1e-10)))
 
 
 def _best(cost: Callable[[float], float], low: float, high: float) -> float:
@@ -250,7 +250,10 @@ def _best(cost: Callable[[float], float], low: float, high: float) -> float:
     found = minimize_scalar(
         lambda t: cost(float(np.exp(t))), bounds=bounds, method="bounded", options={"xatol": 1e-8}
     )
-    return float(np.exp(found.x if found.fun <= cost(float(np.exp(logs[at]))) else logs[at]))
+    best = logs[at]
+    if found.fun <= cost(float(np.exp(best))):
+        best = found.x
+    return float(np.exp(best))
 
 
 #: How the strength of Tikhonov's method may be chosen.
@@ -477,10 +480,9 @@ class _Run:
         # Of a value the prior is in its own unit, which need not be that of x.
         start = coordinates.to_x(coordinates.parameters.start)
         units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
-        items = [
-            replace(p, prior_std=p.prior_std or float(u) / strength)
-            for p, u in zip(coordinates.parameters, units, strict=True)
-        ]
+        items = []
+        for p, unit in zip(coordinates.parameters, units, strict=True):
+            items.append(replace(p, prior_std=p.prior_std or float(unit) / strength))
         pulled = self._with(
             replace(coordinates, parameters=ParameterSet(tuple(items)), unit=self.unit)
         )

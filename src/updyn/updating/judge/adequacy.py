@@ -91,12 +91,12 @@ def serial_p(values: _Complex) -> _Real:
     > r0) is that of a sum of exponential variables with weights (eigenvalue of T - r0) being
     positive; its tail is taken by the saddlepoint approximation of Lugannani and Rice in the form
     of Barndorff-Nielsen, good to a per cent even far out (Butler, Saddlepoint Approximations, 2007,
-    sections 1.2 and 3.1). One-sided: what windows do to neighbouring lines is not taken for
-    structure where it makes them unlike.
+    sections 1.2 and 3.1). One-sided: negative correlation, which a window may cause between
+    neighbouring lines, is not taken for structure.
     """
     out = np.ones(values.shape[1])
     there = np.isfinite(values)
-    for mask, columns in _alike(there):
+    for mask, columns in _by_pattern(there):
         if mask.sum() < _FEWEST:
             continue
         e = values[np.ix_(mask, columns)]
@@ -110,8 +110,10 @@ def serial_p(values: _Complex) -> _Real:
     return out
 
 
-def _alike(there: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
-    """Yield each pattern of what is there, shape (m,), with the columns that have it."""
+def _by_pattern(
+    there: NDArray[np.bool_],
+) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
+    """Yield each pattern of present values, shape (m,), with the columns that have it."""
     patterns, of = np.unique(there, axis=1, return_inverse=True)
     for i in range(patterns.shape[1]):
         yield patterns[:, i], np.flatnonzero(of.ravel() == i)
@@ -207,8 +209,8 @@ def bands(level: _Real) -> list[slice]:
     Parameters
     ----------
     level : ndarray of float, shape (n_f,)
-        Mean logarithm of the model's |H| at the lines. The data have no say in it, so that the
-        tests stay what they are.
+        Mean logarithm of the model's |H| at the lines. The bands do not depend on the data, so that
+        the tests keep their level.
 
     Returns
     -------
@@ -219,13 +221,11 @@ def bands(level: _Real) -> list[slice]:
     """
     n = len(level)
     inner = level[1:-1]
-    peaks = (
-        1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
-        if n > 2
-        else np.zeros(0, dtype=np.intp)
-    )
-    cuts = [a + int(np.argmin(level[a : b + 1])) for a, b in pairwise(peaks.tolist())]
-    edges = [0, *cuts, n]
+    peaks = 1 + np.flatnonzero((inner > level[:-2]) & (inner >= level[2:]))
+    edges = [0]
+    for a, b in pairwise(peaks.tolist()):
+        edges.append(a + int(np.argmin(level[a : b + 1])))
+    edges.append(n)
     while len(edges) > 2:
         sizes = np.diff(edges)
         small = int(np.argmin(sizes))
@@ -242,11 +242,11 @@ def bands(level: _Real) -> list[slice]:
 
 
 OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
-#: Share of fits to pure noise of which something is said all the same.
+#: Share of fits to pure noise for which a false alarm is accepted.
 LEVEL = 0.02
 #: A misfit, as a share of the rms of the data, below which no test could see anything.
 _EXACT = 1e-7
-#: Real numbers over which the size of noise that was estimated from averages has errors.
+#: Real numbers over which the errors of a noise level that was estimated from averages extend.
 _SHARED = 32.0
 #: Places that are listed.
 _LISTED = 12
@@ -269,12 +269,12 @@ class Misfit:
     misfit : float
         Root mean square misfit over the noise of its values.
     alike : float
-        Over how many lines it is alike: 1 for noise.
+        Correlation length in lines; 1 for noise.
     chi_square_p, whiteness_p : float
         How likely noise is to be as large, and as serially correlated; adjusted for the
         number of tests.
     kind : {"structure", "excess"}
-        Alike from line to line, or only too large.
+        Serially correlated, or only too large.
     """
 
     response: str
@@ -296,7 +296,7 @@ class Suspect:
     Attributes
     ----------
     group, quantity : str
-        Whose, and of what: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
+        What would change: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
         group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
         Share of the residual beyond the noise that this one change would remove, by a step of
@@ -345,21 +345,21 @@ class Adequacy:
         Of the most telling test, adjusted for the number of tests: below `level` something was
         found.
     level : float
-        Share of fits to pure noise of which something is said all the same, at most.
+        Largest share of fits to pure noise for which a false alarm is accepted.
     responses, references : tuple of str
         Labels.
     bands : ndarray of float, shape (n_b, 2)
         First and last line of each, in Hz.
     misfit, alike : ndarray of float, shape (n_i, n_j, n_b)
-        By channel and band: rms misfit over noise, and over how many lines it is alike. NaN where
-        there are no data.
+        By channel and band: rms misfit over noise, and correlation length in lines. NaN where there
+        are no data.
     chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
         Adjusted p-values; 1 where nothing was tested.
     worst : tuple of Misfit
         Places that stand out, the worst first; empty where nothing was found.
     explained_by : tuple of Suspect
-        What would explain it, the best first; empty where nothing was found, or nothing explains
-        it.
+        Errors that would explain it, the best first; empty where nothing was found, or nothing
+        explains it.
     """
 
     outcome: str
@@ -380,7 +380,7 @@ class Adequacy:
 
     @property
     def adequate(self) -> bool:
-        """Whether nothing speaks against the model."""
+        """Whether the residual gives no evidence against the model."""
         return self.outcome in ("noise", "exact")
 
 
@@ -405,20 +405,20 @@ def assess(
         Measured minus computed, over the standard deviation of its real and of its imaginary part;
         NaN for what was not fitted.
     H : ndarray of complex, shape (n_f, n_i, n_j)
-        The model's, which tells where its resonances are.
+        Of the model; its resonances determine the bands.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
     responses, references : sequence of str
         Labels.
     n_unknowns : int
-        Fitted to these data.
+        Number of unknowns that were fitted to these data.
     absolute : bool
         Whether the size of the noise is known from elsewhere, and not from this residual.
     averages : int, optional
-        How many averages the size of the noise was estimated from by line; None: it is known as
-        such.
+        Number of averages from which the size of the noise was estimated by line; None: it is known
+        exactly.
     level : float
-        Share of fits to pure noise of which something may be said all the same.
+        Largest share of fits to pure noise for which a false alarm is accepted.
     relative : float
         The rms misfit over the rms of the data, to tell rounding from a residual.
 
@@ -430,20 +430,21 @@ def assess(
     -----
     Size: the sum of squares of a channel in a band against chi-square with two degrees of freedom a
     value, or against F where the size of the noise is an estimate too: from n averages, with n - 1
-    as many degrees of freedom, but no more than sixteen lines have (smoothing makes the errors of
-    the size alike over more); where it was taken from this residual, by the ratio to all other
-    values. The unknowns make the residual smaller than the noise, which is counted for all values
-    together, not place by place: the tests err on the side of silence. Likeness:
-    `serial_p`. Channels over all bands, bands over all channels and all
-    data together are tested as well, with the p-values of correlation joined by Stouffer's sum of
-    normal scores (1949). Each of these families is adjusted by Benjamini & Hochberg (1995) at its
-    share of `level`.
+    as many degrees of freedom, but no more than sixteen lines have (smoothing correlates the errors
+    of the size over more); where it was taken from this residual, by the ratio to all other values.
+    The unknowns make the residual smaller than the noise, which is counted for all values together,
+    not place by place: the tests are conservative. Serial correlation: `serial_p`. Channels over
+    all bands, bands over all channels and all data together are tested as well, with the p-values
+    of correlation joined by Stouffer's sum of normal scores (1949). Each of these families is
+    adjusted by Benjamini & Hochberg (1995) at its share of `level`.
     """
     there = np.isfinite(whitened)
     n_values = int(there.sum())
     names = tuple(map(str, responses)), tuple(map(str, references))
     cut = bands(_mean_level(H))
-    edges = np.array([[freq[b.start], freq[b.stop - 1]] for b in cut])
+    first = np.array([band.start for band in cut])
+    last = np.append(first[1:], len(freq)) - 1
+    edges = np.column_stack([freq[first], freq[last]])
     shape = (*whitened.shape[1:], len(cut))
     square, count = np.zeros(shape), np.zeros(shape)
     alike, white = np.full(shape, np.nan), np.ones(shape)
@@ -472,27 +473,24 @@ def assess(
         text = "There are too few measured numbers to test whether the residual is noise."
         return replace(found, verdict=text)
     against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
-    large, white, families = _tested(square, count, white, against)
-    found = replace(found, chi_square_p=large, whiteness_p=white)
-    worst = _worst(found, whitened, freq, cut)
-    serial_p_value = min([float(white.min()), *(p for p, serial in families if serial)])
-    p_value = min([serial_p_value, float(large.min()), *(p for p, _ in families)])
+    large, white, p_size, p_serial = _tested(square, count, white, against)
+    p_value = min(p_size, p_serial)
     outcome = "noise"
-    if serial_p_value <= level:
+    if p_serial <= level:
         outcome = "structure"
     elif p_value <= level:
         outcome = "excess"
-    found = replace(
-        found, outcome=outcome, p_value=p_value, worst=worst if p_value <= level else ()
-    )
+    found = replace(found, outcome=outcome, p_value=p_value, chi_square_p=large, whiteness_p=white)
+    if p_value <= level:
+        found = replace(found, worst=_worst(found, whitened, freq, cut))
     return replace(found, verdict=_words(found))
 
 
 def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
-    """Return the assessment with what would explain it, said in its verdict.
+    """Return the assessment with the errors that would explain it, which its verdict names.
 
-    What an error of the model explains is structure, though the lines may lie too far apart for it
-    to be serially correlated.
+    A residual that an error of the model explains is structure, even where the lines lie too far
+    apart for serial correlation.
 
     Parameters
     ----------
@@ -521,11 +519,10 @@ _SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
 
 def _suspected(s: Suspect) -> str:
     if s.quantity in _SENSOR:
-        return (
-            f"the {_SENSOR[s.quantity]} {s.group} (reads too"
-            f" {'much' if s.change > 0 else 'little'})"
-        )
-    return f"the {_QUANTITY[s.quantity]} of {s.group} (too {'low' if s.change > 0 else 'high'})"
+        amount = "much" if s.change > 0 else "little"
+        return f"the {_SENSOR[s.quantity]} {s.group} (reads too {amount})"
+    level = "low" if s.change > 0 else "high"
+    return f"the {_QUANTITY[s.quantity]} of {s.group} (too {level})"
 
 
 def _mean_level(H: _Complex) -> _Real:
@@ -568,25 +565,31 @@ class _Size:
 
 def _tested(
     square: _Real, count: _Real, white: _Real, size: _Size
-) -> tuple[_Real, _Real, list[tuple[float, bool]]]:
-    """Return adjusted p-values by channel and band, and the least of each further family."""
+) -> tuple[_Real, _Real, float, float]:
+    """Return adjusted p-values by channel and band, and the least of all families.
+
+    Of each kind, the first is that of the size and the second that of serial correlation.
+    """
     shape = square.shape
-    square, count, white = (a.reshape(-1, shape[2]) for a in (square, count, white))
-    cells, n_bands = white.shape
-    axes: list[int | None] = [
-        axis for axis, several in ((1, cells > 1), (0, n_bands > 1)) if several
-    ]
-    axes = axes[: 2 if min(cells, n_bands) > 1 else 0] + ([None] if cells * n_bands > 1 else [])
+    n_bands = shape[2]
+    square, count = square.reshape(-1, n_bands), count.reshape(-1, n_bands)
+    white = white.reshape(-1, n_bands)
+    axes: list[int | None] = []
+    if len(white) > 1 and n_bands > 1:
+        axes = [1, 0]
+    if white.size > 1:
+        axes.append(None)
     share = 1.0 + len(axes)
     large, alike = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
-    families = []
+    p_size, p_serial = float(large.min()), float(alike.min())
     for axis in axes:
         sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
         pair = np.minimum(
             share * adjusted(np.stack([sums, np.atleast_1d(_combined(white, axis))])), 1.0
         )
-        families += [(float(pair[0].min()), False), (float(pair[1].min()), True)]
-    return large.reshape(shape), alike.reshape(shape), families
+        p_size = min(p_size, float(pair[0].min()))
+        p_serial = min(p_serial, float(pair[1].min()))
+    return large.reshape(shape), alike.reshape(shape), p_size, p_serial
 
 
 def _combined(p: _Real, axis: int | None) -> _Real:
@@ -670,6 +673,8 @@ def _words(found: Adequacy) -> str:
     if first.kind == "structure":
         over = f"serially correlated over {first.alike:.0f} lines"
     more = ""
-    if number > 1:
-        more = f"; and {number - 1} more place{'s' if number > 2 else ''}"
+    if number == 2:
+        more = "; and 1 more place"
+    elif number > 2:
+        more = f"; and {number - 1} more places"
     return f"{start} {where}: {size}, {over}{more}."

@@ -60,8 +60,11 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     unseen = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
     if unseen.size:
         parts.append(f"The data do not see {_list([names[i] for i in unseen])} at all.")
-    line = _best_of([(p.name, _best_line(analysis, p, x)) for p in problem.parts])
-    sensor = _best_of([(p.name, _best_sensor(analysis, p, x)) for p in problem.parts])
+    lines, sensors = [], []
+    for part in problem.parts:
+        lines.append((part.name, _best_line(analysis, part, x)))
+        sensors.append((part.name, _best_sensor(analysis, part, x)))
+    line, sensor = _best_of(lines), _best_of(sensors)
     needed = max(noise, _VISIBLE)
     if line is not None and line[1] > needed:
         parts.append(
@@ -92,7 +95,9 @@ def _best_of(found: list[tuple[str, tuple[str, float] | None]]) -> tuple[str, fl
     for test, best in found:
         if best is not None:
             place, seen = best
-            candidates.append((f"{place} in test {test!r}" if test else place, seen))
+            if test:
+                place = f"{place} in test {test!r}"
+            candidates.append((place, seen))
     return max(candidates, key=lambda candidate: candidate[1], default=None)
 
 

@@ -317,7 +317,9 @@ def examine(
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
             whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
-        base = noise.base if isinstance(noise, Robust) else noise
+        base = noise
+        if isinstance(noise, Robust):
+            base = noise.base
         absolute = base.scale_known and base.source in ("data", "stated")
         found.append(
             assess(
@@ -336,12 +338,15 @@ def examine(
     residual = Each(tuple(errors))
     if not settled and _moves(problem, residual, x):
         return (None,) * len(problem.parts)
-    if all(a.outcome not in ("structure", "excess") for a in found):
+    outcomes = {a.outcome for a in found}
+    if outcomes.isdisjoint(("structure", "excess")):
         return tuple(found)
     beyond = None
     if all(a.absolute for a in found):
-        excesses = [float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum() for e in whitened]
-        beyond = sum(excesses) + problem.n
+        beyond = 0.0
+        for e in whitened:
+            beyond += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
+        beyond += problem.n
     suspects = localise(problem, x, residual, whitened, beyond)
     return tuple(blamed(a, suspects) for a in found)
 
@@ -357,13 +362,15 @@ def _weight(
 ) -> NDArray[np.float64]:
     """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance."""
     known = noise.refit(H, part.frf, share)
-    plain = replace(known, weight=None) if isinstance(known, Robust) else known
-    variance = np.broadcast_to(plain.variance(H, part.frf), H.shape)
+    if isinstance(known, Robust):
+        known = replace(known, weight=None)
+    variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
     usable = np.isfinite(variance) & (variance > 0.0)
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)
 
 
 def _relative(misfit: NDArray[np.complex128], part: Part) -> float:
     """Return the largest rms misfit of a channel over the rms of its data."""
-    left, size = (np.sqrt(np.mean(np.abs(a) ** 2, axis=0)) for a in (misfit, part.frf.values))
+    left = np.sqrt(np.mean(np.abs(misfit) ** 2, axis=0))
+    size = np.sqrt(np.mean(np.abs(part.frf.values) ** 2, axis=0))
     return float(np.max(left / np.where(size > 0.0, size, 1.0)))

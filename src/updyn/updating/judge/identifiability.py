@@ -74,7 +74,7 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
         rank=n - found.null_space.shape[1],
         n_parameters=n,
         condition=1.0 / smallest if found.full_rank else np.inf,
-        singular_values=tuple(float(v) for v in s),
+        singular_values=tuple(s.tolist()),
         null_directions=[_weights(d, names) for d in _readable(found.null_space)],
         determined_directions=_determined(found.null_space, found.involved, names),
         collinearity=float(1.0 / s[-1]) if found.full_rank else np.inf,
@@ -111,9 +111,9 @@ def _determined(
         if i in pivots:
             continue
         combination = {names[i]: 1.0}
-        combination |= {
-            names[p]: float(-w) for p, w in zip(pivots, share[i], strict=True) if abs(w) > VISIBLE
-        }
+        for pivot, weight in zip(pivots, share[i], strict=True):
+            if abs(weight) > VISIBLE:
+                combination[names[pivot]] = float(-weight)
         out.append(combination)
     return out
 

@@ -121,7 +121,7 @@ def localise(
     whitened : sequence of ndarray of complex, shape (n_f, n_i, n_j)
         For each part, the residual there over its standard deviation; NaN for what is not there.
     beyond : float or None
-        How much of the sum of squares the noise does not explain; None: not known, estimated from
+        Part of the sum of squares that the noise does not explain; None: not known, estimated from
         its serial correlation.
 
     Returns
@@ -136,12 +136,11 @@ def localise(
     n = problem.n
     wide = ParameterSet((*problem.coordinates.parameters.items, *tried))
     coordinates = replace(problem.coordinates, parameters=wide, box=None)
-    task = Problem.of(
-        [
-            replace(p, unknowns=Unknowns.find(p.solver.system, wide), coordinates=coordinates)
-            for p in problem.parts
-        ]
-    )
+    parts = []
+    for part in problem.parts:
+        unknowns = Unknowns.find(part.solver.system, wide)
+        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates))
+    task = Problem.of(parts)
     values = np.concatenate([problem.coordinates.to_values(x), [p.start for p in tried]])
     local = residual.local(task, coordinates.to_x(values))
     if local is None:
@@ -152,7 +151,9 @@ def localise(
     seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)
     step = np.where(seen, -(R.T @ q) / np.where(seen, power, 1.0), 0.0)
     gain = step**2 * power
-    whole = max(_alike(whitened) if beyond is None else beyond, float(gain.max()))
+    if beyond is None:
+        beyond = _correlated(whitened)
+    whole = max(beyond, float(gain.max()))
     total = sum(energy.values()) or 1.0
     least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
     found = []
@@ -168,10 +169,13 @@ def _matrix(quantity: str) -> str:
     return "stiffness" if quantity == "loss_factor" else quantity
 
 
-def _alike(whitened: Sequence[_Complex]) -> float:
+def _correlated(whitened: Sequence[_Complex]) -> float:
     """Return the part of the sum of squares that is correlated between neighbouring lines."""
-    products = [np.nansum((e[1:] * e[:-1].conj()).real, axis=0) for e in whitened]
-    return float(sum(np.maximum(p, 0.0).sum() for p in products))
+    total = 0.0
+    for e in whitened:
+        product = np.nansum((e[1:] * e[:-1].conj()).real, axis=0)
+        total += float(np.maximum(product, 0.0).sum())
+    return total
 
 
 def _energies(
@@ -208,8 +212,14 @@ def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:
 
 def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> list[Parameter]:
     """Return the quantities to try: all that are not unknowns, at most those of most energy."""
-    alone = [p.acts_on[0] for p in problem.coordinates.parameters if len(p.acts_on) == 1]
-    free = {(d.group, d.quantity) for d in alone}
+    free: set[tuple[str, str]] = set()
+    driven: set[str] = set()
+    for p in problem.coordinates.parameters:
+        for drive in p.acts_on:
+            if len(p.acts_on) == 1:
+                free.add((drive.group, drive.quantity))
+            if drive.quantity == "loss_factor":
+                driven.add(drive.group)
     losses: dict[str, float] = {}
     for part in problem.parts:
         state = part.state(x)
@@ -221,18 +231,14 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
     for group, quantity in ordered:
         if (group, quantity) not in free:
             items.append(Parameter(group, quantity, 1.0, 1e-3, 1e3))
-        if quantity == "stiffness" and (group, "loss_factor") not in free and group in losses:
+        if quantity == "stiffness" and group not in driven and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
-    driven: set[str] = set()
-    for p in problem.coordinates.parameters:
-        driven |= {d.name for d in p.acts_on if d.quantity == "loss_factor"}
-    items = [p for p in items if p.quantity != "loss_factor" or p.name not in driven]
     return (_sensors(problem, free) + items)[:_MOST_TRIED]
 
 
 def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
-    """Return the calibration factors of all sensors that are trusted so far; of very many, none."""
+    """Return the calibration factors of sensors that are not unknowns; of very many, none."""
     tried = calibration([part.frf for part in problem.parts], references="all")
     if len(tried) > _MOST_SENSORS:
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import compress
 
 import numpy as np
 
@@ -67,8 +68,9 @@ def verdict(
         for name, found in (adequacy or {}).items():
             if found is None or found.outcome not in ("structure", "excess"):
                 continue
-            test = f"Test {name!r}: " if name else ""
-            message += f" {test}{found.verdict}"
+            if name:
+                message += f" Test {name!r}:"
+            message += f" {found.verdict}"
             inadequate.append(found)
         if status == "converged" and inadequate:
             remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
@@ -80,8 +82,10 @@ def verdict(
 
 def _free(found: list[Adequacy]) -> str:
     """Return the remedy for an error that would explain the residual; empty where none is known."""
-    suspects = next((a.explained_by for a in found if a.explained_by), ())
-    return f"Free {suspects[0].name} if it can be wrong, and run again." if suspects else ""
+    for adequacy in found:
+        if adequacy.explained_by:
+            return f"Free {adequacy.explained_by[0].name} if it can be wrong, and run again."
+    return ""
 
 
 def _ended(
@@ -116,7 +120,7 @@ def _ended(
 
 def _undetermined(analysis: Analysis, names: list[str]) -> str:
     report = analysis.report
-    involved = [n for n, i in zip(names, analysis.involved, strict=True) if i]
+    involved = list(compress(names, analysis.involved))
     blind = np.isinf(report.condition)
     how = "without changing anything" if blind else "with no change, above the noise, of anything"
     return (

@@ -96,9 +96,8 @@ def calibration(
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
     if name is None:
-        return ParameterSet(
-            tuple(Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives)
-        )
+        items = [Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives]
+        return ParameterSet(tuple(items))
     if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
         raise ParameterError(
             f"calibration: name {name!r}; expected a plain text, such as 'hammer'", key=("name",)
@@ -107,7 +106,10 @@ def calibration(
 
 
 def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:
-    there = list(dict.fromkeys(label for frf in data for label in _plain(getattr(frf, f"{kind}s"))))
+    known: dict[str, None] = {}
+    for frf in data:
+        known |= dict.fromkeys(_plain(getattr(frf, f"{kind}s")))
+    there = list(known)
     if isinstance(given, str):
         if given != "all":
             raise ParameterError(
@@ -163,18 +165,16 @@ class Gains:
         """
         if not any(p.is_channel for p in parameters):
             return None
-        places = {
-            quantity: {label: i for i, label in enumerate(_plain(getattr(frf, f"{kind}s")))}
-            for quantity, kind in CHANNELS.items()
-        }
-        powers = {quantity: np.zeros((len(parameters), len(at))) for quantity, at in places.items()}
-        for i, p in enumerate(parameters):
-            if not p.is_channel:
-                continue
-            for d in p.acts_on:
-                if d.group in places[d.quantity]:
-                    powers[d.quantity][i, places[d.quantity][d.group]] = d.power
-        return cls(*powers.values())
+        tables = []
+        for quantity, kind in CHANNELS.items():
+            labels = _plain(getattr(frf, f"{kind}s"))
+            powers = np.zeros((len(parameters), len(labels)))
+            for i, p in enumerate(parameters):
+                for d in p.acts_on:
+                    if d.quantity == quantity and d.group in labels:
+                        powers[i, labels.index(d.group)] = d.power
+            tables.append(powers)
+        return cls(*tables)
 
     def factors(self, logs: _Vector) -> _Vector:
         """Return the factor of each channel, shape (n_i, n_j).
@@ -227,7 +227,9 @@ def check_channel(label: str, quantity: str, data: Iterable[FRF], name: str) -> 
         If it is in none.
     """
     kind = CHANNELS[quantity]
-    there = [known for frf in data for known in _plain(getattr(frf, f"{kind}s"))]
+    there: list[str] = []
+    for frf in data:
+        there += _plain(getattr(frf, f"{kind}s"))
     if label not in there:
         raise ParameterError(
             f"unknown {name!r}: {label!r} is no {kind} of the measurement; {suggest(label, there)}"

@@ -261,20 +261,16 @@ class Part:
             Itself where it has no more lines than that.
         """
         stride = -(-len(self.frf.freq) // largest)
-        return (
-            self
-            if stride <= 1
-            else replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
-        )
+        if stride <= 1:
+            return self
+        return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
     def lowest(self, share: float) -> Part:
         """Return the part on a share of its lines, from the lowest; at least four of them."""
         n = max(4, round(share * self.n_lines))
-        return (
-            self
-            if n >= self.n_lines
-            else replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
-        )
+        if n >= self.n_lines:
+            return self
+        return replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
 
     @property
     def n(self) -> int:
@@ -312,12 +308,10 @@ class Part:
         """Rough number of floating-point operations of one evaluation with derivatives."""
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
-        # Sparse: as measured on three-dimensional solids of 10k to 300k DOFs.
-        solve = (
-            8.0 / 3.0 * n**3 + 8.0 * n**2 * columns
-            if self.solver.tier != "sparse"
-            else 50.0 * n**1.75
-        )
+        solve = 8.0 / 3.0 * n**3 + 8.0 * n**2 * columns
+        if self.solver.tier == "sparse":
+            # As measured on three-dimensional solids of 10k to 300k DOFs.
+            solve = 50.0 * n**1.75
         return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
 
     @property
@@ -339,8 +333,11 @@ class Part:
             Columns of the fields; by default one for each response and reference.
         """
         n, n_values = self.solver.system.n, self.sign.size
-        n_columns = len(self.rows) + len(self.columns) if n_columns is None else n_columns
-        stored = n * n if self.solver.tier != "sparse" else len(self.solver.system.indices)
+        if n_columns is None:
+            n_columns = len(self.rows) + len(self.columns)
+        stored = n * n
+        if self.solver.tier == "sparse":
+            stored = len(self.solver.system.indices)
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
@@ -383,17 +380,15 @@ class Part:
         kind : str
             What is evaluated.
         x : ndarray of float, shape (n,)
-            Where.
+            Point in the space of the unknowns.
         compute : callable
             The evaluation.
         *about : bytes, str or ndarray
-            What else it follows from.
+            Further inputs of the evaluation.
         """
-        return (
-            compute()
-            if self.session.memory is None
-            else self.session.recall(self.key(kind, x, *about), compute)
-        )
+        if self.session.memory is None:
+            return compute()
+        return self.session.recall(self.key(kind, x, *about), compute)
 
     def block(self, x: _Vector, lines: slice, *, derivatives: bool = True) -> Block:
         """Return model, times the calibration factors, and measurement at a block of lines.
@@ -442,11 +437,8 @@ class Part:
         """
 
         def compute() -> Record:
-            return (
-                np.concatenate(
-                    list(self.each(_responses, [(x, lines) for lines in self.partition()]))
-                ),
-            )
+            items = [(x, lines) for lines in self.partition()]
+            return (np.concatenate(list(self.each(_responses, items))),)
 
         return self.recall("responses", x, compute)[0]
 
@@ -454,7 +446,9 @@ class Part:
 def _middle(freq: NDArray[np.float64]) -> float:
     """Return the geometric middle of a band in rad/s."""
     moving = freq[freq > 0]
-    return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max())) if moving.size else 1.0
+    if not moving.size:
+        return 1.0
+    return float(2.0 * np.pi * np.sqrt(moving.min() * moving.max()))
 
 
 def _responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
@@ -537,6 +531,7 @@ class Problem:
         """Return the result of an evaluation of all parts at x, from memory where it is known."""
         if self.session.memory is None:
             return compute()
-        return self.session.recall(
-            [k for part in self.parts for k in part.key(kind, x, *about)], compute
-        )
+        keys = []
+        for part in self.parts:
+            keys += part.key(kind, x, *about)
+        return self.session.recall(keys, compute)

@@ -66,16 +66,19 @@ class Selection:
         -------
         Selection
         """
-        return parameters if isinstance(parameters, Selection) else cls(parameters)
+        if isinstance(parameters, Selection):
+            return parameters
+        return cls(parameters)
 
     @property
     def note(self) -> str:
-        """What was joined and left out, in sentences; empty where nothing was."""
-        parts = [
-            f"{_listed(members)} were joined into the one unknown {name}, as the data see them"
-            f" alike (cosine {self.cosines[name]:.4f} or more)."
-            for name, members in self.merged.items()
-        ]
+        """Sentences on the unknowns that were joined and left out; empty where none were."""
+        parts = []
+        for name, members in self.merged.items():
+            parts.append(
+                f"{_listed(members)} were joined into the one unknown {name}, as their effects on"
+                f" the data are nearly parallel (cosine {self.cosines[name]:.4f} or more)."
+            )
         if self.left_out:
             were, they = "were", "they stay at their"
             if len(self.left_out) == 1:
@@ -87,11 +90,11 @@ class Selection:
 
     @property
     def record(self) -> dict[str, Any]:
-        """All of it as plain data, for the record of a run."""
+        """The selection as plain data, for the record of a run."""
         return {
             "fitted": list(self.parameters.names),
             "left out": dict(self.left_out),
-            "merged": {name: list(members) for name, members in self.merged.items()},
+            "merged": dict(zip(self.merged, map(list, self.merged.values()), strict=True)),
             "cosines": dict(self.cosines),
             "remarks": list(self.remarks),
             "collinearity": self.collinearity,
@@ -100,51 +103,61 @@ class Selection:
     @property
     def option(self) -> dict[str, Any]:
         """The record as an option of a run; empty where nothing was joined or left out."""
-        return {"selection": self.record} if self.merged or self.left_out else {}
+        if not self.merged and not self.left_out:
+            return {}
+        return {"selection": self.record}
 
     def summary(self) -> str:
         """Return the selection as text: fitted, joined and left out unknowns, with reasons."""
-        lines = [
-            f"{len(self.parameters)} unknowns are fitted (collinearity index"
-            f" {self.collinearity:.3g}): " + ", ".join(self.order or self.parameters.names)
-        ]
-        lines += [
-            f"  joined: {name} = {', '.join(members)} (cosine {self.cosines[name]:.4f} or more)"
-            for name, members in self.merged.items()
-        ]
-        lines += [f"  left out: {name}: {reason}" for name, reason in self.left_out.items()]
-        return "\n".join([*lines, *(f"  {remark}" for remark in self.remarks)])
+        fitted = ", ".join(self.order or self.parameters.names)
+        index = f"collinearity index {self.collinearity:.3g}"
+        lines = [f"{len(self.parameters)} unknowns are fitted ({index}): {fitted}"]
+        for name, members in self.merged.items():
+            least = f"cosine {self.cosines[name]:.4f} or more"
+            lines.append(f"  joined: {name} = {', '.join(members)} ({least})")
+        for name, reason in self.left_out.items():
+            lines.append(f"  left out: {name}: {reason}")
+        for remark in self.remarks:
+            lines.append(f"  {remark}")
+        return "\n".join(lines)
 
     def start_of(self, model: Model) -> Model:
-        """Return a model with what was left out at its start.
+        """Return a model with the unknowns that were left out at their start.
 
         Parameters
         ----------
         model : Model
-            As given: the start of an unknown that is fitted is looked after by the fit.
+            The model of a test. The unknowns that are fitted are set by the fit.
 
         Returns
         -------
         Model
-            Itself where all that was left out starts as the model stands.
+            `model` itself where every unknown that was left out starts at its value.
         """
         changes: dict[str, dict[str, float]] = {}
         for p in self.held:
             for d in p.acts_on:
                 group = model.groups.get(d.group)
-                if (
-                    group is None or p.is_channel or not group.has(d.quantity)
-                ):  # a configuration may lack it
+                # A configuration may lack a group or a quantity.
+                if group is None or p.is_channel or not group.has(d.quantity):
                     continue
-                if p.start != (1.0 if p.is_factor else getattr(group, d.quantity)):
-                    own = changes.setdefault(d.group, {})
-                    own[d.quantity] = (
-                        own.get(d.quantity, 1.0) * p.start**d.power if p.is_factor else p.start
-                    )
-        return model.scaled(changes) if changes else model
+                start = 1.0
+                if not p.is_factor:
+                    start = getattr(group, d.quantity)
+                if p.start == start:
+                    continue
+                own = changes.setdefault(d.group, {})
+                if p.is_factor:
+                    own[d.quantity] = own.get(d.quantity, 1.0) * p.start**d.power
+                else:
+                    own[d.quantity] = p.start
+        if not changes:
+            return model
+        return model.scaled(changes)
 
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:
-    return ", ".join(names[:_NAMED]) + (
-        f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    )
+    shown = ", ".join(names[:_NAMED])
+    if len(names) > _NAMED:
+        shown += f" and {len(names) - _NAMED} more"
+    return shown

@@ -283,8 +283,10 @@ def judged(
         )
 
     def difference(part: int, H: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        measured = problem.parts[part].frf.values
-        return (H - measured) / np.where(H == 0, 1.0, H) if residual.name == "log" else H - measured
+        misfit = H - problem.parts[part].frf.values
+        if residual.name == "log":
+            misfit = misfit / np.where(H == 0, 1.0, H)
+        return misfit
 
     known = known_length(problem, x, difference)
     length = known.get("correlation_length", 1.0)
@@ -379,19 +381,18 @@ def _sandwich(
     looked, weights, spreads, total, loud = [], [], [], 0.0, []
     for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
         H, frf = part.responses(x), part.frf
-        noise = (
-            given.base if isinstance(given, Robust) else given
-        )  # its weights are not those of this fit
+        noise = given
+        if isinstance(given, Robust):
+            noise = given.base  # its weights are not those of this fit
         noise = noise.refit(H, frf, -(-problem.n * part.n_values // problem.n_values))
         variance = noise.variance(H, frf)
         size = np.abs(H)
         seen = (size > 0.0) & (frf.values != 0.0)
         safe = np.where(seen, size, 1.0)
-        weight = (
-            np.where(seen, 1.0 / safe, 0.0)
-            if isinstance(residual, LogError)
-            else residual.of(i).weight
-        )
+        if isinstance(residual, LogError):
+            weight = np.where(seen, 1.0 / safe, 0.0)
+        else:
+            weight = residual.of(i).weight
         total += float(np.sum(weight**2 * variance))
         looked.append(noise)
         weights.append(weight)
@@ -404,14 +405,17 @@ def _sandwich(
     scale = np.where(norms > 0.0, norms, 1.0)
     _, s, Vt = np.linalg.svd(local.R / scale)
     clear = s > _CLEAR * max(s[0], np.finfo(float).tiny)
-    along = (
-        (meat.R / scale) @ Vt[clear].T / s[clear]
-    )  # its square: J^T S J where J has unit directions
+    # Its square is J^T S J in the basis in which J has unit singular values.
+    along = (meat.R / scale) @ Vt[clear].T / s[clear]
     expected = total - float(np.sum(along**2))
-    misfit = 2.0 * local.cost / expected if expected > 1e-3 * total else 1.0
+    misfit = 1.0
+    if expected > 1e-3 * total:
+        misfit = 2.0 * local.cost / expected
     known = known_length(problem, x, lambda i, H: weights[i] * (H - problem.parts[i].frf.values))
-    told = max(misfit, 1.0) if all(noise.scale_known for noise in looked) else misfit
-    inflation = float(np.sqrt(told * known.get("correlation_length", 1.0)))
+    excess = misfit
+    if all(noise.scale_known for noise in looked):
+        excess = max(misfit, 1.0)
+    inflation = float(np.sqrt(excess * known.get("correlation_length", 1.0)))
     factor = inflation * cholesky(along.T @ along, lower=True)
     rows = solve_triangular(factor, s[clear, None] * Vt[clear], lower=True)
     usual = inflation * np.sqrt(total / (2.0 * problem.n_values))
@@ -424,9 +428,8 @@ def _sandwich(
         **known,
         "inflation": inflation,
     }
-    return Sandwich(
-        R, tuple({"kind": n.kind, **n.figures(), **record} for n in looked), _note(residual, loud)
-    )
+    records = [{"kind": noise.kind, **noise.figures(), **record} for noise in looked]
+    return Sandwich(R, tuple(records), _note(residual, loud))
 
 
 def _note(residual: LogError | Each, loud: Sequence[Any]) -> str:

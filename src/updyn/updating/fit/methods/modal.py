@@ -184,7 +184,7 @@ class ModalMethod(Method):
     def _check_unknowns(self, problem: Problem) -> None:
         unseen = []
         for p in problem.coordinates.parameters:
-            if {d.quantity for d in p.acts_on} & set(self.cannot):
+            if any(d.quantity in self.cannot for d in p.acts_on):
                 unseen.append(p.name)
         if unseen:
             shown = ", ".join(unseen[:4])
@@ -211,7 +211,9 @@ class ModalMethod(Method):
                 )
 
     def _measured(self, part: Part) -> ModeSet:
-        given = self.modes.get(part.name) if isinstance(self.modes, Mapping) else self.modes
+        given = self.modes
+        if isinstance(given, Mapping):
+            given = given.get(part.name)
         if given is None:
             # A viscous matrix has the rate 1, Rayleigh damping its coefficient.
             viscous = bool(part.solver.system.start.rate.any())
@@ -341,7 +343,7 @@ class Target:
 
     def keep(self, which: NDArray[np.bool_]) -> Target:
         """Return it with some of its modes."""
-        chosen = "".join("1" if k else "0" for k in which)
+        chosen = "".join(map(str, which.astype(int)))
         return replace(
             self,
             value=self.value[which],

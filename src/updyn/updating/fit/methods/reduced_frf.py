@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dofs import DofSet
 from updyn.dynamics.affine import AffineSystem, Term
 from updyn.dynamics.fields import LineSolver
 from updyn.errors import SolverError
@@ -100,9 +99,8 @@ class ReducedFrfMethod(Method):
         for part in problem.parts:
             residual.check(part)
         with monitor.stage(_NAME):
-            reduced = Problem.of(
-                [independently_reduced(part, x, self.frequency) for part in problem.parts]
-            )
+            parts = [independently_reduced(part, x, self.frequency) for part in problem.parts]
+            reduced = Problem.of(parts)
             amounts = Amounts.find(problem.coordinates.parameters)
             step = partial(_in_turn if self.separate else linear_step, reduced, amounts)
             settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
@@ -169,7 +167,7 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
     n = len(rows)
     own, entries = np.arange(n), np.arange(n * n)
     terms = tuple(_projected(term, T, own, entries) for term in system.terms)
-    dofs = DofSet([system.dofs[int(i)] for i in rows])
+    dofs = system.dofs[rows]
     small = AffineSystem(terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs)
     return replace(
         part,
@@ -197,10 +195,11 @@ def _in_turn(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _V
     change, left = np.zeros(len(x)), -local.q
     # A linked unknown counts with the first thing that it acts on; what is neither stiffness nor
     # mass is damping.
-    kinds = [p.acts_on[0].quantity for p in parameters]
-    kinds = [kind if kind in ("stiffness", "mass") else "damping" for kind in kinds]
-    for step in ("stiffness", "mass", "damping"):
-        own = [i for i, kind in enumerate(kinds) if kind == step]
+    steps: dict[str, list[int]] = {"stiffness": [], "mass": [], "damping": []}
+    for i, p in enumerate(parameters):
+        quantity = p.acts_on[0].quantity
+        steps[quantity if quantity in steps else "damping"].append(i)
+    for own in steps.values():
         change[own] = scaled_solution(J[:, own], left)
         left = left - J[:, own] @ change[own]
     return amounts.moved(values, change)

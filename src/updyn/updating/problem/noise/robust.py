@@ -72,16 +72,14 @@ class Robust(NoiseModel):
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
         plain = self.factor * self.base.variance(H, frf)
-        return (
-            plain
-            if self.weight is None or self.weight.shape != plain.shape
-            else plain / self.weight
-        )
+        if self.weight is None or self.weight.shape != plain.shape:
+            return plain
+        return plain / self.weight
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
         """Return the model with weights from the residual frf - H."""
         base = self.base.refit(H, frf, n_parameters)
-        if 2 * H.size <= n_parameters:  # no residual is left that could tell
+        if 2 * H.size <= n_parameters:  # no residual is left to estimate from
             return Robust(base)
         squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
         power = squared / base.variance(H, frf)  # |r|^2 / v
@@ -90,21 +88,20 @@ class Robust(NoiseModel):
         factor = bulk if follows and bulk > 0.0 else 1.0
         power = power / factor
         weight = (FREEDOM + 2.0) / (FREEDOM + 2.0 * power)
-        slope = (
-            FREEDOM / (FREEDOM + 2.0) * float(np.mean(weight**2))
-        )  # of psi, the mean over both parts
+        # Slope of psi, the mean over real and imaginary part.
+        slope = FREEDOM / (FREEDOM + 2.0) * float(np.mean(weight**2))
         spread = float(np.mean(weight**2 * power)) / slope**2
         level = max(float(np.mean(weight)) * spread, 1e-12)
         small = weight * FREEDOM / (FREEDOM + 2.0) < _SMALL
+        channels = []
+        for i, j in np.argwhere(small.mean(axis=0) >= 0.5):
+            channels.append(f"{frf.responses[i]} / {frf.references[j]}")
         seen = {
             "robust": self.name,
             "chi_square": 1.0 if follows else bulk,
             "down_weighted": float(np.mean(small)),
-            "down_weighted_lines": [float(f) for f in frf.freq[small.mean(axis=(1, 2)) >= 0.5]],
-            "down_weighted_channels": [
-                f"{frf.responses[i]} / {frf.references[j]}"
-                for i, j in np.argwhere(small.mean(axis=0) >= 0.5)
-            ],
+            "down_weighted_lines": frf.freq[small.mean(axis=(1, 2)) >= 0.5].tolist(),
+            "down_weighted_channels": channels,
         }
         return replace(self, base=base, factor=factor, weight=weight / level, seen=seen)
 
@@ -112,9 +109,10 @@ class Robust(NoiseModel):
         """Return those of the noise in the bulk, and what was down-weighted."""
         plain = self.base.figures()
         scale = float(np.sqrt(self.factor))
-        level: dict[str, Any] = {
-            k: float(v * scale) for k, v in plain.items() if k in ("relative", "floor")
-        }
+        level: dict[str, Any] = {}
+        for key in ("relative", "floor"):
+            if key in plain:
+                level[key] = float(plain[key] * scale)
         for key in ("relative_by_channel", "floor_by_channel"):
             if key in plain:
                 level[key] = {name: value * scale for name, value in plain[key].items()}
