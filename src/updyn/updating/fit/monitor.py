@@ -131,9 +131,9 @@ class Monitor:
         """Show where the fit is; return whether it should stop."""
         session = self.problem.session
         if self.callback is not None:
-            number, cost = (
-                (self.history[-1].number, self.history[-1].cost) if self.history else (0, np.nan)
-            )
+            number, cost = 0, np.nan
+            if self.history:
+                number, cost = self.history[-1].number, self.history[-1].cost
             progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped

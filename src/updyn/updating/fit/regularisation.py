@@ -431,7 +431,7 @@ class _Run:
         The unknowns without a prior of their own; the others keep theirs and nothing else holds
         them.
     unit : float or None
-        What the residual is measured in, once a first fit has told; all strengths count against
+        Unit of the residual, known from the first fit; all strengths count against
         that.
     """
 
@@ -494,18 +494,18 @@ class _Run:
         spectrum = self._spectrum(fit)
         low, high = _range(spectrum)
         low, high = min(low, strength), max(high, strength)
-        curve = np.geomspace(low, high, _POINTS)
-        passed = [spectrum.passed(float(g)) for g in curve]
+        curve = np.geomspace(low, high, _POINTS).tolist()
+        passed = list(map(spectrum.passed, curve))
         record: dict[str, Any] = {
             "how": how,
             "strength": strength,
             "prior_std": 1.0 / strength,
             "effective unknowns": spectrum.freedom(spectrum.passed(strength)),
             "tried": tried,
-            **_curve(spectrum, passed, "strengths", curve.tolist(), spectrum.passed(strength)),
+            **_curve(spectrum, passed, "strengths", curve, spectrum.passed(strength)),
         }
         if how == "l-curve":
-            record["curvature"] = [spectrum.curvature(float(g)) for g in curve]
+            record["curvature"] = list(map(spectrum.curvature, curve))
         note = self._said(how, strength, spectrum, settled)
         weight = np.where(self.free, strength, 0.0)
         return replace(fit, pull=Pull(weight, None, note, record))
@@ -557,7 +557,7 @@ class _Run:
             return fit
         spectrum = run._spectrum(fit)
         numbers = list(range(_rank(spectrum) + 1))
-        shares = [spectrum.kept(k) for k in numbers]
+        shares = list(map(spectrum.kept, numbers))
         record = {
             "how": "tsvd",
             "kept": kept,
@@ -607,16 +607,14 @@ class _Run:
         """Return the noise as the first fit leaves it, the same for all strengths."""
         if _broken(fit):
             return noises
-        n, n_values = self.problem.n, self.problem.n_values
+        held = []
         try:
-            return [
-                _Held(
-                    noise.refit(part.responses(fit.x), part.frf, -(-n * part.n_values // n_values))
-                )
-                for part, noise in zip(self.problem.parts, noises, strict=True)
-            ]
-        except Stopped:  # the next fit will see that, too
+            for part, noise in zip(self.problem.parts, noises, strict=True):
+                share = -(-self.problem.n * part.n_values // self.problem.n_values)
+                held.append(_Held(noise.refit(part.responses(fit.x), part.frf, share)))
+        except Stopped:  # the next fit stops, too
             return noises
+        return held
 
     def _spectrum(self, fit: Fit) -> Spectrum:
         """Return the problem linearised where a fit ended, about the unknowns' start.
@@ -699,9 +697,9 @@ def _curve(
     """Return misfit over distance for the record, linearised where the fit ended."""
     return {
         axis: along,
-        "misfit": [spectrum.misfit(s) for s in shares],
-        "distance": [spectrum.distance(s) for s in shares],
-        "gcv": [spectrum.gcv(s) for s in shares],
+        "misfit": list(map(spectrum.misfit, shares)),
+        "distance": list(map(spectrum.distance, shares)),
+        "gcv": list(map(spectrum.gcv, shares)),
         "misfit here": spectrum.misfit(here),
         "distance here": spectrum.distance(here),
     }

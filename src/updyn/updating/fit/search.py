@@ -159,11 +159,16 @@ class Search:
             yield from points
             return
         points = list(points)
-        known = [not gradual and is_cached(LogError(), problem, x) for x, gradual in points]
-        items = [(self, start) for start, k in zip(points, known, strict=True) if not k]
+        known, items = [], []
+        for start in points:
+            x, gradual = start
+            cached = not gradual and is_cached(LogError(), problem, x)
+            known.append(cached)
+            if not cached:
+                items.append((self, start))
         with closing(session.map(attempt, problem, items, spread=True)) as results:
-            for start, k in zip(points, known, strict=True):
-                if not k:
+            for start, cached in zip(points, known, strict=True):
+                if not cached:
                     found = next(results)
                     session.lines_solved += len(found) * problem.n_lines
                     session.remember(found)

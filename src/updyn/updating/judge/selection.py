@@ -164,9 +164,10 @@ def collinear_clusters(
         if kind is not None and np.isfinite(cosine[i, i]):
             by_kind.setdefault(kind, []).append(i)
     out = []
-    for at in by_kind.values():
-        if len(at) < 2:
+    for columns in by_kind.values():
+        if len(columns) < 2:
             continue
+        at = np.array(columns)
         distance = np.clip(1.0 - cosine[np.ix_(at, at)], 0.0, 2.0)
         distance = 0.5 * (distance + distance.T)
         np.fill_diagonal(distance, 0.0)
@@ -174,7 +175,7 @@ def collinear_clusters(
         for c in np.unique(label):
             members = np.flatnonzero(label == c)
             if len(members) > 1:
-                out.append([at[j] for j in members])
+                out.append(at[members].tolist())
     return sorted(out)
 
 

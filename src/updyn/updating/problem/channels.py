@@ -134,7 +134,7 @@ def _label(dof: Dof) -> str:
 
 
 def _plain(dofs: DofSet) -> list[str]:
-    return [_label(d) for d in dofs]
+    return list(map(_label, dofs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -143,7 +143,8 @@ def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | 
     if names is None:
         return None
     at: set[int] = set()
-    for pattern in (text.strip() for text in names.split(",")):
+    for text in names.split(","):
+        pattern = text.strip()
         fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
         if not fits:
             raise OptionError(

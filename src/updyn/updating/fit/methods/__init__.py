@@ -102,15 +102,15 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
         type or sign.
     """
     made, defaults = METHODS.find(name), options_of(name)
-    plain = {
-        key: value.item() if isinstance(value, np.generic) else value
-        for key, value in options.items()
-    }
-    for key, value in plain.items():
+    plain = {}
+    for key, value in options.items():
         if key not in defaults:
             raise OptionError(
                 f"method {name!r} has no option {key!r}; {suggest(key, defaults)}", key=(key,)
             )
+        if isinstance(value, np.generic):
+            value = value.item()
+        plain[key] = value
         _check(key, value, defaults[key])
     return made(**plain)
 

@@ -153,7 +153,9 @@ class ConstitutiveError(LineResidual):
 
     def on(self, part: Part, lines: slice) -> Self:
         """Return it with the slack of a block of lines."""
-        return self if self.slack is None else replace(self, slack=self.slack[lines])
+        if self.slack is None:
+            return self
+        return replace(self, slack=self.slack[lines])
 
     def partition(self, part: Part) -> list[slice]:
         """Return the blocks of lines."""

@@ -145,12 +145,16 @@ def _gauss_newton(
 
 def _plain_step(problem: Problem, x: NDArray[np.float64]) -> Record:
     """Return cost, R of the Jacobian, change of the values (eq. 22) and ||Z_red H_X - I||_inf."""
-    parts = [block for part in problem.parts for block in EquationError().blocks(part, x)]
-    r = np.concatenate([p[0].ravel() for p in parts])
-    S = np.concatenate([p[1].reshape(problem.n, -1) for p in parts], axis=1).T
+    residuals, slopes, error = [], [], 0.0
+    for part in problem.parts:
+        for block in EquationError().blocks(part, x):
+            residuals.append(block[0].ravel())
+            slopes.append(block[1].reshape(problem.n, -1))
+            error = max(error, float(np.abs(block[0]).sum(axis=2).max()))
+    r = np.concatenate(residuals)
+    S = np.concatenate(slopes, axis=1).T
     A, b = np.vstack([S.real, S.imag]), -np.concatenate([r.real, r.imag])
     change = basic_solution(A / problem.coordinates.slope(x), b)
-    error = max(float(np.abs(p[0]).sum(axis=2).max()) for p in parts)
     return (
         np.array(0.5 * float(b @ b)),
         np.asarray(np.linalg.qr(A, mode="r")),

@@ -56,7 +56,7 @@ class ForceResidualMethod(Method):
     descends, but slowly where much is expanded: motion and unknowns hold each other.
 
     Where rotations are among the DOFs, moments count over the length at which rotational and
-    translational stiffnesses of the start are alike.
+    translational stiffnesses of the start are equal.
 
     Parameters
     ----------
@@ -96,9 +96,8 @@ class ForceResidualMethod(Method):
         check_unknowns(problem, self, priors=not plain)
         for part in problem.parts:
             _check(part)
-        residual = EachOf(
-            tuple(ForceResidual(_compliance(part), _level(part)) for part in problem.parts)
-        )
+        errors = [ForceResidual(_compliance(part), _level(part)) for part in problem.parts]
+        residual = EachOf(tuple(errors))
         eliminated = EachOf(tuple(part.eliminated for part in residual.errors))
         with monitor.stage(_NAME):
             if plain:
@@ -203,10 +202,11 @@ def _compliance(part: Part) -> _Vector:
     diagonal = np.zeros(system.n)
     own = rows == system.indices
     diagonal[rows[own]] = np.abs(entries[own])
-    kinds = [diagonal[at & (diagonal > 0.0)] for at in (turns, ~turns)]
-    squared = (
-        float(np.median(kinds[0]) / np.median(kinds[1])) if all(k.size for k in kinds) else 1.0
-    )
+    positive = diagonal > 0.0
+    rotational, translational = diagonal[turns & positive], diagonal[~turns & positive]
+    squared = 1.0
+    if rotational.size and translational.size:
+        squared = float(np.median(rotational) / np.median(translational))
     return np.where(turns, squared, 1.0)
 
 

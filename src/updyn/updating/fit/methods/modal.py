@@ -399,12 +399,12 @@ class Pairs:
         modes = separated(modes, *about, target.seen, target.shapes)
         seen = target.seen(modes.shapes)
         moving = np.linalg.norm(seen, axis=0) > 0
-        alike = np.zeros((seen.shape[1], len(target.value)))
-        alike[moving] = mac(seen[:, moving], target.shapes)
+        macs = np.zeros((seen.shape[1], len(target.value)))
+        macs[moving] = mac(seen[:, moving], target.shapes)
         apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
-        first, second = linear_sum_assignment(alike - _APART * apart, maximize=True)
+        first, second = linear_sum_assignment(macs - _APART * apart, maximize=True)
         which = first[np.argsort(second)]
-        return cls(modes, which, alike[which, np.arange(len(which))])
+        return cls(modes, which, macs[which, np.arange(len(which))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

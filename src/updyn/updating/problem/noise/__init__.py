@@ -181,12 +181,13 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
 
 def _by_channel_of(record: Mapping[str, Any], frf: FRF) -> EstimatedByChannel:
     """Return the noise by channel that a record states."""
-    relative, floor = (record[f"{key}_by_channel"] for key in _NUMBERS)
+    relative, floor = record["relative_by_channel"], record["floor_by_channel"]
     names = tuple(frf.responses.labels)
     lacking = [label for label in names if label not in relative]
     if lacking:
         raise OptionError(
             f"noise by channel: nothing is known of response {lacking[0]}", key=("noise",)
         )
-    a, b = (np.array([table[label] for label in names]) for table in (relative, floor))
+    a = np.array([relative[label] for label in names])
+    b = np.array([floor[label] for label in names])
     return EstimatedByChannel(relative=a, floor=b, names=names, held=True)

@@ -93,7 +93,8 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     from scipy.optimize import minimize
 
     stride = max(1, size.size // _SAMPLES)
-    size, level, squared = (a.ravel()[::stride] for a in (size, level, squared))
+    size, level = size.ravel()[::stride], level.ravel()[::stride]
+    squared = squared.ravel()[::stride]
 
     def unlikely(logs: NDArray[Any]) -> float:
         a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
@@ -107,18 +108,14 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     guess = np.sqrt(middle(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
     both = max(guess, SMALLEST), max(np.sqrt(middle(squared / level**2)), SMALLEST)
     tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
-    found = min(
-        (
-            minimize(unlikely, t, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-6})
-            for t in tries
-        ),
-        key=lambda m: float(m.fun),
-    )
+    options = {"xatol": 1e-3, "fatol": 1e-6}
+    minima = [minimize(unlikely, start, method="Nelder-Mead", options=options) for start in tries]
+    found = min(minima, key=lambda minimum: float(minimum.fun))
     a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))
     return float(a), float(b)
 
 
-#: Fewest values of a sensor from which its noise is told: their variance is known to 20 % then.
+#: Fewest values of a sensor from which its noise is estimated; they give its variance to 20 %.
 _ENOUGH = 25
 
 
