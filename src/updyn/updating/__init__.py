@@ -1,1 +1,1 @@
-"""The unknowns, the residuals, the fit, and what it can be trusted for."""
+"""Model updating: unknowns, residuals, methods of the fit, and assessment of its result."""

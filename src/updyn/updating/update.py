@@ -113,7 +113,7 @@ def update(
     Returns
     -------
     UpdateResult
-        A fit that fails says so in its status; nothing is raised for it.
+        The status states whether the fit failed; no error is raised for that.
 
     Raises
     ------

@@ -85,8 +85,8 @@ class Fit:
     note : str
         What the user should know about this method's figures; may be empty.
     local : Local or None
-        The data's own reduced problem at x, in the units in which priors count against it; where
-        the method can tell.
+        Reduced problem of the data alone at x, in the units in which priors count against it; None
+        where the method has none.
     unit : float
         What of the residual these units are, where the method found their size along with the
         unknowns.
@@ -109,7 +109,7 @@ class Fit:
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
-        """Return a fit without a Jacobian, which says nothing about identifiability."""
+        """Return a fit without a Jacobian, from which identifiability cannot be judged."""
         return cls(x, reason, np.zeros((len(x), len(x))), note=note)
 
 
@@ -140,13 +140,13 @@ class Method(ABC):
     instead : str
         What to do about an unknown of such a quantity, for the message.
     calibrates : bool
-        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
+        Whether it supports calibration factors: it compares with `Part.block`, which applies them.
     can_regularise : bool
         Whether it minimises one sum of squares within bounds, to which a pull can be added.
     is_likelihood : bool
-        Whether what it minimises is the negative logarithm of a likelihood.
+        Whether it minimises the negative logarithm of a likelihood.
     states_noise : bool
-        Whether its noise record says all that is needed to make data anew.
+        Whether its noise record holds all that is needed to simulate data.
     """
 
     __slots__ = ()
@@ -335,7 +335,7 @@ def descend_to_scale(
 def spread_of(local: Local, n_values: int, n: int) -> float:
     """Return the standard deviation of residuals of equal weight: sqrt(2 cost / (2 n_values - n)).
 
-    As many unknowns as measured numbers leave nothing to tell it from; then that of `ASSUMED` noise
+    With as many unknowns as measured numbers it cannot be estimated; then that of `ASSUMED` noise
     is taken.
     """
     if 2 * n_values <= n:

@@ -296,7 +296,7 @@ class Reducing:
     ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis, renewed until it is certified."""
         near, left = False, strategy.max_iterations
-        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis has what it needs at x
+        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis was enriched at x
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):

@@ -41,7 +41,7 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: Strengths that are looked at, evenly in their logarithm, before the best of them is refined.
+#: Number of strengths on a logarithmic grid from which the best is refined.
 _GRID = 400
 
 

@@ -2,8 +2,8 @@
 
 The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
 by two things. Loss factors start inflated, so that the model's resonances are broad enough to
-overlap the measured ones, and may pass through negative values on the way: a wall at zero stops
-most searches for lightly damped parts, whose true values lie on it. And a basin is believed only
+overlap the measured ones, and may pass through negative values on the way: a bound at zero stops
+most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
 when further tries, with other inflations and then from random points, end in it too. All but the
 first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
 are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common

@@ -132,8 +132,8 @@ class TrustRegion:
         for _ in range(self.max_iterations):
             p, fall, limited = _step(here, x, lower, upper, radius, within)
             length = float(np.abs(p).max(initial=0.0))
-            # What a step gains that the radius cuts short says nothing about how far the minimum
-            # is.
+            # The decrease of a step that the radius limits is no measure of the distance to the
+            # minimum.
             if (
                 length == 0.0
                 or fall <= 0.0

@@ -82,7 +82,7 @@ def serial_p(values: _Complex) -> _Real:
     Returns
     -------
     ndarray of float, shape (n,)
-        One-sided p-values; 1 where a column holds too few values to tell.
+        One-sided p-values; 1 where a column holds too few values for the test.
 
     Notes
     -----
@@ -160,7 +160,7 @@ def _eigenvalues(diagonals: _Real, *, gaps: bool) -> tuple[_Real, _Real]:
 def _tail(eigenvalues: _Real, often: _Real, r: _Real) -> _Real:
     """Return P(sum_j (eigenvalue_j - r) E_j > 0) for independent unit exponentials E_j, for each r.
 
-    Each eigenvalue counts as often as it says.
+    `often` is the multiplicity of each eigenvalue.
     """
     edge = 1e-9 * (eigenvalues[-1] - eigenvalues[0])
     inside = np.clip(r, eigenvalues[0] + edge, eigenvalues[-1] - edge)
@@ -420,7 +420,7 @@ def assess(
     level : float
         Largest share of fits to pure noise for which a false alarm is accepted.
     relative : float
-        The rms misfit over the rms of the data, to tell rounding from a residual.
+        The rms misfit over the rms of the data, to distinguish rounding from a residual.
 
     Returns
     -------

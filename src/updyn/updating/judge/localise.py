@@ -1,12 +1,12 @@
 """Localisation of the model error that explains a residual, by energy and by score tests.
 
-The energy says where an error would have to sit if it is to be small: the fields that balance the
+The energy locates the smallest error that would explain the residual: the fields that balance the
 forces and come close to the measurement break stress-strain and force-acceleration relations
 somewhere, and the least energy of that breach is shared out among the groups (error in constitutive
 relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze,
 Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze &
-Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score says how much of the misfit a
-change of one quantity would take away, all unknowns of the fit adapting to it (Rao, Proc. Camb.
+Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score is the part of the misfit that
+a change of one quantity would remove, all unknowns of the fit adapting to it (Rao, Proc. Camb.
 Phil. Soc. 44 (1948) 50).
 """
 

@@ -52,7 +52,7 @@ def calibration(
     """Return calibration factors of sensors as unknowns, added to those of the model with ``+``.
 
     Each is a positive factor on what its sensor reads: the measurement is compared with the model's
-    FRF times the factors of its two channels. 1.08 says that the sensor reads 8 % too much. The
+    FRF times the factors of its two channels. 1.08 means that the sensor reads 8 % too much. The
     updated model is that without them.
 
     Parameters

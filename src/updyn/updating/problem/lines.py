@@ -37,7 +37,7 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
     Parameters
     ----------
     lines : None, str or array_like of float
-        None: all. ``"d-optimal:40"``: the 40 that tell most of all unknowns together;
+        None: all. ``"d-optimal:40"``: the 40 that determine all unknowns together best;
         ``"a-optimal:40"``: the 40 that leave them least uncertain, ``"a-optimal:40:shaft.*"`` those
         of that name, globs with commas between. Else frequencies in Hz, each a line of the data.
     part : Part

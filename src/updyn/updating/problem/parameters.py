@@ -1,4 +1,4 @@
-"""Unknowns: start, bounds and prior of each, what it acts on, and how they are chosen."""
+"""Unknowns of an update: start, bounds, prior and drives of each, and their selection by name."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Parameter:
     group, quantity : str
         What changes. ``stiffness``, ``mass`` and ``viscous`` are factors on the group's start;
         ``loss_factor``, ``mass_damping`` (1/s) and ``stiffness_damping`` (s) are values. Of a
-        linked unknown: what it is called.
+        linked unknown: its name.
     start, lower, upper : float
         Start and bounds, in the unit of the unknown.
     prior_std : float, optional

@@ -69,7 +69,7 @@ class LineResidual(ABC):
     needs_exact : str
         Why it cannot be evaluated in a reduced model; empty: it can.
     calibrates : bool
-        Whether it knows calibration factors: it compares with `Part.block`, which applies them.
+        Whether it supports calibration factors: it compares with `Part.block`, which applies them.
     """
 
     __slots__ = ()

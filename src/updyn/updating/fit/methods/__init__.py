@@ -116,7 +116,7 @@ def make_method(name: str, options: Mapping[str, Any]) -> Method:
 
 
 def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> None:
-    """Check that a method knows calibration factors, if there are any.
+    """Check that a method supports calibration factors, if there are any.
 
     Parameters
     ----------

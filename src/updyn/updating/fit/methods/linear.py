@@ -282,7 +282,7 @@ def local_of(problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector)
 
 
 def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) -> None:
-    """Refuse unknowns that a method cannot update, and priors where it knows none.
+    """Refuse unknowns that a method cannot update, and priors that it does not support.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def check_unknowns(problem: Problem, method: Method, *, priors: bool = False) ->
     method : Method
         The method.
     priors : bool
-        Whether it knows priors.
+        Whether it supports priors.
 
     Raises
     ------

@@ -146,7 +146,7 @@ class MaximumLikelihood(Method):
         local = residual.local(problem, x)
         assert local is not None
         freedom = 2 * problem.n_values - problem.n
-        # Without a value to spare the misfit says nothing about the noise.
+        # Without degrees of freedom the noise cannot be estimated from the misfit.
         chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
         known = known_length(
             problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)

@@ -36,7 +36,7 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 
-#: Of a frequency, where as many unknowns as residuals leave nothing to tell it from.
+#: Standard deviation of a frequency, assumed where there are as many unknowns as residuals.
 _ASSUMED = 0.01
 _ADVICE = (
     "Modes show stiffness and mass against each other: hold one, or give a prior; use more modes,"
@@ -55,7 +55,7 @@ class ModalMethod(Method):
     (residuals, weights, pairing). Modes of the undamped model are paired with the measured ones by
     MAC anew in every step; the step is safeguarded by a trust region and bounds.
 
-    It sees nothing but the modes: no damping, nothing between resonances, no level of the FRFs.
+    It uses the modes alone: no damping, no data between resonances, no level of the FRFs.
     Stiffness and mass that grow together change neither frequencies nor shapes.
 
     Parameters
@@ -70,7 +70,7 @@ class ModalMethod(Method):
         Whether shapes are fitted beside frequencies. They decide on the pairs in any case.
     shape_weight : float
         What a shape that is off by a share of its rms counts for, against a frequency that is off
-        by that share. The default says that shapes are measured ten times less exactly (Friswell &
+        by that share. By default shapes are taken as ten times less accurate (Friswell &
         Mottershead, Finite Element Model Updating in Structural Dynamics, 1995: frequencies to 1 %,
         shapes to 10 %).
     mac : float

@@ -167,7 +167,7 @@ def noise_of_record(record: Mapping[str, Any], frf: FRF) -> NoiseModel:
     Raises
     ------
     OptionError
-        If the data lack what the record speaks of.
+        If the data lack a response that the record names.
     """
     base: NoiseModel
     if "relative_by_channel" in record:

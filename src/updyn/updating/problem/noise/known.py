@@ -135,7 +135,7 @@ class Stated(NoiseModel):
 
 @dataclass(frozen=True, slots=True)
 class Assumed(Stated):
-    """Noise of ordinary size, where nothing says how large it is.
+    """Noise of ordinary size, where its size is not known.
 
     As many unknowns as measured numbers fit any noise, and leave no residual to estimate it from.
     """
