@@ -35,7 +35,7 @@ __all__ = [
     "temporary_folder",
 ]
 
-#: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.journal`.
+#: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
 JOURNAL = "run.journal"
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"

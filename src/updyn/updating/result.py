@@ -34,17 +34,17 @@ class UpdateResult:
     message : str
         The cause, in a sentence.
     remedy : str
-        What to do next; empty where all is well.
+        The next action that is advised; empty if none is needed.
     method : str
         Name of the method.
     options : dict
         Options as they were used.
     start : Model
-        The model before.
+        The model before the update.
     model : Model
-        The model after.
+        The updated model.
     frf : FRF
-        All data that were given (converted to nothing, selected by nothing).
+        All data of the test, neither converted nor selected.
     lines : ndarray of float
         Lines used in the fit, in Hz.
     fitted_responses, validation_responses : tuple of str
@@ -78,9 +78,9 @@ class UpdateResult:
     title : str
         For the record.
     adequacy : Adequacy or None
-        Whether the residual is noise, or what the model cannot follow, and what would explain it;
-        None where it was not tested: the fit did not settle, rounding is seen, or the record is an
-        old one.
+        Whether the residual is noise or a structural error of the model, and the errors that would
+        explain it; None where it was not tested: the fit did not settle, rounding dominates, or the
+        record is an old one.
     """
 
     status: str
@@ -127,7 +127,8 @@ class UpdateResult:
     @property
     def iterations(self) -> int:
         """Number of accepted steps, those of all tries of the search for a start included."""
-        return sum(1 for h in self.history if h.accepted and h.number > 0 and h.step > 0)
+        counted = [h.accepted and h.number > 0 and h.step > 0 for h in self.history]
+        return sum(counted)
 
     def __repr__(self) -> str:
         return (
@@ -137,32 +138,33 @@ class UpdateResult:
 
     def summary(self) -> str:
         """Return the outcome as text: verdict, unknowns and identifiability."""
-        width = max(28, *(len(p.name) + 2 for p in self.parameters))
+        width = max(28, 2 + max(map(len, self.parameters.names)))
+        title = self.title or "Update"
         lines = [
-            (
-                f"{self.title or 'Update'}: {self.status} after {self.iterations} iterations"
-                f" ({self.method})"
-            ),
-            self.message + (f" {self.remedy}" if self.remedy else ""),
+            f"{title}: {self.status} after {self.iterations} iterations ({self.method})",
+            f"{self.message} {self.remedy}".removesuffix(" "),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
         ]
         for p in self.parameters:
-            std = self.std[p.name]
-            note = "not determined by the data" if np.isinf(std) else ""
-            if p.name in self.at_bound:
-                note = f"at its {self.at_bound[p.name]} bound" + (f"; {note}" if note else "")
-            if p.nominal is not None:
-                note = f"{p.physical(self.values[p.name], std)}" + (f"; {note}" if note else "")
+            value, std = self.values[p.name], self.std[p.name]
+            notes = []
             if p.value_unit:
-                note = f"in {p.value_unit}" + (f"; {note}" if note else "")
-            shown = "-" if np.isinf(std) else f"{std:.3g}"
-            lines.append(
-                f"{p.name:<{width}}{p.start:>12.6g}{self.values[p.name]:>14.6g}{shown:>12}"
-                f"  {note}".rstrip()
-            )
+                notes.append(f"in {p.value_unit}")
+            if p.nominal is not None:
+                notes.append(p.physical(value, std))
+            if p.name in self.at_bound:
+                notes.append(f"at its {self.at_bound[p.name]} bound")
+            shown = f"{std:.3g}"
+            if np.isinf(std):
+                notes.append("not determined by the data")
+                shown = "-"
+            row = f"{p.name:<{width}}{p.start:>12.6g}{value:>14.6g}{shown:>12}  {'; '.join(notes)}"
+            lines.append(row.rstrip())
         ident = self.identifiability
-        advice = "" if ident.advice and ident.advice in self.remedy else ident.advice
+        advice = ident.advice
+        if advice in self.remedy:
+            advice = ""
         lines += [
             "",
             f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip(),
@@ -173,13 +175,15 @@ class UpdateResult:
             lines.append(f"  of these, determined {number}: {_combination(direction)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
             error = self.options["error"]
-            shown = f"at most {error:.1g} of the peak" if isinstance(error, float) else str(error)
+            shown = str(error)
+            if isinstance(error, float):
+                shown = f"at most {error:.1g} of the peak"
             lines.append(
                 f"Solved in a reduced model of {self.options['basis']} basis vectors; its error:"
                 f" {shown}."
             )
         if self.adequacy is not None:
-            lines += _left_over(self.adequacy, self.message)
+            lines += _residual_lines(self.adequacy, self.message)
         if any(p.is_channel for p in self.parameters):
             lines.append(
                 "After: the updated model as the sensors read it, times their calibration factors."
@@ -187,11 +191,8 @@ class UpdateResult:
         held = self.correlation.get("validation", {})
         for what, table in (("fitted", self.correlation), ("held out", held)):
             for when in ("before", "after"):
-                if figures := table.get(when):
-                    shown = ", ".join(
-                        f"{k} {v:.3g}" for k, v in figures.items() if isinstance(v, float)
-                    )
-                    lines.append(f"{what}, {when}: {shown}")
+                if table.get(when):
+                    lines.append(f"{what}, {when}: {_figures(table[when])}")
         return "\n".join(lines)
 
 
@@ -217,7 +218,7 @@ class JointResult:
 
     @property
     def first(self) -> UpdateResult:
-        """The result of the first test, for what is the same in all."""
+        """The result of the first test, for the entries that are the same in all."""
         return next(iter(self.results.values()))
 
     @property
@@ -247,7 +248,7 @@ class JointResult:
 
     @property
     def identifiability(self) -> Identifiability:
-        """What the data of all tests determine together."""
+        """Identifiability of the unknowns from the data of all tests together."""
         return self.first.identifiability
 
     def __repr__(self) -> str:
@@ -255,35 +256,45 @@ class JointResult:
 
     def summary(self) -> str:
         """Return the outcome as text: unknowns once, agreement test by test."""
-        lines = self.first.summary().splitlines()
-        at = next(
-            (i for i, line in enumerate(lines) if line.startswith("fitted, before")), len(lines)
-        )
-        first = _left_over(self.first.adequacy, self.first.message)
-        head = [line for line in lines[:at] if line not in first]
-        head[0] = head[0].replace(self.first.title or "Update", self.title or "Update", 1)
+        of_first = _residual_lines(self.first.adequacy, self.first.message)
+        lines = []
+        for line in self.first.summary().splitlines():
+            if line.startswith("fitted, before"):
+                break
+            if line not in of_first:
+                lines.append(line)
+        lines[0] = lines[0].replace(self.first.title or "Update", self.title or "Update", 1)
         for name, result in self.results.items():
-            own = [
-                line
-                for line in result.summary().splitlines()
-                if line.startswith(("fitted,", "held out,"))
-            ]
-            own += [line.strip() for line in _left_over(result.adequacy, result.message)]
-            head += [f"{name}: {line}" for line in own]
-        return "\n".join(head)
+            for line in result.summary().splitlines():
+                if line.startswith(("fitted,", "held out,")):
+                    lines.append(f"{name}: {line}")
+            for line in _residual_lines(result.adequacy, result.message):
+                lines.append(f"{name}: {line.strip()}")
+        return "\n".join(lines)
 
 
 def _combination(direction: Mapping[str, float]) -> str:
-    return ", ".join(
-        f"{w:+.3g} {n}" for n, w in sorted(direction.items(), key=lambda t: -abs(t[1]))
-    )
+    """Return a combination of unknowns as text, the largest weight first."""
+    largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
 
 
-def _left_over(found: Adequacy | None, message: str) -> list[str]:
-    """Return the lines on the residual that the message does not hold."""
+def _figures(table: Mapping[str, Any]) -> str:
+    """Return the numbers of a table as text."""
+    shown = []
+    for name, value in table.items():
+        if isinstance(value, float):
+            shown.append(f"{name} {value:.3g}")
+    return ", ".join(shown)
+
+
+def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
+    """Return the lines of the summary on the residual; the verdict unless `message` has it."""
     if found is None:
         return []
-    lines = [] if found.verdict in message else [f"Residual: {found.verdict}"]
+    lines = []
+    if found.verdict not in message:
+        lines.append(f"Residual: {found.verdict}")
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
         over = ""

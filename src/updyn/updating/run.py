@@ -19,7 +19,7 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.model import Model
-from updyn.updating.fit.journal import Journal, fingerprint
+from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
@@ -118,21 +118,22 @@ def run(
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
     check_channels(unknowns, strategy)
+    splits, noises = [], []
     for i, test in enumerate(tests):
         if test.validation is not None:  # read once, for the fit and for the fingerprint
             tests[i] = replace(test, validation=list(test.validation))  # type: ignore[arg-type]
-    splits = [split_data(test.frf, test.validation) for test in tests]
-    noises = [
-        choose_noise(test.noise, split.fitted) for test, split in zip(tests, splits, strict=True)
-    ]
+        split = split_data(test.frf, tests[i].validation)
+        splits.append(split)
+        noises.append(choose_noise(test.noise, split.fitted))
     with ExitStack() as ending:
         session = Session(ending.enter_context(opened_engine(options.engine)), Recent())
         largest = max(test.model.n_dofs for test in tests)
         n_lines = sum(len(test.frf.freq) for test in tests)
         reducing = is_reduced(options.tier, largest, n_lines, options.method)
         check_regularise(options.regularise, options.method, reducing=reducing)
-        problems = [
-            Part.build(
+        parts, used = [], []
+        for test, split in zip(tests, splits, strict=True):
+            part = Part.build(
                 test.model,
                 split.fitted,
                 unknowns,
@@ -141,22 +142,17 @@ def run(
                 session=session,
                 name=test.name,
             )
-            for test, split in zip(tests, splits, strict=True)
-        ]
-        whole = Problem.of(problems)
+            parts.append(part)
+            used.append(_used(strategy, test, part, options, reducing=reducing))
+        whole = Problem.of(parts)
+        measured = [test.frf for test in tests]
         reduced = None
         if reducing:
-            all_data = [p.with_data(test.frf) for p, test in zip(problems, tests, strict=True)]
+            all_data = list(map(Part.with_data, parts, measured))
             reduced = Reducing(Problem.of(all_data), options.accuracy)
-        used = [
-            _used(strategy, test, problem, options, reducing=reducing)
-            for test, problem in zip(tests, problems, strict=True)
-        ]
         if options.checkpoint is not None:
-            key = fingerprint(
-                whole, [test.frf for test in tests], _decisive(tests, used[0], options)
-            )
-            session.memory = Journal(Path(options.checkpoint), key, resume=options.resume)
+            key = fingerprint(whole, measured, _decisive(tests, used[0], options))
+            session.memory = Checkpoint(Path(options.checkpoint), key, resume=options.resume)
             ending.callback(session.memory.close)
         elif options.resume:
             raise OptionError("resume: name the checkpoint to go on from")
@@ -164,8 +160,9 @@ def run(
         lines = [test.lines for test in tests]
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage("judge"):
-            found = judge(problem, splits, fit, noises, None if reduced is None else reduced.firsts)
-        if found.fit.reason == "stopped" and isinstance(session.memory, Journal):
+            firsts = reduced.firsts if reduced is not None else None
+            found = judge(problem, splits, fit, noises, firsts)
+        if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
             session.memory.keep()
     common = _common(problem, found, selection, options, monitor)
     common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
@@ -174,14 +171,12 @@ def run(
     changes = unknowns.changes(np.where(unknowns.is_factor, values, np.maximum(values, 0.0)))
     fit = found.fit
     more = _more(selection, fit, options)
-    return [
-        UpdateResult(
+    results = []
+    for i, test in enumerate(tests):
+        result = UpdateResult(
             **common,
             title=_title(options.title, test.name),
-            options=used[i]
-            | {"engine": session.engine.name}
-            | _solved(problems[i], reduced)
-            | more,
+            options=used[i] | {"engine": session.engine.name} | _solved(parts[i], reduced) | more,
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
             frf=test.frf,
@@ -193,8 +188,8 @@ def run(
             correlation=found.correlation[i],
             adequacy=found.adequacy[i],
         )
-        for i, test in enumerate(tests)
-    ]
+        results.append(result)
+    return results
 
 
 def _used(
@@ -203,9 +198,10 @@ def _used(
     """Return the options as they are used for a test, for its record."""
     used = {key: getattr(strategy, key) for key in options_of(options.method)}
     plain = isinstance(test.lines, str) or test.lines is None
+    tier = part.solver.tier
     used["lines"] = test.lines if plain else "list"
-    used["tier"] = "reduced" if reducing else part.solver.tier
-    used["backend"] = part.solver.backend if part.solver.tier == "sparse" else "lapack"
+    used["tier"] = "reduced" if reducing else tier
+    used["backend"] = part.solver.backend if tier == "sparse" else "lapack"
     return used
 
 
@@ -213,7 +209,8 @@ def _decisive(
     tests: Sequence[Test], used: Mapping[str, Any], options: RunOptions
 ) -> dict[str, object]:
     """Return the options that change the answer, which a run to be resumed has to share."""
-    decisive: dict[str, object] = {k: v for k, v in used.items() if k != "max_iterations"}
+    decisive: dict[str, object] = dict(used)
+    decisive.pop("max_iterations", None)
     decisive |= {"method": options.method, "accuracy": options.accuracy}
     if options.regularise is not None:
         decisive["regularise"] = options.regularise
@@ -228,21 +225,19 @@ def _common(
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
+    tests = [part.name for part in problem.parts]
+    adequacy = dict(zip(tests, found.adequacy, strict=True))
     status, message, remedy = verdict(
-        fit,
-        found.analysis,
-        names,
-        found.advice,
-        found.misfit,
-        {part.name: a for part, a in zip(problem.parts, found.adequacy, strict=True)},
-        found.rounding,
+        fit, found.analysis, names, found.advice, found.misfit, adequacy, found.rounding
     )
-    notes = [message, selection.note, "" if fit.pull is None else fit.pull.note]
+    notes = [message, selection.note]
+    if fit.pull is not None:
+        notes.append(fit.pull.note)
     values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     std = np.sqrt(np.diag(found.covariance))
     return {
         "status": status,
-        "message": " ".join(note for note in notes if note),
+        "message": " ".join(filter(None, notes)),
         "remedy": remedy,
         "method": options.method,
         "parameters": selection.parameters,
@@ -290,12 +285,16 @@ def _own(changes: Mapping[str, Mapping[str, float]], model: Model) -> dict[str, 
 
 
 def _listed(lines: Lines) -> object:
-    return lines if isinstance(lines, str) or lines is None else np.asarray(lines).tolist()
+    if isinstance(lines, str) or lines is None:
+        return lines
+    return np.asarray(lines).tolist()
 
 
 def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
-    """Return, for the record, how it was solved beyond what was asked for."""
-    return fallback(part.solver.used, part.solver.backend) if reduced is None else reduced.record
+    """Return, for the record, the certificate of a reduced model or the use of another backend."""
+    if reduced is not None:
+        return reduced.record
+    return fallback(part.solver.used, part.solver.backend)
 
 
 def _fitted(
@@ -308,8 +307,8 @@ def _fitted(
 ) -> tuple[Problem, Fit]:
     """Choose the lines and fit; return the problem on these lines, too.
 
-    A line that is a natural frequency of an undamped model where it starts says nothing against
-    the data: the fit then starts beside it.
+    Where the model is singular at the start, because a line is a natural frequency of an undamped
+    model, the fit starts beside it.
     """
     try:
         return _fitted_from_start(whole, lines, strategy, noises, monitor, reduced)
@@ -334,8 +333,8 @@ def _beside_start(whole: Problem) -> Problem:
     coordinates = whole.coordinates
     x, (lower, upper) = coordinates.to_x(coordinates.parameters.start), coordinates.bounds
     share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
-    sign = [-1.0 if p.quantity == "mass" else 1.0 for p in coordinates.parameters]
-    step = _ASIDE * share * sign
+    is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
+    step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     moved = coordinates.moved(x + step)
     return Problem.of([replace(part, coordinates=moved) for part in whole.parts])
@@ -362,18 +361,15 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = Problem.of(
-                [on_lines(part, own) for part, own in zip(whole.parts, lines, strict=True)]
-            )
+            problem = Problem.of(list(map(on_lines, whole.parts, lines)))
             monitor.problem = problem
             for part in problem.parts:
                 part.responses(x)
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)
-            return problem, strategy.fit(
-                problem, noises, monitor, strategy.search(problem, monitor)
-            )
+            best = strategy.search(problem, monitor)
+            return problem, strategy.fit(problem, noises, monitor, best)
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))
     except Stopped:

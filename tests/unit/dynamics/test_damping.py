@@ -338,7 +338,7 @@ def test_a_group_says_what_can_change_in_it():
 
 def test_what_is_compiled_tells_models_apart(damped):
     """What a checkpoint compares: rates and tables, as well as loss factors and matrices."""
-    from updyn.updating.fit.journal import fingerprint
+    from updyn.updating.fit.checkpoint import fingerprint
 
     def told(model):
         frf = updyn.response(chain(), FREQ, model.dofs, ["1:X"])

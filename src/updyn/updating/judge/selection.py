@@ -1,10 +1,10 @@
-"""Columns of a Jacobian that can be told apart, and columns that are alike."""
+"""Selection of unknowns by column pivoting, and clusters of collinear unknowns."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, combinations
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -26,9 +26,9 @@ from updyn.updating.problem.selection import Selection
 __all__ = [
     "ALIKE",
     "MAX_COLLINEARITY",
-    "alike",
     "cluster",
     "cluster_jointly",
+    "collinear_clusters",
     "index",
     "select",
     "select_jointly",
@@ -57,7 +57,7 @@ def subset(
     names : sequence of str
         Of its columns.
     n : int, optional
-        How many; by default as many as the noise and `max_collinearity` allow.
+        Number of columns; by default as many as the noise and `max_collinearity` allow.
     max_collinearity : float
         Largest 1 / smallest singular value of the chosen columns at unit length, where `n` is not
         given.
@@ -65,9 +65,9 @@ def subset(
     Returns
     -------
     order : list of int
-        The chosen columns, the most telling first.
+        The chosen columns, in the order of pivoting.
     left_out : dict of int to str
-        Why not the others.
+        By column that is not chosen, the reason.
     """
     size = np.linalg.norm(R, axis=0)
     state = _Pivoting(R, names, size)
@@ -83,7 +83,7 @@ def subset(
             state.take(i)
         state.waiting.remove(i)
     for i in state.waiting:
-        state.left_out[i] = f"{n} unknowns were asked for, and these tell more"
+        state.left_out[i] = f"{n} unknowns were asked for, and these are determined better"
     return state.order, state.left_out
 
 
@@ -112,9 +112,11 @@ class _Pivoting:
         self.order.append(i)
 
     def refused(self, i: int, limit: float) -> str:
-        """Say why a column is not taken; empty where it may be."""
+        """Return the reason why a column is not taken; empty where it may be."""
         if self.size[i] * WIDEST <= 1.0:
-            known = "not at all" if self.size[i] == 0.0 else f"only to ±{1.0 / self.size[i]:.2g}"
+            known = "not at all"
+            if self.size[i] > 0.0:
+                known = f"only to ±{1.0 / self.size[i]:.2g}"
             return f"the data hardly react to it: even alone it would be known {known}"
         length = float(np.linalg.norm(self.rest[:, i]))
         gamma = index(np.linalg.svd(unit(self.R[:, [*self.order, i]]), compute_uv=False))
@@ -135,7 +137,9 @@ class _Pivoting:
         return ", ".join(self.names[self.order[j]] for j in most)
 
 
-def alike(cosine: _Matrix, kinds: Sequence[str | None], threshold: float) -> list[list[int]]:
+def collinear_clusters(
+    cosine: _Matrix, kinds: Sequence[str | None], threshold: float
+) -> list[list[int]]:
     """Cluster columns of one kind whose cosines are at least a threshold, each with each.
 
     Parameters
@@ -155,9 +159,12 @@ def alike(cosine: _Matrix, kinds: Sequence[str | None], threshold: float) -> lis
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
+    by_kind: dict[str, list[int]] = {}
+    for i, kind in enumerate(kinds):
+        if kind is not None and np.isfinite(cosine[i, i]):
+            by_kind.setdefault(kind, []).append(i)
     out = []
-    for kind in dict.fromkeys(k for k in kinds if k is not None):
-        at = [i for i, k in enumerate(kinds) if k == kind and np.isfinite(cosine[i, i])]
+    for at in by_kind.values():
         if len(at) < 2:
             continue
         distance = np.clip(1.0 - cosine[np.ix_(at, at)], 0.0, 2.0)
@@ -179,14 +186,16 @@ def unit(R: _Matrix) -> _Matrix:
 
 def index(s: NDArray[np.floating[Any]]) -> float:
     """Return the collinearity index from the singular values of unit columns; may be inf."""
-    return float(1.0 / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
+    if s[-1] <= RANK_TOLERANCE * s[0]:
+        return float("inf")
+    return float(1.0 / s[-1])
 
 
 #: The collinearity index above which unknowns trade against each other: 10 to 15 (Brun, Reichert &
 #: Kuensch 2001).
 MAX_COLLINEARITY = 15.0
-#: Cosine from which two unknowns count as one: a tenth of the effect of either, 8 degrees, is its
-#: own.
+#: Cosine from which two unknowns count as collinear: 8 degrees, where a seventh of the effect of
+#: either is independent of the other.
 ALIKE = 0.99
 #: Names of joined groups are written one by one up to so many letters.
 _LONG = 40
@@ -210,20 +219,20 @@ def select(
     model : Model
         The model where the unknowns start.
     frf : FRF
-        The measurement. Its values count only where the noise follows them; the model's own
-        derivatives decide.
+        The measurement. The choice depends on the derivatives of the model, and on these values
+        only through the noise.
     parameters : ParameterSet or Selection
-        All unknowns that might be fitted; or what `cluster` made of them.
+        All unknowns that might be fitted; or the result of `cluster`.
     n : int or "rank", optional
-        How many to keep: so many; or as many as there are combinations that the data determine
-        above the noise. By default as many as keep the collinearity index at most
+        Number of unknowns to keep; "rank": as many as there are combinations that the data
+        determine above the noise. By default as many as keep the collinearity index at most
         `max_collinearity`, each known, beside those chosen before it, to better than a factor e (a
         loss factor: than 1).
     max_collinearity : float
         Largest collinearity index of the chosen ones; it does not count where `n` is given.
     lines, noise
-        As for `updyn.update`. Where nothing says how noisy the data are, 5 % of |H| and a floor of
-        0.1 % of the rms are assumed, as for `updyn check`.
+        As for `updyn.update`. Where the noise is not known, 5 % of |H| and a floor of 0.1 % of the
+        rms are assumed, as for `updyn check`.
 
     Returns
     -------
@@ -258,7 +267,7 @@ def select_jointly(
     n: int | Literal["rank"] | None = None,
     max_collinearity: float = MAX_COLLINEARITY,
 ) -> Selection:
-    """Choose the unknowns that several tests together can tell apart; see `select`.
+    """Select the unknowns that several tests together determine separately; see `select`.
 
     Parameters
     ----------
@@ -281,11 +290,8 @@ def select_jointly(
     """
     before = Selection.of(parameters)
     given = before.parameters
-    if not (
-        n is None
-        or n == "rank"
-        or (isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given))
-    ):
+    is_count = isinstance(n, int) and not isinstance(n, bool) and 1 <= n <= len(given)
+    if not (n is None or n == "rank" or is_count):
         raise OptionError(
             f"select: n = {n!r}: expected a whole number from 1 to {len(given)}, 'rank' or None",
             key=("n",),
@@ -302,17 +308,19 @@ def select_jointly(
         raise ParameterError(
             f"select: the data see none of the {len(given)} unknowns; nothing would be left to fit"
         )
-    kept = ParameterSet(tuple(p for i, p in enumerate(given) if i in order))
+    kept = [given[i] for i in sorted(order)]
+    left_out = dict(before.left_out)
+    held = list(before.held)
+    for i, reason in sorted(why.items()):
+        left_out[given.names[i]] = reason
+        held.append(given[i])
     s = np.linalg.svd(unit(R[:, order]), compute_uv=False)
     return replace(
         before,
-        parameters=kept,
-        order=tuple(given.names[i] for i in order),
-        left_out={
-            **before.left_out,
-            **{given.names[i]: reason for i, reason in sorted(why.items())},
-        },
-        held=(*before.held, *(given[i] for i in sorted(why))),
+        parameters=ParameterSet(tuple(kept)),
+        order=tuple(np.array(given.names)[order].tolist()),
+        left_out=left_out,
+        held=tuple(held),
         singular_values=tuple(s.tolist()),
         collinearity=index(s),
     )
@@ -334,7 +342,7 @@ def cluster(
     model, frf, parameters
         As for `select`.
     threshold : float
-        Cosine between the whitened derivatives from which two unknowns are alike. In a cluster
+        Cosine between the whitened derivatives from which two unknowns are collinear. In a cluster
         every two are.
     lines, noise
         As for `select`.
@@ -365,7 +373,7 @@ def cluster(
 def cluster_jointly(
     tests: Sequence[Test], parameters: ParameterSet | Selection, threshold: float = ALIKE
 ) -> Selection:
-    """Join unknowns whose effects on the data of several tests together are alike; see `cluster`.
+    """Link unknowns whose effects on the data of several tests are nearly parallel; see `cluster`.
 
     Parameters
     ----------
@@ -395,13 +403,15 @@ def cluster_jointly(
         )
     R = _sensitivity(tests, before)
     cosine = _cosines(R)
-    kinds = [_kind_and_start(p) for p in given]
-    clusters = [members for members in alike(cosine, kinds, threshold) if _joinable(given, members)]
+    kinds = list(map(_kind_and_start, given))
+    clusters: list[list[int]] = []
     first: dict[int, list[int]] = {}
     inside: set[int] = set()
-    for members in clusters:
-        first[members[0]] = members
-        inside |= set(members)
+    for members in collinear_clusters(cosine, kinds, threshold):
+        if _joinable(given, members):
+            clusters.append(members)
+            first[members[0]] = members
+            inside |= set(members)
     items: list[Parameter] = []
     columns: list[_Vector] = []
     merged, least = dict(before.merged), dict(before.cosines)
@@ -437,18 +447,25 @@ def _kind(p: Parameter) -> str | None:
     if len(kinds) > 1:
         return None
     quantity, power = kinds.pop()
-    return quantity if power == 1.0 else None
+    if power != 1.0:
+        return None
+    return quantity
 
 
 def _kind_and_start(p: Parameter) -> str | None:
-    """Return what unknowns that may be joined have in common; None for those that may not."""
+    """Return quantity and start, equal where unknowns may be joined; None if `p` may not be."""
     kind = _kind(p)
-    return None if kind is None else f"{kind} from {p.start!r}"
+    if kind is None:
+        return None
+    return f"{kind} from {p.start!r}"
 
 
 def _drives(given: ParameterSet, members: list[int]) -> tuple[Drive, ...]:
-    """Return what all of some unknowns act on."""
-    return tuple(chain.from_iterable(given[i].acts_on for i in members))
+    """Return the drives of some unknowns, joined."""
+    drives: list[Drive] = []
+    for i in members:
+        drives += given[i].acts_on
+    return tuple(drives)
 
 
 def _joinable(given: ParameterSet, members: list[int]) -> bool:
@@ -463,7 +480,7 @@ def _joined(given: ParameterSet, members: list[int]) -> Parameter:
     own = [given[i] for i in members]
     first = own[0]
     quantity = first.quantity
-    if len({p.quantity for p in own}) > 1:
+    if any(p.quantity != quantity for p in own):
         quantity = first.acts_on[0].quantity
     stem = "+".join(p.group for p in own)
     if len(stem) > _LONG:
@@ -472,7 +489,7 @@ def _joined(given: ParameterSet, members: list[int]) -> Parameter:
         stem += "+"
     priors = [p.prior_std for p in own if p.prior_std is not None]
     nominal, unit = first.nominal, first.unit
-    if len({(p.nominal, p.unit) for p in own}) > 1:
+    if any((p.nominal, p.unit) != (nominal, unit) for p in own):
         nominal, unit = None, ""
     return Parameter(
         stem,
@@ -498,20 +515,20 @@ def _remarks(
     out = [f"the data do not see {given.names[i]}" for i in unseen]
     seen: set[tuple[int, int]] = set()
     for i, j in combinations(range(len(given)), 2):
-        # Of a cluster, one pair with an outsider tells it all.
+        # One remark for a cluster and an unknown outside it: further pairs add nothing.
         pair = (home.get(i, -1 - i), home.get(j, -1 - j))
         if not abs(cosine[i, j]) >= threshold or pair[0] == pair[1] or pair in seen:
             continue
         seen.add(pair)
         a, b = given[i], given[j]
         if cosine[i, j] < 0:
-            why = "opposite effects, the data see only what one does against the other"
+            why = "their effects are opposite, so that the data determine only their difference"
         elif _kind(a) is None or _kind(a) != _kind(b):
             why = "not of one quantity"
         elif a.start != b.start:
             why = "they start differently; give them one start to have them joined"
         else:
-            why = "not alike with all of the others, or without bounds in common"
+            why = "not collinear with all of the others, or without bounds in common"
         out.append(f"{a.name} and {b.name} are not joined (cosine {cosine[i, j]:+.4f}): {why}")
     return out
 
@@ -522,8 +539,12 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    parts = [on_lines(Part.build(t.model, t.frf, parameters, name=t.name), t.lines) for t in tests]
-    noises = [choose_noise(test.noise, part.frf) for test, part in zip(tests, parts, strict=True)]
+    parts, noises = [], []
+    for test in tests:
+        part = Part.build(test.model, test.frf, parameters, name=test.name)
+        part = on_lines(part, test.lines)
+        parts.append(part)
+        noises.append(choose_noise(test.noise, part.frf))
     return local_at_start(Problem.of(parts), noises)[0].R
 
 

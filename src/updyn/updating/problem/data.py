@@ -39,11 +39,11 @@ class Test:
     Parameters
     ----------
     model : Model
-        The model of that configuration. Groups are told by their names.
+        The model of that configuration. Groups are identified by their names.
     frf : FRF
         The measurement.
     name : str
-        What the test is called.
+        Name of the test.
     lines, noise, validation
         As for `updyn.update`.
     """
@@ -67,18 +67,15 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
         If one is of another type, an unknown acts on nothing in any of the models, or a sensor is
         no DOF of its model.
     """
-    kinds = (
-        [(test.model, Model) for test in tests]
-        + [(test.frf, FRF) for test in tests]
-        + [(parameters, ParameterSet)]
-    )
-    for given, kind in kinds:
-        if not isinstance(given, kind):
-            raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+    for test in tests:
+        _check_type(test.model, Model)
+        _check_type(test.frf, FRF)
+    _check_type(parameters, ParameterSet)
+    data = [test.frf for test in tests]
     for p in parameters:
         for d in p.acts_on:
             if p.is_channel:
-                check_channel(d.group, d.quantity, [test.frf for test in tests], p.name)
+                check_channel(d.group, d.quantity, data, p.name)
             elif not any(has_quantity(test.model, d.group, d.quantity) for test in tests):
                 tests[0].model.group(d.group)  # names the nearest where there is none
                 raise ParameterError(
@@ -90,6 +87,11 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
         _warn_of_axes(test)
 
 
+def _check_type(given: object, kind: type) -> None:
+    if not isinstance(given, kind):
+        raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+
+
 def _warn_of_axes(test: Test) -> None:
     """Warn where a sensor or force of the measurement does not point along its DOF."""
     placed = test.frf.geometry
@@ -97,12 +99,14 @@ def _warn_of_axes(test: Test) -> None:
         return
     modelled = test.model.geometry
     for dof in dict.fromkeys([*test.frf.responses, *test.frf.references]):
-        told = _axes_at(placed, dof.node)
-        if told is None:
+        measured_axes = _axes_at(placed, dof.node)
+        if measured_axes is None:
             continue
-        own = None if modelled is None else _axes_at(modelled, dof.node)
+        model_axes = _axes_at(modelled, dof.node)
+        if model_axes is None:
+            model_axes = np.eye(3)
         axis = DIRECTIONS.index(dof.direction) % 3
-        cosine = float(told[axis] @ (np.eye(3) if own is None else own)[axis])
+        cosine = float(measured_axes[axis] @ model_axes[axis])
         if cosine < _ALONG:
             angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
             text = (
@@ -113,9 +117,14 @@ def _warn_of_axes(test: Test) -> None:
             return
 
 
-def _axes_at(geometry: Geometry, node: int) -> NDArray[np.float64] | None:
+def _axes_at(geometry: Geometry | None, node: int) -> NDArray[np.float64] | None:
+    """Return the axes of a node, shape (3, 3), or None where the geometry states none."""
+    if geometry is None or geometry.axes is None:
+        return None
     at = np.flatnonzero(geometry.nodes == node)
-    return None if geometry.axes is None or not at.size else np.asarray(geometry.axes[at[0]])
+    if not at.size:
+        return None
+    return np.asarray(geometry.axes[at[0]])
 
 
 def has_quantity(model: Model, group: str, quantity: str) -> bool:
@@ -132,13 +141,13 @@ class Split:
     whole : FRF
         All data.
     fitted : FRF
-        What is fitted.
+        Data that are fitted.
     responses : tuple of str
         Labels of the responses that are held out.
     band : tuple of (float, float) or None
         Band that is held out, in Hz.
     held : FRF or None
-        What is held out.
+        Data that are held out.
     """
 
     whole: FRF
@@ -210,9 +219,9 @@ def complete_parts(
     """Cut data in which values are missing into FRFs in which none is.
 
     A sensor that dropped out over some lines, or was not mounted for one of the forces, leaves
-    gaps. No `FRF` has any. What was measured is cut into rectangles of lines, responses and
-    references, in which pairs of response and reference with the same lines stand together. Every
-    value that is there is in one of them, and nothing else. Fit them as tests of one structure
+    gaps, which an `FRF` cannot have. The measured values are cut into rectangles of lines,
+    responses and references, which join the pairs of response and reference that have the same
+    lines. Every measured value is in exactly one rectangle. Fit them as tests of one structure
     (`updyn.update_jointly`).
 
     Parameters
@@ -231,8 +240,8 @@ def complete_parts(
     Returns
     -------
     tuple of FRF
-        The largest first; one, with everything, where there is no gap. Their source says what is
-        missing, in words.
+        The largest first; one, with everything, where there is no gap. Their source states what is
+        missing.
 
     Raises
     ------
@@ -258,38 +267,36 @@ def complete_parts(
     there = ~np.isnan(array)
     if not there.any():
         raise DataError("values: all are missing")
-    told = f"{source}; {_words(there)}".removeprefix("; ") if not there.all() else source
-    beside = {
-        name: None if a is None else np.asarray(a)
-        for name, a in (("coherence", coherence), ("variance", variance))
-    }
-    for name, given in beside.items():
-        if given is not None and given.shape != shape:
+    if not there.all():
+        source = f"{source}; {_missing(there)}".removeprefix("; ")
+    quality: dict[str, NDArray[Any]] = {}
+    for name, given in (("coherence", coherence), ("variance", variance)):
+        if given is None:
+            continue
+        quality[name] = np.asarray(given)
+        if quality[name].shape != shape:
             raise DataError(
                 f"{name}: expected shape (lines, responses, references) = {shape}, found"
-                f" {given.shape}"
+                f" {quality[name].shape}"
             )
-
-    def part(at: tuple[NDArray[np.intp], ...]) -> FRF:
-        own: dict[str, Any] = {
-            name: None if a is None else a[np.ix_(*at)] for name, a in beside.items()
-        }
-        return FRF(
+    parts = []
+    for at in _rectangles(there):
+        block = np.ix_(*at)
+        own: dict[str, Any] = {name: table[block] for name, table in quality.items()}
+        frf = FRF(
             lines[at[0]],
-            array[np.ix_(*at)],
-            [rows[int(j)] for j in at[1]],
-            [columns[int(k)] for k in at[2]],
+            array[block],
+            rows[at[1]],
+            columns[at[2]],
             quantity,
             averages=averages,
             geometry=geometry,
-            source=told,
+            source=source,
             **own,
         )
-
-    parts = [part(at) for at in _rectangles(there)]
-    return tuple(
-        sorted(parts, key=lambda frf: -frf.values.size)
-    )  # sorted keeps the order of equals
+        parts.append(frf)
+    parts.sort(key=lambda frf: -frf.values.size)  # stable
+    return tuple(parts)
 
 
 def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
@@ -300,22 +307,22 @@ def _rectangles(there: NDArray[np.bool_]) -> list[tuple[NDArray[np.intp], ...]]:
             by_lines.setdefault(there[:, j, k].tobytes(), {}).setdefault(j, []).append(k)
     out: list[tuple[NDArray[np.intp], ...]] = []
     for lines, pairs in by_lines.items():
-        alike: dict[tuple[int, ...], list[int]] = {}
+        by_references: dict[tuple[int, ...], list[int]] = {}
         for j, ks in pairs.items():
-            alike.setdefault(tuple(ks), []).append(j)
+            by_references.setdefault(tuple(ks), []).append(j)
         at = np.flatnonzero(np.frombuffer(lines, dtype=bool))
-        out += [(at, np.array(js), np.array(ks)) for ks, js in alike.items()]
+        for references, responses in by_references.items():
+            out.append((at, np.array(responses), np.array(references)))
     return out
 
 
-def _words(there: NDArray[np.bool_]) -> str:
-    """Say what is missing: ``1 of 42 channels misses 17 of 400 lines``."""
-    gone = (~there).sum(axis=0).ravel()
-    some, counts = int((gone > 0).sum()), np.unique(gone[gone > 0])
-    few = f"{counts[0]}"
+def _missing(there: NDArray[np.bool_]) -> str:
+    """Return what is missing as text: ``1 of 42 channels misses 17 of 400 lines``."""
+    missing = (~there).sum(axis=0).ravel()
+    n_channels = int((missing > 0).sum())
+    counts = np.unique(missing[missing > 0])
+    n_lines = f"{counts[0]}"
     if len(counts) > 1:
-        few += f" to {counts[-1]}"
-    return (
-        f"{some} of {gone.size} channels miss{'es' if some == 1 else ''} {few} of {len(there)}"
-        " lines"
-    )
+        n_lines += f" to {counts[-1]}"
+    verb = "misses" if n_channels == 1 else "miss"
+    return f"{n_channels} of {missing.size} channels {verb} {n_lines} of {len(there)} lines"

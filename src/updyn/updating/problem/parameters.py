@@ -35,14 +35,14 @@ _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """What an unknown acts on.
+    """A quantity of a group on which an unknown acts.
 
     Parameters
     ----------
     group, quantity : str
-        Where; of a calibration factor (`updyn.calibration`) the label of the sensor. What is a
-        value (loss factor, Rayleigh coefficients) is set to the unknown's; anything else is
-        multiplied by value**power.
+        The group and its quantity; for a calibration factor (`updyn.calibration`) the label of the
+        sensor. A value (loss factor, Rayleigh coefficient) is set to that of the unknown; any other
+        quantity is multiplied by value**power.
     power : float
         The exponent; 1 for a value.
 
@@ -64,10 +64,9 @@ class Drive:
             )
         object.__setattr__(self, "power", finite(self.power, f"{self.name!r}: power"))
         if self.power == 0.0 or (self.quantity in VALUES and self.power != 1.0):
-            said = self.quantity.replace("_", " ")
-            expected = (
-                f"1, as a {said} is a value" if self.quantity in VALUES else "a number other than 0"
-            )
+            expected = "a number other than 0"
+            if self.quantity in VALUES:
+                expected = f"1, as a {self.quantity.replace('_', ' ')} is a value"
             raise ParameterError(f"{self.name!r}: power {self.power:g}; expected {expected}")
 
     @property
@@ -180,18 +179,19 @@ class Parameter:
                 f"no quantity {self.quantity!r}; {suggest(str(self.quantity), _QUANTITIES)}"
             )
         names = [d.name for d in self.drives]
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise ParameterError(
-                f"unknown {self.name!r} acts on {twice[0]!r} twice; add the powers"
-            )
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(
+                    f"unknown {self.name!r} acts on {name!r} twice; add the powers"
+                )
         if len({d.quantity in CHANNELS for d in self.drives}) > 1:
             raise ParameterError(
                 f"unknown {self.name!r} acts on sensors and on the model; use two unknowns"
             )
-        kinds = {d.quantity if d.quantity in VALUES else "" for d in self.drives}
-        if len(kinds) > 1:
-            value = max(kinds).replace("_", " ")
+        quantities = {d.quantity for d in self.drives}
+        values = quantities & VALUES.keys()
+        if values and len(quantities) > 1:
+            value = max(values).replace("_", " ")
             raise ParameterError(
                 f"unknown {self.name!r} acts on {value}s and on other quantities; use two unknowns"
             )
@@ -203,7 +203,7 @@ class Parameter:
 
     @property
     def acts_on(self) -> tuple[Drive, ...]:
-        """What the unknown acts on."""
+        """The drives of the unknown; its own group and quantity where it is not linked."""
         return self.drives or (Drive(self.group, self.quantity),)
 
     @property
@@ -239,14 +239,16 @@ class Parameter:
 
     @property
     def is_channel(self) -> bool:
-        """Whether the unknown is a calibration factor of sensors, which no model knows."""
+        """Whether the unknown is a calibration factor of sensors, which does not act on a model."""
         return self.acts_on[0].quantity in CHANNELS
 
     @property
     def value_of(self) -> str | None:
         """``loss_factor``, ``mass_damping`` or ``stiffness_damping``; None for a factor."""
         quantity = self.acts_on[0].quantity
-        return quantity if quantity in VALUES else None
+        if quantity not in VALUES:
+            return None
+        return quantity
 
     @property
     def value_unit(self) -> str:
@@ -277,10 +279,11 @@ class ParameterSet(Sequence[Parameter]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "items", tuple(self.items))
-        names = Counter(p.name for p in self.items)
-        twice = [name for name, count in names.items() if count > 1]
-        if twice:
-            raise ParameterError(f"unknown {twice[0]!r} stands twice")
+        if not self.items:
+            raise ParameterError("there is nothing to update: no unknown is chosen")
+        name, count = Counter(self.names).most_common(1)[0]
+        if count > 1:
+            raise ParameterError(f"unknown {name!r} stands twice")
         values: dict[str, str] = {}
         for p in self.items:
             for d in p.acts_on:
@@ -288,8 +291,6 @@ class ParameterSet(Sequence[Parameter]):
                     raise ParameterError(
                         f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}"
                     )
-        if not names:
-            raise ParameterError("there is nothing to update: no unknown is chosen")
 
     def __len__(self) -> int:
         return len(self.items)
@@ -299,7 +300,9 @@ class ParameterSet(Sequence[Parameter]):
     @overload
     def __getitem__(self, item: slice) -> ParameterSet: ...
     def __getitem__(self, item: int | slice) -> Parameter | ParameterSet:
-        return ParameterSet(self.items[item]) if isinstance(item, slice) else self.items[item]
+        if isinstance(item, slice):
+            return ParameterSet(self.items[item])
+        return self.items[item]
 
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.items)
@@ -352,18 +355,20 @@ class ParameterSet(Sequence[Parameter]):
         Raises
         ------
         ParameterError
-            If a name is not here, the length is wrong, or a value lies outside its bounds.
+            If a name is not in the set, the length is wrong, or a value lies outside its bounds.
         """
         if isinstance(values, Mapping):
             names = self.names
             for name in values.keys() - set(names):
                 raise ParameterError(f"no unknown {name!r}; {suggest(str(name), names)}")
-            new = [values.get(p.name, p.start) for p in self.items]
+            starts = dict(zip(names, self.start.tolist(), strict=True)) | dict(values)
+            new = list(starts.values())
         else:
             new = self._vector(values, "start values").tolist()
-        return ParameterSet(
-            tuple(replace(p, start=v) for p, v in zip(self.items, new, strict=True))
-        )
+        items = []
+        for p, start in zip(self.items, new, strict=True):
+            items.append(replace(p, start=start))
+        return ParameterSet(tuple(items))
 
     def with_nominal(self, nominal: Mapping[str, float], unit: str) -> ParameterSet:
         """Return a copy in which some factors stand for quantities.
@@ -383,7 +388,7 @@ class ParameterSet(Sequence[Parameter]):
         Raises
         ------
         ParameterError
-            If a name is not here, or a number is not above 0.
+            If a name is not in the set, or a number is not above 0.
         """
         for name in nominal.keys() - set(self.names):
             raise ParameterError(f"no unknown {name!r}; {suggest(str(name), self.names)}")
@@ -399,9 +404,9 @@ class ParameterSet(Sequence[Parameter]):
         Parameters
         ----------
         model : Model
-            The model as it starts: factors count from it.
+            The model at the start, to which factors are relative.
         values : array_like of float, shape (n,)
-            The unknowns, in order. Bounds are not looked at.
+            The unknowns, in order. Their bounds are not checked.
 
         Returns
         -------
@@ -458,11 +463,9 @@ class ParameterSet(Sequence[Parameter]):
 
 
 def finite(given: Any, what: str) -> float:
-    """Return a number, or refuse what is none or not finite as `what`."""
-    number = isinstance(given, int | float | np.floating | np.integer) and not isinstance(
-        given, bool
-    )
-    if not (number and np.isfinite(given)):
+    """Return user input as a float; raise for anything but a finite number, naming `what`."""
+    is_number = isinstance(given, int | float | np.floating | np.integer)
+    if not is_number or isinstance(given, bool) or not np.isfinite(given):
         raise ParameterError(f"{what}: expected a finite number, found {given!r}")
     return float(given)
 
@@ -540,12 +543,12 @@ def parameters(
     prior_std = _table("prior_std", prior_std, items)
     out = []
     for p in items:
-        if (pair := _most_special(bounds, p)) is not None:
+        pair = _most_special(bounds, p)
+        if pair is not None:
             low, high = _pair(pair, f"bounds of {p.name!r}")
             start = p.start
-            if (
-                p.quantity in VALUES and low < high
-            ):  # the group's own value yields to the user's bounds
+            if p.quantity in VALUES and low < high:
+                # The bounds of the user take precedence over the value of the group.
                 start = min(max(start, low), high)
             p = Parameter(p.group, p.quantity, start, low, high)
         out.append(replace(p, prior_std=_most_special(prior_std, p)))
@@ -603,14 +606,17 @@ def link(
         If a name fits nothing in the model, the drives do not fit together, or a number is not
         usable.
     """
-    stem, dot, quantity = name.rpartition(".") if isinstance(name, str) else ("", "", "")
-    if not dot or not stem.strip() or not quantity.strip() or set(name) & set("*?[]\n\t"):
+    stem, quantity = "", ""
+    if isinstance(name, str) and not set(name) & set("*?[]\n\t"):
+        stem, _, quantity = name.rpartition(".")
+    if not stem.strip() or not quantity.strip():
         raise ParameterError(
             f"unknown {name!r}: expected a name of two parts, such as 'dish.thickness'",
             key=("name",),
         )
-    named = [drives] if isinstance(drives, str) else drives
-    powers = named if isinstance(named, Mapping) else dict.fromkeys(named, 1.0)
+    if isinstance(drives, str):
+        drives = [drives]
+    powers = drives if isinstance(drives, Mapping) else dict.fromkeys(drives, 1.0)
     acts: list[Drive] = []
     for key, power in powers.items():
         acts += _drives(model, name, key, power)
@@ -619,8 +625,11 @@ def link(
     first, limits = 1.0, _LINKED
     kinds = sorted({d.quantity for d in acts} & set(VALUES))
     if kinds:
-        damped = [d for d in acts if d.quantity == kinds[0]]
-        values = sorted({model.group(d.group).value(d.quantity) for d in damped})
+        starts = set()
+        for drive in acts:
+            if drive.quantity == kinds[0]:
+                starts.add(model.group(drive.group).value(drive.quantity))
+        values = sorted(starts)
         if start is None and len(values) > 1:
             raise ParameterError(
                 f"unknown {name!r}: its {kinds[0].replace('_', ' ')}s start at {values}; give start"
@@ -645,7 +654,9 @@ def _drives(model: Model, name: str, key: str, power: float) -> list[Drive]:
     able = []
     for group_name, group in model.groups.items():
         able += [f"{group_name}.{q}" for q in GROUP_QUANTITIES if group.has(q)]
-    found = _fitting(able, key) if isinstance(key, str) else []
+    found = []
+    if isinstance(key, str):
+        found = _fitting(able, key)
     if not found:
         raise ParameterError(
             f"unknown {name!r}: {key!r} is nothing that the model has; {suggest(str(key), able)}",
@@ -668,8 +679,10 @@ def _groups(model: Model, quantity: str, patterns: str | Iterable[str]) -> set[s
         raise ParameterError(
             f"{quantity}: expected group names, globs or 'all', found {patterns!r}"
         )
+    if isinstance(patterns, str):
+        patterns = [patterns]
     found: set[str] = set()
-    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+    for pattern in patterns:
         if not isinstance(pattern, str):
             raise ParameterError(f"{quantity}: expected a group name or a glob, found {pattern!r}")
         fits = _fitting(model.groups, pattern)

@@ -2,7 +2,7 @@
 
 Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
 So a run is repeated exactly by answering its evaluations from memory: after an interruption
-(`updyn.updating.fit.journal`), or with what other processes have evaluated ahead
+(`updyn.updating.fit.checkpoint`), or with what other processes have evaluated ahead
 (`Session.remember`).
 No method needs to know.
 """

@@ -16,7 +16,7 @@ import pytest
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.updating.fit.journal import Journal, _framed
+from updyn.updating.fit.checkpoint import Checkpoint, _framed
 from updyn.updating.problem import problem as problem_module
 from updyn.updating.problem.problem import Part
 
@@ -40,8 +40,8 @@ def data(chain12_frf, add_noise):
 
 @pytest.fixture
 def file(tmp_path):
-    """A journal of three records."""
-    journal = Journal(tmp_path / "run.journal", HEAD)
+    """A checkpoint of three records."""
+    journal = Checkpoint(tmp_path / "run.journal", HEAD)
     for key, record in RECORDS.items():
         journal.put(key, record)
     journal.close()
@@ -80,13 +80,13 @@ def outcome(result):
 
 
 def known(file):
-    with closing(Journal(file, HEAD, resume=True)) as journal:
+    with closing(Checkpoint(file, HEAD, resume=True)) as journal:
         return len(journal)
 
 
 # -- the file --------------------------------------------------------------------------------------------------------
 def test_records_come_back_to_the_bit(file):
-    journal = Journal(file, HEAD, resume=True)
+    journal = Checkpoint(file, HEAD, resume=True)
     assert known(file) == 3
     assert all(same(journal.get(key), record) for key, record in RECORDS.items())
     assert journal.get(b"3" * 16) is None
@@ -101,7 +101,7 @@ def test_a_record_that_was_cut_short_is_left_out_and_written_anew(file):
     two = len(whole) - (8 + 16 + len(np_bytes(RECORDS[b"2" * 16])) + 16)
     for end in (*range(two, len(whole), 7), len(whole) - 1):
         file.write_bytes(whole[:end])
-        journal = Journal(file, HEAD, resume=True)
+        journal = Checkpoint(file, HEAD, resume=True)
         assert len(journal) == 2
         journal.put(b"2" * 16, RECORDS[b"2" * 16])
         journal.close()
@@ -120,7 +120,7 @@ def test_a_damaged_record_and_what_follows_are_left_out(file):
     at = whole.index(b"1" * 16) + 40
     whole[at] ^= 1
     file.write_bytes(whole)
-    with closing(Journal(file, HEAD, resume=True)) as journal:
+    with closing(Checkpoint(file, HEAD, resume=True)) as journal:
         assert len(journal) == 1
         assert same(journal.get(b"0" * 16), RECORDS[b"0" * 16])
 
@@ -131,7 +131,7 @@ def test_objects_are_not_unpickled(file):
     with file.open("ab") as out:
         out.write(_framed(b"9" * 16 + payload))
     with (
-        closing(Journal(file, HEAD, resume=True)) as journal,
+        closing(Checkpoint(file, HEAD, resume=True)) as journal,
         pytest.raises(ValueError, match="allow_pickle"),
     ):
         journal.get(b"9" * 16)
@@ -139,7 +139,7 @@ def test_objects_are_not_unpickled(file):
 
 def test_a_new_run_replaces_the_file_with_its_first_record(file):
     before = file.read_bytes()
-    journal = Journal(file, HEAD)
+    journal = Checkpoint(file, HEAD)
     assert journal.get(b"0" * 16) is None
     assert file.read_bytes() == before
     journal.put(b"5" * 16, (np.ones(1),))
@@ -149,7 +149,7 @@ def test_a_new_run_replaces_the_file_with_its_first_record(file):
 
 
 def test_a_run_that_evaluates_nothing_leaves_no_file(tmp_path):
-    Journal(tmp_path / "run.journal", HEAD).close()
+    Checkpoint(tmp_path / "run.journal", HEAD).close()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -166,15 +166,15 @@ def test_a_run_that_evaluates_nothing_leaves_no_file(tmp_path):
 def test_another_run_is_refused_and_told_apart(file, change, message):
     before = file.read_bytes()
     with pytest.raises(OptionError, match=f"run.journal' is of another run: {message}"):
-        Journal(file, {**HEAD, **change}, resume=True)
+        Checkpoint(file, {**HEAD, **change}, resume=True)
     assert file.read_bytes() == before
 
 
 def test_what_is_no_journal_is_refused(tmp_path, file):
     with pytest.raises(OptionError, match="there is nothing to resume"):
-        Journal(tmp_path / "absent", HEAD, resume=True)
+        Checkpoint(tmp_path / "absent", HEAD, resume=True)
     with pytest.raises(OptionError, match="the folder does not exist"):
-        Journal(tmp_path / "no" / "run.journal", HEAD)
+        Checkpoint(tmp_path / "no" / "run.journal", HEAD)
     whole = file.read_bytes()
     for content, message in (
         (b"", "is not the journal"),
@@ -183,12 +183,12 @@ def test_what_is_no_journal_is_refused(tmp_path, file):
     ):
         file.write_bytes(content)
         with pytest.raises(FormatError, match=message):
-            Journal(file, HEAD, resume=True)
+            Checkpoint(file, HEAD, resume=True)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a disk that is full")  # noqa: PTH110
 def test_a_full_disk_does_not_end_the_run(file):
-    journal = Journal(file, HEAD, resume=True)
+    journal = Checkpoint(file, HEAD, resume=True)
     journal._file.close()
     journal._file = open("/dev/full", "r+b", buffering=0)  # noqa: PTH123, SIM115
     with pytest.warns(
@@ -325,15 +325,15 @@ import json, os, signal, sys
 import numpy as np
 import updyn
 from updyn.demos import chain
-from updyn.updating.fit.journal import Journal
+from updyn.updating.fit.checkpoint import Checkpoint
 
 path, limit, resume = sys.argv[1], int(sys.argv[2]), sys.argv[3] == "resume"
-put = Journal.put
+put = Checkpoint.put
 def counted(self, key, record):
     put(self, key, record)
     if len(self) == limit:
         os.kill(os.getpid(), signal.SIGKILL)
-Journal.put = counted
+Checkpoint.put = counted
 model = chain.build()
 unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
 r = updyn.update(model, chain.measure(), unknowns, checkpoint=path, resume=resume)

@@ -1,9 +1,9 @@
-"""Journal of a run: every evaluation is written to a file, so that an interrupted run can go on.
+"""Checkpoint of a run: a file of its evaluations, from which an interrupted run is resumed.
 
-The file is a head, which says whose evaluations these are, and records, each with its length and a
-checksum: a record that was cut short by a crash is left out. Only arrays are written, in the npy
-format, and nothing is unpickled. Going on means to run again from the beginning with evaluations
-answered from here (see `updyn.updating.problem.session`).
+The file holds a head, which identifies the run, and records, each with its length and a checksum:
+a record that was cut short by a crash is left out. Only arrays are written, in the npy format, and
+nothing is unpickled. A resumed run starts again from the beginning and takes the evaluations that
+the file holds from it (see `updyn.updating.problem.session`).
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from updyn.frf import FRF
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, digest
 
-__all__ = ["Journal", "fingerprint"]
+__all__ = ["Checkpoint", "fingerprint"]
 
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
 _LENGTH = 8
-#: Against a loss of power the file is brought to disk this often; against the end of the process,
-#: with every record.
+#: Interval between calls of fsync, in seconds, against a loss of power. Every record is flushed at
+#: once, against the end of the process.
 _SYNC_S = 1.0
 
 
-class Journal:
+class Checkpoint:
     """Evaluations of a run in a file; a `Memory`.
 
     Parameters
@@ -48,14 +48,14 @@ class Journal:
     head : mapping
         From `fingerprint`.
     resume : bool
-        Go on with the file that is there.
+        Resume the run of the file that is there.
 
     Raises
     ------
     OptionError
         If there is no folder for it; to resume, if it is not there or of another problem.
     FormatError
-        If the file to resume is no journal.
+        If the file to resume is not a checkpoint.
     """
 
     def __init__(self, path: Path, head: Mapping[str, Any], *, resume: bool = False) -> None:
@@ -111,7 +111,7 @@ class Journal:
             self._file = self._created()
 
     def close(self) -> None:
-        """Bring the file to disk and close it."""
+        """Write the file to disk and close it."""
         if self._file is not None:
             if not self._broken:
                 os.fsync(self._file.fileno())
@@ -153,14 +153,15 @@ class Journal:
         _, head = next(_records(file), (0, b""))
         if not head:
             raise FormatError("is the journal of a run, but its head is damaged", self.path)
-        if differing := _differing(json.loads(head), json.loads(self._head)):
+        differing = _differing(json.loads(head), json.loads(self._head))
+        if differing:
             raise OptionError(f"checkpoint {str(self.path)!r} is of another run: {differing}")
 
 
 def fingerprint(
     problem: Problem, data: Sequence[FRF], options: Mapping[str, object]
 ) -> dict[str, Any]:
-    """Return what tells a run from others, as plain data.
+    """Return the data that identify a run, as plain data.
 
     Parameters
     ----------
@@ -169,8 +170,8 @@ def fingerprint(
     data : sequence of FRF
         All data of each part.
     options : mapping
-        What else decides what is evaluated. How many steps are made is not part of it: a run that
-        ended at the largest number of steps can be resumed with more.
+        Other options that change what is evaluated. The number of steps is not one of them: a run
+        that ended at the largest number of steps can be resumed with more.
 
     Returns
     -------
@@ -180,7 +181,7 @@ def fingerprint(
     measured: list[object] = []
     for part, frf in zip(problem.parts, data, strict=True):
         system = part.solver.system
-        start, tables = system.start, [t for t in system.terms if t.table is not None]
+        start = system.start
         model += [
             part.name,
             system.indptr,
@@ -191,19 +192,17 @@ def fingerprint(
         ]
         for term in system.terms:
             model += [term.group, term.quantity, term.slots, term.data]
-        model += [
-            a
-            for t in tables
-            if t.table is not None
-            for a in (t.group, t.table.freq, t.table.relative)
-        ]
+        for term in system.terms:
+            if term.table is not None:
+                model += [term.group, term.table.freq, term.table.relative]
         measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
         measured += [*frf.responses.labels, "/", *frf.references.labels]
-        measured += [str(None) if a is None else a for a in (frf.variance, frf.coherence)]
-    unknowns = {
-        p.name: [p.start, p.lower, p.upper, p.prior_std, *([d.name, d.power] for d in p.drives)]
-        for p in problem.coordinates.parameters
-    }
+        for array in (frf.variance, frf.coherence):
+            measured.append("None" if array is None else array)
+    unknowns: dict[str, list[object]] = {}
+    for p in problem.coordinates.parameters:
+        unknowns[p.name] = [p.start, p.lower, p.upper, p.prior_std]
+        unknowns[p.name] += [[d.name, d.power] for d in p.drives]
     return {
         "updyn": __version__,
         "model": digest(model).hex(),
@@ -217,16 +216,18 @@ def _differing(then: Mapping[str, Any], now: Mapping[str, Any]) -> str:
     """Say in what two fingerprints differ; empty where they do not."""
     if then["updyn"] != now["updyn"]:
         return f"updyn {then['updyn']} wrote it, this is {now['updyn']}"
-    parts = [
-        f"the {part} differ{'s' * (part == 'model')}"
-        for part in ("model", "data")
-        if then[part] != now[part]
-    ]
+    parts = []
+    if then["model"] != now["model"]:
+        parts.append("the model differs")
+    if then["data"] != now["data"]:
+        parts.append("the data differ")
     for part in ("unknowns", "options"):
         names = sorted(then[part].keys() | now[part].keys())
         odd = [n for n in names if then[part].get(n) != now[part].get(n)]
         if odd:
-            shown = ", ".join(odd[:6]) + (f" and {len(odd) - 6} more" if len(odd) > 6 else "")
+            shown = ", ".join(odd[:6])
+            if len(odd) > 6:
+                shown += f" and {len(odd) - 6} more"
             parts.append(f"the {part} differ ({shown})")
     return ", ".join(parts)
 
