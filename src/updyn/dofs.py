@@ -106,7 +106,7 @@ class Dof:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Where the DOFs of one set stand in another.
+    """Positions and signs of the DOFs of one set in another.
 
     Attributes
     ----------

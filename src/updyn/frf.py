@@ -80,8 +80,7 @@ class FRF:
     responses, references : iterable of str or Dof
         Signed DOF labels of the sensors and of the forces, each DOF once.
     quantity : {"receptance", "mobility", "accelerance"}
-        What `values` holds. It has no default: a file that does not say what it measured must be
-        told.
+        What `values` holds. It has no default: where a file does not state it, the user must.
     coherence : array_like of float, shape of `values`, optional
         Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence").
     variance : array_like of float, shape of `values`, optional

@@ -1,4 +1,4 @@
-"""Geometry: where the nodes of a test or of a model stand."""
+"""Geometry: positions of the nodes of a test or of a model, and lines between them."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Geometry:
         return Geometry, (self.nodes, self.xyz, self.lines, self.axes)
 
     def position(self, nodes: ArrayLike) -> NDArray[np.float64]:
-        """Return where nodes stand.
+        """Return the positions of nodes.
 
         Parameters
         ----------

@@ -185,7 +185,7 @@ class Group:
 
     @property
     def damping_words(self) -> str:
-        """The same as text."""
+        """The damping without the viscous matrix, as text."""
         units = {name: f" {unit}".rstrip() for name, unit in VALUES.items()}
         said = [
             f"{name.replace('_', ' ')} {value:g}{units[name]}"
@@ -222,7 +222,7 @@ class Group:
         return getattr(self, GROUP_QUANTITIES[quantity]) is not None
 
     def value(self, quantity: str) -> float:
-        """Return what a quantity is where it is unchanged.
+        """Return the value of a quantity in this group.
 
         Parameters
         ----------
@@ -527,7 +527,7 @@ class LossTable:
 
 
 def as_table(given: Any) -> LossTable | None:
-    """Bring what `Group` takes as a table into one.
+    """Return a `LossTable` from anything that `Group` accepts as one.
 
     Parameters
     ----------

@@ -360,7 +360,7 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
 
 
 def _negative(matrix: Matrix) -> str | None:
-    """Say how a matrix is indefinite beyond rounding, or return None.
+    """Return how a matrix is indefinite beyond rounding; None where it is not.
 
     On at most 600 own DOFs the eigenvalues decide. On more, the diagonal and the 2 x 2 minors are
     looked at, which finds wrong signs but not every indefinite matrix.

@@ -82,7 +82,7 @@ class Unknowns:
         owners, terms, kinds, powers = [], [], [], []
         for i, parameter in enumerate(items):
             for drive in parameter.acts_on:
-                # What one test of several lacks does not act on its model.
+                # The model of one test may lack a group that another test has.
                 if system.has(drive.group, drive.quantity):
                     owners.append(i)
                     terms.append(system.find(drive.group, drive.quantity))
@@ -207,7 +207,10 @@ def receptance(
     system, omega = solver.system, 2.0 * np.pi * freq
     state = unknowns.state(system, values)
     coefficients = system.coefficients(state, omega)
-    loaded, place = _in_order(np.concatenate([rows, columns]) if derivatives else columns)
+    loads = columns
+    if derivatives:
+        loads = np.concatenate([rows, columns])
+    loaded, place = _in_order(loads)
     X = solver.solve(coefficients, loaded, freq)
     U = X[:, :, place[-len(columns) :]]
     H = solver.at(U, rows).transpose(1, 0, 2)
@@ -280,7 +283,9 @@ def _in_order(dofs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 def _view(places: NDArray[np.intp]) -> Any:
     """Return an index for the first columns that copies nothing, where they are the first."""
-    return slice(len(places)) if np.array_equal(places, np.arange(len(places))) else places
+    if np.array_equal(places, np.arange(len(places))):
+        return slice(len(places))
+    return places
 
 
 def contract(

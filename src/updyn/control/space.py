@@ -277,7 +277,7 @@ def _projected(
     found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
     if found.error > accuracy:
         raise SolverError(
-            f"plant: {found.size} motions reach an error of {found.error:.1g} of the largest"
+            f"plant: {found.size} basis vectors reach an error of {found.error:.1g} of the largest"
             f" receptance of a line, not {accuracy:g}; narrow the band, or allow a larger accuracy="
         )
     basis = reduction.basis

@@ -74,8 +74,12 @@ class Term:
     @property
     def own(self) -> Any:
         """The rows as an index: a slice, which copies nothing, where they are consecutive."""
-        first, last = (self.rows[0], self.rows[-1]) if len(self.rows) else (0, -1)
-        return slice(int(first), int(last) + 1) if last - first + 1 == len(self.rows) else self.rows
+        if not len(self.rows):
+            return slice(0, 0)
+        first, end = int(self.rows[0]), int(self.rows[-1]) + 1
+        if end - first == len(self.rows):
+            return slice(first, end)
+        return self.rows
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the matrix times a complex field on its own DOFs, shape (n_t, ...)."""
@@ -141,20 +145,23 @@ class AffineSystem:
     @classmethod
     def compile(cls, model: Model) -> AffineSystem:
         """Compile a model: find the common pattern and each matrix's place in it."""
-        stored = [
-            (name, group, quantity, matrix)
-            for name, group in model.groups.items()
-            for quantity in MATRICES
-            if (matrix := getattr(group, quantity)) is not None
-        ]
-        pattern = _union([matrix for *_, matrix in stored], model.n_dofs)
+        stored = []
+        matrices = []
+        for name, group in model.groups.items():
+            for quantity in MATRICES:
+                matrix = getattr(group, quantity)
+                if matrix is not None:
+                    stored.append((name, group, quantity, matrix))
+                    matrices.append(matrix)
+        pattern = _union(matrices, model.n_dofs)
         places = _Places(pattern.indptr, pattern.indices)
-        terms = tuple(
-            places.term(
-                name, quantity, matrix, group.loss_table if quantity == "stiffness" else None
-            )
-            for name, group, quantity, matrix in stored
-        )
+        made = []
+        for name, group, quantity, matrix in stored:
+            table = None
+            if quantity == "stiffness":
+                table = group.loss_table
+            made.append(places.term(name, quantity, matrix, table))
+        terms = tuple(made)
         loss, rate = np.zeros(len(terms)), np.ones(len(terms))
         for t, (_, group, quantity, _) in enumerate(stored):
             if quantity == "stiffness":
@@ -218,9 +225,13 @@ class AffineSystem:
         ModelError
             If a line lies outside a table.
         """
-        tables = [(t, table) for t in at if (table := self.terms[t].table) is not None]
-        out = np.ones((len(self.terms), len(omega) if tables else 1))
-        for t, table in tables:
+        out = np.ones((len(self.terms), 1))
+        for t in at:
+            table = self.terms[t].table
+            if table is None:
+                continue
+            if out.shape[1] == 1:
+                out = np.repeat(out, len(omega), axis=1)
             out[t] = table.at(omega / (2.0 * np.pi), self.terms[t].group)
         return out
 
@@ -306,9 +317,8 @@ def _side_by_side(terms: tuple[Term, ...], nnz: int) -> Any:
     ends = np.cumsum([0, *(len(term.data) for term in terms)])
     if ends[-1] > _BESIDE:
         return None
-    entries, slots = (
-        np.concatenate(arrays) for arrays in ([t.data for t in terms], [t.slots for t in terms])
-    )
+    entries = np.concatenate([t.data for t in terms])
+    slots = np.concatenate([t.slots for t in terms])
     return sp.csc_array((entries, slots, ends), shape=(nnz, len(terms)))
 
 
@@ -351,7 +361,9 @@ class _Places:
         local = sp.csr_array((data, columns, _begin(matrix, rows)), shape=(n, n))
         # Sparse rows pay only when the group is large and its matrix mostly empty.
         dense = n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2
-        return Term(name, quantity, rows, local.toarray() if dense else local, slots, data, table)
+        if dense:
+            local = local.toarray()
+        return Term(name, quantity, rows, local, slots, data, table)
 
     def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
         """Return the rows of a matrix, the slots of its entries, and their columns in own rows."""

@@ -83,7 +83,9 @@ def condense(
     """
     kept = DofSet(retained)
     at = model.dofs.match(kept, "retained DOF")
-    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
+    if np.isscalar(freq):
+        freq = np.atleast_1d(freq)
+    lines = check_lines(freq)
     solver = LineSolver.choose(AffineSystem.compile(model), tier, backend)
     Z = np.empty((len(lines), len(kept), len(kept)), dtype=np.complex128)
     T = np.empty((len(lines), model.n_dofs, len(kept)), dtype=np.complex128)

@@ -53,7 +53,7 @@ def mass_rank(M: Any) -> int:
         Mass in kg (kg m2). On more than `DENSE_LIMIT` DOFs with mass, those are counted: an upper
         limit.
     """
-    own = np.flatnonzero(np.diff(M.indptr)) if M.nnz else np.zeros(0, dtype=np.intp)
+    own = np.flatnonzero(np.diff(M.indptr))
     own = own[M.diagonal()[own] != 0.0]
     if len(own) == 0 or len(own) > DENSE_LIMIT:
         return len(own)
@@ -127,13 +127,17 @@ def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDA
 def _first_shift(K: Any, M: Any) -> float:
     k, m = np.abs(K.diagonal()), np.abs(M.diagonal())
     has = (m > 0) & (k > 0)
-    return _FIRST_SHIFT * float((k[has] / m[has]).max()) if has.any() else 1.0
+    if not has.any():
+        return 1.0
+    return _FIRST_SHIFT * float((k[has] / m[has]).max())
 
 
 def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> float:
     # Where all wanted modes are rigid-body modes their values are rounding: the first shift stays.
     top = float(value[-1])
-    return share * top if top > 1e-9 * shift else shift
+    if top > 1e-9 * shift:
+        return share * top
+    return shift
 
 
 def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float) -> Pairs:
@@ -235,14 +239,11 @@ def _count_below(K: Any, M: Any, value: NDArray[np.float64], n: int) -> tuple[in
     None where there is no gap, or the factorisation had to pivot off the diagonal and its signs
     mean nothing.
     """
-    gaps = [
-        i
-        for i in range(n - 1, len(value) - 1)
-        if value[i + 1] - value[i] > 1e-6 * abs(value[i + 1])
-    ]
-    if not gaps:
+    gaps = np.flatnonzero(np.diff(value) > 1e-6 * np.abs(value[1:]))
+    gaps = gaps[gaps >= n - 1]
+    if not gaps.size:
         return None
-    at = gaps[0]
+    at = int(gaps[0])
     lu = _factor(K - 0.5 * (value[at] + value[at + 1]) * M)
     if not np.array_equal(lu.perm_r, lu.perm_c):
         return None

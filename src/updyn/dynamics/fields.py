@@ -141,17 +141,16 @@ class LineSolver:
         """
         if tier is None:
             filled = system.n <= _LARGEST_DENSE and len(system.indices) > DENSE_FILL * system.n**2
-            tier = "dense" if system.n <= DENSE_LIMIT or filled else "sparse"
+            tier = "sparse"
+            if system.n <= DENSE_LIMIT or filled:
+                tier = "dense"
         elif tier not in EXACT_TIERS:
             raise OptionError(f"tier {tier!r}: {suggest(str(tier), EXACT_TIERS)}", key=("tier",))
         return cls(system, tier, check_backend(backend))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return LineSolver, (
-            self.system,
-            self.tier,
-            self.backend,
-        )  # factorisations stay where they are
+        # Factorisations stay where they are.
+        return LineSolver, (self.system, self.tier, self.backend)
 
     @property
     def label(self) -> str:
@@ -163,7 +162,9 @@ class LineSolver:
         """How many sparse solves each backend answered here, by name."""
         out: dict[str, int] = {}
         for kept in self._kept.values():
-            for solver in (s for s in kept if isinstance(s, SparseSolver)):
+            for solver in kept:
+                if not isinstance(solver, SparseSolver):
+                    continue
                 for name, number in solver.used.items():
                     out[name] = out.get(name, 0) + number
         return out
@@ -176,7 +177,9 @@ class LineSolver:
         """Return how many lines fit into one block of bounded memory."""
         n = self.system.n
         # One sparse matrix is held, whatever the number of lines.
-        per_line = 16 * (n * n + 2 * n * n_columns if self.tier == "dense" else n * n_columns)
+        per_line = 16 * n * n_columns
+        if self.tier == "dense":
+            per_line = 16 * (n * n + 2 * n * n_columns)
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
     def solve(
@@ -416,7 +419,8 @@ def solve_dense(
     SolverError
         If a matrix is singular; the message names the line.
     """
-    size = np.abs(np.einsum("fii->fi", Z)) if size is None else size
+    if size is None:
+        size = np.abs(np.einsum("fii->fi", Z))
     n_lines, n, r = B.shape
     loads = np.empty((n_lines, n, r + 1), dtype=np.complex128)
     loads[:, :, :r] = B

@@ -59,8 +59,10 @@ class Modes:
         return len(self.frequency)
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{f:.6g}" for f in self.frequency[:6])
-        return f"Modes({len(self)} modes: {shown}{', ...' if len(self) > 6 else ''} Hz)"
+        shown = [f"{f:.6g}" for f in self.frequency[:6]]
+        if len(self) > 6:
+            shown.append("...")
+        return f"Modes({len(self)} modes: {', '.join(shown)} Hz)"
 
     def at(self, dofs: Iterable[str | Dof]) -> NDArray[Any]:
         """Return the shapes at signed DOFs, shape (k, n), as sensors there would see them.
@@ -118,7 +120,9 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     K, M = model.stiffness, model.mass
     _check_count(n, M)
     result = _real(model, K, M, n)
-    return _complex(model, K, M, n, result) if complex else result
+    if complex:
+        return _complex(model, K, M, n, result)
+    return result
 
 
 def _check_count(n: int, M: Matrix) -> None:
@@ -167,8 +171,10 @@ def _structural_energy(
     lost = np.zeros(shapes.shape[1])
     for name, group in model.groups.items():
         if group.stiffness is not None and group.loss_factor:
-            loss = [group.loss_at(float(f), name) if f > 0 else 0.0 for f in freq]
-            lost += np.array(loss) * np.einsum("in,in->n", shapes, group.stiffness @ shapes)
+            loss = np.zeros(len(freq))
+            for i in np.flatnonzero(freq > 0):
+                loss[i] = group.loss_at(float(freq[i]), name)
+            lost += loss * np.einsum("in,in->n", shapes, group.stiffness @ shapes)
     return lost
 
 
@@ -182,14 +188,12 @@ def _motion_without_either(model: Model, K: Matrix, M: Matrix) -> str:
 
 def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
     """Return complex modes; rigid-body modes without damping are taken from the real ones."""
-    tabled = next(
-        (name for name, group in model.groups.items() if group.loss_table is not None), None
-    )
-    if tabled is not None:
-        raise ModelError(
-            f"group {tabled!r}: its loss factor depends on frequency, and complex modes need one"
-            " number; use complex=False, which takes it at each mode's own frequency"
-        )
+    for name, group in model.groups.items():
+        if group.loss_table is not None:
+            raise ModelError(
+                f"group {name!r}: its loss factor depends on frequency, and complex modes need one"
+                " number; use complex=False, which takes it at each mode's own frequency"
+            )
     C, D = model.viscous, model.structural
     viscous = C.nnz > 0
     still = real.frequency == 0.0
@@ -199,13 +203,11 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
         still = still & (strength <= noise)
     rigid = np.flatnonzero(still)
     rest = n - len(rigid)
-    scale = max(float(real.frequency[-1]) * _TWO_PI, 1.0) if real.frequency[-1] > 0 else 1.0
+    scale = max(float(real.frequency[-1]) * _TWO_PI, 1.0)
     stiffness = K + 1j * D
     if rest == 0:
-        value, shapes = (
-            np.zeros(0, dtype=np.complex128),
-            np.zeros((K.shape[0], 0), dtype=np.complex128),
-        )
+        value = np.zeros(0, dtype=np.complex128)
+        shapes = np.zeros((K.shape[0], 0), dtype=np.complex128)
     elif viscous:
         if K.shape[0] > _STATE_SPACE_LIMIT:
             raise ModelError(
@@ -216,7 +218,7 @@ def _complex(model: Model, K: Matrix, M: Matrix, n: int, real: Modes) -> Modes:
         value, shapes = eigen.state_space_pairs(stiffness, C, M, scale)
     else:
         value, shapes = eigen.complex_pairs(stiffness, M, n, scale)
-    # What remains of the rigid-body modes is told by its size; they are put back exactly.
+    # Rigid-body modes that remain are recognised by their size; they are put back exactly.
     moving = np.flatnonzero(value.real > 1e-10 * scale**2)
     moving = moving[np.argsort(value.real[moving], kind="stable")]
     if len(moving) < rest:

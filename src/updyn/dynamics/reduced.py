@@ -57,9 +57,10 @@ _Complex = NDArray[np.complex128]
 SAFETY = 4.0
 
 _SHIFTS, _MOST_SHIFTS = 3, 32
-#: Moments are added at a shift until it has about this many motions, but no more than so many
-#: moments.
-_MOTIONS, _DEPTH = 32, 8
+#: Number of basis vectors at a shift from which no more moments are added.
+_VECTORS_A_SHIFT = 32
+#: Largest number of moments at a shift.
+_DEPTH = 8
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
 #: Lines that are not checked may be worse than those that are: a basis is enriched to this share of
@@ -197,7 +198,7 @@ class Reduction:
 
     @property
     def _depth(self) -> int:
-        return int(np.clip(np.ceil(_MOTIONS / len(self._loaded)), 1, _DEPTH))
+        return int(np.clip(np.ceil(_VECTORS_A_SHIFT / len(self._loaded)), 1, _DEPTH))
 
     # -- construction --------------------------------------------------------------------------
     def _expand(
@@ -206,7 +207,9 @@ class Reduction:
         """Add the basis vectors of a shift; return how many modes lie below it, if known."""
         factorised, X = self._solved(state, shift)
         lossy, inertial = self._lossy(state), self._inertial(state)
-        lost = factorised.solve(self.system.applied(lossy, X)) if damping and lossy.any() else None
+        lost = None
+        if damping and lossy.any():
+            lost = factorised.solve(self.system.applied(lossy, X))
         self.basis.append(X.copy())
         self.poll()
         for _ in range((depth or self._depth) - 1):
@@ -396,13 +399,15 @@ class Reduction:
 def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
     """Choose both end lines and, of pieces of the band, strongest, weakest and random lines."""
     if len(freq) <= count:
-        return [float(f) for f in freq]
+        return freq.tolist()  # type: ignore[no-any-return]
     rng = np.random.default_rng(number)
     edges = np.round((np.arange(1, count) + rng.uniform(-0.5, 0.5)) * len(freq) / count).astype(int)
     pieces = [p for p in np.split(np.arange(len(freq)), np.clip(edges, 0, len(freq))) if p.size]
     choose = (lambda p: p[np.argmax(level[p])], lambda p: p[np.argmin(level[p])], rng.choice)
-    picked = {int(choose[(i + number) % 3](p)) for i, p in enumerate(pieces)}
-    return [float(freq[i]) for i in sorted(picked | {0, len(freq) - 1})]
+    picked = {0, len(freq) - 1}
+    for i, piece in enumerate(pieces):
+        picked.add(int(choose[(i + number) % 3](piece)))
+    return freq[sorted(picked)].tolist()  # type: ignore[no-any-return]
 
 
 #: Norm of a unit column after orthogonalisation below which it is rounding.
@@ -481,9 +486,9 @@ class Basis:
                 rows, own = term.rows, term.own
                 parts, w = [b[own] for b in self._blocks], W[own]
             product = term.local @ w
-            cross = (
-                np.vstack([p.T @ product for p in parts]) if parts else np.zeros((0, W.shape[1]))
-            )
+            cross = np.zeros((0, W.shape[1]))
+            if parts:
+                cross = np.vstack([p.T @ product for p in parts])
             corner = w.T @ product
             self.terms[t] = np.block([[self.terms[t], cross], [cross.T, 0.5 * (corner + corner.T)]])
         self._blocks.append(W)
@@ -492,9 +497,8 @@ class Basis:
         """Replace V by V C, C of shape (r, s), in one block."""
         V = np.empty((self.system.n, C.shape[1]))
         for first in range(0, len(V), _ROWS):
-            V[first : first + _ROWS] = (
-                np.hstack([b[first : first + _ROWS] for b in self._blocks]) @ C
-            )
+            part = slice(first, first + _ROWS)
+            V[part] = np.hstack([b[part] for b in self._blocks]) @ C
         self._blocks = [V]
         self.terms = [C.T @ A @ C for A in self.terms]
 
@@ -724,7 +728,7 @@ class LineResidual:
     solver : ReducedSolver
         The reduced model.
     basis : Basis
-        Its motions.
+        Its basis.
     channels : Channels
         What is loaded and read.
     state : State

@@ -77,19 +77,25 @@ def response(
     check_quantity(quantity)
     rows, columns = DofSet(responses), DofSet(references)
     at_rows, at_columns = model.dofs.match(rows, "response"), model.dofs.match(columns, "reference")
-    lines = check_lines(np.atleast_1d(freq) if np.isscalar(freq) else freq)
+    if np.isscalar(freq):
+        freq = np.atleast_1d(freq)
+    lines = check_lines(freq)
     solver, source = _solver(
         AffineSystem.compile(model), at_rows.index, at_columns.index, lines, tier, backend, accuracy
     )
     # Symmetry: forces may be put on whichever side has fewer DOFs.
     swap = len(rows) < len(columns)
-    loaded, read = (at_rows, at_columns) if swap else (at_columns, at_rows)
+    loaded, read = at_columns, at_rows
+    if swap:
+        loaded, read = at_rows, at_columns
     values = np.empty((len(lines), len(rows), len(columns)), dtype=np.complex128)
     omega = 2.0 * np.pi * lines
     for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
         c = solver.system.coefficients(solver.system.start, omega[block])
         X = solver.at(solver.solve(c, loaded.index, lines[block]), read.index).transpose(1, 0, 2)
-        values[block] = X.transpose(0, 2, 1) if swap else X
+        if swap:
+            X = X.transpose(0, 2, 1)
+        values[block] = X
     values *= at_rows.sign[:, None] * at_columns.sign[None, :]
     values *= ((1j * omega) ** QUANTITIES[quantity])[:, None, None]
     return FRF(lines, values, rows, columns, quantity, geometry=model.geometry, source=source)
@@ -104,7 +110,7 @@ def _solver(
     backend: str | None,
     accuracy: float,
 ) -> tuple[FieldSolver, str]:
-    """Return what solves, and how the FRF says where it is from."""
+    """Return the solver, and the source of the FRF in words."""
     if tier != "reduced":
         return LineSolver.choose(system, tier, backend), "model"
     reduction = Reduction(
@@ -114,11 +120,11 @@ def _solver(
     found = reduction.certify(system.start, lines)
     if found.error > accuracy:
         raise SolverError(
-            f"tier 'reduced': {found.size} motions reach an error of {found.error:.1g} of the"
+            f"tier 'reduced': {found.size} basis vectors reach an error of {found.error:.1g} of the"
             f" largest receptance of a line, not {accuracy:g}; use tier 'sparse', or a larger"
             " accuracy="
         )
     return (
         reduction.solver(),
-        f"model, reduced to {found.size} motions, error at most {found.error:.1g}",
+        f"model, reduced to {found.size} basis vectors, error at most {found.error:.1g}",
     )

@@ -69,20 +69,16 @@ class Mumps:
         self._real = real
         self._context: Any = _package().Context()
         self._context.set_matrix(triangle, symmetric=True)
-        self._context.mumps_instance.icntl[6] = (
-            0  # the analysis looks at the pattern only, not at values
-        )
+        # The analysis looks at the pattern only, not at values.
+        self._context.mumps_instance.icntl[6] = 0
         self._run(self._context.analyze, ordering="metis")
 
     @property
     def peak_bytes(self) -> int:
         """Memory of the library, the factor included; estimated before the first `factor`."""
-        done = self._context.factored
-        megabytes = (
-            self._context.factor_stats.memory
-            if done
-            else self._context.analysis_stats.est_mem_incore
-        )
+        megabytes = self._context.analysis_stats.est_mem_incore
+        if self._context.factored:
+            megabytes = self._context.factor_stats.memory
         return int(megabytes) * 10**6
 
     def factor(self, A: Any) -> _LDL:
@@ -107,9 +103,10 @@ class Mumps:
         """
         np.compress(self._upper, A.data, out=self._context.data)  # which the library reads
         self._run(self._context.factor, reuse_analysis=True)
-        return _LDL(
-            self._context, int(self._context.mumps_instance.infog[12]) if self._real else None
-        )
+        negative = None
+        if self._real:
+            negative = int(self._context.mumps_instance.infog[12])
+        return _LDL(self._context, negative)
 
     def release(self) -> None:
         """Give the library's memory back; the object is of no more use."""

@@ -80,10 +80,14 @@ class Pardiso:
         ja = pattern.indices[self._upper]
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
             raise RuntimeError("PARDISO needs a full diagonal in the pattern")
-        self._kind = _REAL_SYMMETRIC_INDEFINITE if real else _COMPLEX_SYMMETRIC
+        self._kind = _COMPLEX_SYMMETRIC
+        if real:
+            self._kind = _REAL_SYMMETRIC_INDEFINITE
         # A factor may well have more entries than 32 bits can count (one of 2,150,435,714 was
         # solved with); A may not.
-        integer = np.int32 if len(ja) < _MOST_ENTRIES else np.int64
+        integer: Any = np.int64
+        if len(ja) < _MOST_ENTRIES:
+            integer = np.int32
         a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
         iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
@@ -136,7 +140,10 @@ class Pardiso:
         if session.iparm[13]:
             # A perturbed pivot makes a singular matrix look like a regular one.
             raise RuntimeError(f"PARDISO perturbed {session.iparm[13]} pivots")
-        return _LDL(session, None if self._kind == _COMPLEX_SYMMETRIC else int(session.iparm[22]))
+        negative = None
+        if self._kind == _REAL_SYMMETRIC_INDEFINITE:
+            negative = int(session.iparm[22])
+        return _LDL(session, negative)
 
     def release(self) -> None:
         """Give the library's memory back; the object is of no more use."""
@@ -170,18 +177,24 @@ class _Session:
     def call(
         self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None
     ) -> None:
-        wide = self.iparm.dtype == np.int64
-        integer: Any = ctypes.c_int64 if wide else ctypes.c_int32
-        run = library().pardiso_64 if wide else library().pardiso
+        integer: Any = ctypes.c_int32
+        run = library().pardiso
+        if self.iparm.dtype == np.int64:
+            integer = ctypes.c_int64
+            run = library().pardiso_64
 
         def number(value: int) -> Any:
             return ctypes.byref(integer(value))
 
         def place(array: NDArray[Any] | None) -> Any:
-            return None if array is None else ctypes.c_void_p(array.ctypes.data)
+            if array is None:
+                return None
+            return ctypes.c_void_p(array.ctypes.data)
 
         error = integer(0)
-        n_columns = 1 if b is None else b.shape[1]
+        n_columns = 1
+        if b is not None:
+            n_columns = b.shape[1]
         run(
             place(self.handle), number(1), number(1), number(self.kind), number(phase),
             number(len(self.ia) - 1), place(self.a), place(self.ia), place(self.ja), None,
@@ -194,7 +207,7 @@ class _Session:
             raise RuntimeError(f"PARDISO error {error.value} in phase {phase}")
 
     def peak_bytes(self) -> int:
-        analysis, kept, factor = (int(kilobytes) for kilobytes in self.iparm[14:17])
+        analysis, kept, factor = map(int, self.iparm[14:17])  # in kilobytes
         return 1024 * max(analysis, kept + factor)
 
 

@@ -218,9 +218,10 @@ class SparseSolver:
         self._pattern = None
 
     def _retire(self) -> None:
-        alive = None if self._alive is None else self._alive()
-        if alive is not None:
-            alive._factors = None
+        if self._alive is not None:
+            alive = self._alive()
+            if alive is not None:
+                alive._factors = None
         self._alive = None
 
     def _factor(self, name: str, A: Any) -> Factors:
@@ -248,7 +249,9 @@ class SparseSolver:
 def _backends_from(name: str) -> Iterator[str]:
     """Yield a backend, then those to try where it fails."""
     yield name
-    after = _FALLBACKS.index(name) + 1 if name in _FALLBACKS else 0
+    after = 0
+    if name in _FALLBACKS:
+        after = _FALLBACKS.index(name) + 1
     yield from _FALLBACKS[after:]
 
 
@@ -366,8 +369,10 @@ class Factorised:
                 continue
             except MemoryError as error:
                 # Others need no less, and would end the process instead.
-                what = f"{name}: not enough memory to factorise {self._A.shape[0]} DOFs"
-                raise SolverError(f"{what} ({error})" if str(error) else what) from error
+                message = f"{name}: not enough memory to factorise {self._A.shape[0]} DOFs"
+                if str(error):
+                    message += f" ({error})"
+                raise SolverError(message) from error
             return True
         return False
 
@@ -490,12 +495,12 @@ def accuracy(
         x, b = X[:, part], B[:, part]
         solved, load = _sizes(x, scale), _sizes(b, 1.0 / scale)
         grown[part] = _grown(solved, load)
-        with np.errstate(
-            invalid="ignore", over="ignore"
-        ):  # what is not a number stays so, and is found
+        # What is not a number stays so, and is found.
+        with np.errstate(invalid="ignore", over="ignore"):
             bound = _combined(A, scale, x, b, solved + load)
             if not bound <= RESIDUAL:
-                absolute = abs(A) if absolute is None else absolute
+                if absolute is None:
+                    absolute = abs(A)
                 residual = (np.abs(A @ x - b) / scale[:, None]).max(axis=0, initial=0.0)
                 size = ((absolute @ np.abs(x) + np.abs(b)) / scale[:, None]).max(
                     axis=0, initial=0.0
@@ -518,12 +523,8 @@ def _combined(
     # |A| |y| is at least the diagonal's part of it, which spares |A|.
     error = (np.abs(A @ y - c) / scale).max(initial=0.0)
     # One column's weight is at least a third of each other's.
-    return np.float64(
-        3
-        * r
-        * error
-        / max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY))
-    )
+    size_of_both = max((np.abs(y) * scale).max(initial=0.0), (np.abs(c) / scale).max(initial=_TINY))
+    return np.float64(3 * r * error / size_of_both)
 
 
 def _times(X: NDArray[Any], weight: NDArray[np.float64]) -> NDArray[Any]:
@@ -553,7 +554,7 @@ def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np
 
 
 def singular_message(freq: float, held: str = "") -> str:
-    """Say which line could not be solved and what to do."""
+    """Return the message on a singular line: which it is, and what to do."""
     if freq == 0.0:
         why = "the structure is free to move there. Leave the line out or support the structure"
     else:

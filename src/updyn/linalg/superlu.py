@@ -34,7 +34,7 @@ class SuperLU:
 
     @property
     def peak_bytes(self) -> None:
-        """None: SuperLU does not say."""
+        """None: SuperLU does not report it."""
 
     def factor(self, A: Any) -> _LU:
         """Factorise a matrix.
@@ -83,7 +83,9 @@ class _LU:
         if not np.array_equal(self.lu.perm_r, self.lu.perm_c):
             return None
         pivots = self.lu.U.diagonal()
-        return None if np.iscomplexobj(pivots) else int((pivots < 0).sum())
+        if np.iscomplexobj(pivots):
+            return None
+        return int((pivots < 0).sum())
 
     def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(self.lu.solve(B))

@@ -1,4 +1,4 @@
-"""How many threads a factorisation may use, and the products around it."""
+"""Limits of the threads of factorisations and of the products around them."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def _openblas() -> Any:
     import scipy.linalg  # noqa: F401  (brings an OpenBLAS of its own, which has to be there to be found)
     from threadpoolctl import ThreadpoolController
 
-    # Found once: looking for libraries takes milliseconds. MKL is told directly; limited here too,
-    # it may hang.
+    # Found once: looking for libraries takes milliseconds. MKL is limited directly; limited here as
+    # well, it may hang.
     return ThreadpoolController().select(internal_api="openblas")
 
 
@@ -50,7 +50,7 @@ def limit(n: int) -> None:
 
     Meant for worker processes, one thread each, and to be called before the first factorisation:
     PARDISO plans its analysis for the threads there are. Neither numpy's own BLAS nor another
-    backend is touched, and MKL is told directly: limiting it by threadpoolctl as well may hang.
+    backend is touched, and MKL is limited directly: limiting it by threadpoolctl as well may hang.
 
     Parameters
     ----------

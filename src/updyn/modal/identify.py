@@ -97,14 +97,18 @@ class _Lines:
 
     def width(self, poles: _Complex) -> _Real:
         """Return the distance of the half-power points from a pole, in the unit of x."""
-        return np.abs(poles.real if self.basis.mirrored else poles.imag)
+        if self.basis.mirrored:
+            return np.abs(poles.real)
+        return np.abs(poles.imag)
 
     def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
         """Return phi phi^T, shape (k, n_i, n_j), from residues of accelerance (k, n_i n_j)."""
         shape = (len(poles), *self.level.shape)
         # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
         # has p A.
-        factor = 2j * poles.imag / poles**2 if self.basis.mirrored else 1.0 / poles
+        factor = 1.0 / poles
+        if self.basis.mirrored:
+            factor = 2j * poles.imag / poles**2
         return np.asarray((residues * factor[:, None]).reshape(shape) * self.level)
 
 
@@ -192,10 +196,13 @@ def _prepared(frf: FRF, *, mirrored: bool) -> _Lines:
     level = np.ones(kind.shape)
     for k in np.unique(kind):
         rms = float(np.sqrt(np.mean(np.abs(values[:, kind == k]) ** 2)))
-        level[kind == k] = rms if rms > 0 else 1.0
+        if rms > 0:
+            level[kind == k] = rms
     if not np.abs(values).any():
         raise DataError("modes: all values are zero")
-    x = np.asarray(1j * omega / unit if mirrored else (omega / unit) ** 2, dtype=np.complex128)
+    x = np.asarray((omega / unit) ** 2, dtype=np.complex128)
+    if mirrored:
+        x = np.asarray(1j * omega / unit, dtype=np.complex128)
     Y = np.asarray(values / level, dtype=np.complex128).reshape(len(omega), -1)
     return _Lines(Basis(2, mirrored), unit, x, Y, level)
 
@@ -205,7 +212,9 @@ def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
     """Return the poles, and the fits to each half of the lines with as many."""
     at = _telling(lines.Y)
     x, Y = lines.x[at], _combined(lines, at)
-    omega = np.abs(x if lines.basis.mirrored else np.sqrt(x))
+    omega = np.abs(x)
+    if not lines.basis.mirrored:
+        omega = np.abs(np.sqrt(x))
     begin = lines.pole(np.linspace(omega[0], omega[-1], min(_FIRST, most) + 2)[1:-1], 0.01)
     halves = slice(0, None, 2), slice(1, None, 2)
     total = float(np.sum(np.abs(Y) ** 2))
@@ -251,7 +260,8 @@ def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
     poles = fitted.poles
     frequency, loss = lines.frequency(poles), lines.loss(poles)
     within = (frequency >= freq[0]) & (frequency <= freq[-1]) & (loss > 0) & (loss < _HEAVY)
-    own = [int(i) for i in np.argsort(frequency, kind="stable") if within[i]]
+    ascending = np.argsort(frequency, kind="stable")
+    own = ascending[within[ascending]].tolist()
     shapes = fitted.residues.reshape(-1, *lines.level.shape)
     groups = [[i] for i in own[:1]]
     for i, j in pairwise(own):
@@ -265,7 +275,8 @@ def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
 
 def _same_shape(A: _Complex, B: _Complex) -> bool:
     """Return whether two residues have the same shape at the responses or the references."""
-    (u, _, w), (v, _, z) = (np.linalg.svd(C) for C in (A, B))
+    u, _, w = np.linalg.svd(A)
+    v, _, z = np.linalg.svd(B)
     mac = []
     if len(A) > 1:
         mac.append(abs(np.vdot(u[:, 0], v[:, 0])) ** 2)
@@ -311,7 +322,8 @@ def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
         own = float(np.sum(np.abs(1.0 / (lines.x[near, None] - pole) * residue) ** 2))
         if own >= _SEEN**2 * level:
             quality = 1.0 - float(np.sum(np.abs(error[near]) ** 2)) / level
-            columns += [(frequency, shape, loss, quality) for shape in sides.shapes(product)]
+            for shape in sides.shapes(product):
+                columns.append((frequency, shape, loss, quality))
     if not columns:
         raise _none(frf)
     frequencies, shapes, losses, qualities = zip(*columns, strict=True)
@@ -373,9 +385,11 @@ class Sides:
         match = frf.responses.match(frf.references[columns], "reference")
         responses, references = list(frf.responses), list(frf.references)
         roving = not len(columns) and len(references) > len(responses)
-        dofs = (
-            references if roving else responses + [references[int(j)] for j in more if len(columns)]
-        )
+        dofs = responses
+        if roving:
+            dofs = references
+        elif len(columns):
+            dofs = [*responses, *frf.references[more]]
         return cls(match.index, columns, match.sign, more, roving, dofs)
 
     @property
@@ -402,7 +416,9 @@ class Sides:
         rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
         U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
         if not self.scaled:
-            return list((W if self.at_references else U).T)
+            if self.at_references:
+                return list(W.T)
+            return list(U.T)
         S = np.linalg.lstsq(U[self.rows], W[self.columns] * self.sign[:, None], rcond=None)[0]
         G = scipy.linalg.sqrtm((S + S.T) / 2)
         at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T

@@ -93,14 +93,16 @@ class ModeSet:
                 f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite"
             )
         order = np.argsort(f, kind="stable")
+        if loss_factor is None:
+            loss_factor = np.nan
+        if quality is None:
+            quality = np.nan
         arrays: dict[str, NDArray[Any]] = {
             "frequency": f[order],
             "shapes": phi[:, order],
-            "loss_factor": _row("loss_factor", np.nan if loss_factor is None else loss_factor, n)[
-                order
-            ],
+            "loss_factor": _row("loss_factor", loss_factor, n)[order],
             "scaled": _row("scaled", scaled, n).astype(np.bool_)[order],
-            "quality": _row("quality", np.nan if quality is None else quality, n)[order],
+            "quality": _row("quality", quality, n)[order],
         }
         hashed = blake2b("".join(labels.labels).encode(), digest_size=8)
         for name, array in arrays.items():
@@ -115,10 +117,12 @@ class ModeSet:
         return len(self.frequency)
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{f:.6g}" for f in self.frequency[:6])
-        more = ", ..." if len(self) > 6 else ""
+        shown = [f"{f:.6g}" for f in self.frequency[:6]]
+        if len(self) > 6:
+            shown.append("...")
         return (
-            f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {shown}{more} Hz; {self.digest})"
+            f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {', '.join(shown)} Hz;"
+            f" {self.digest})"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -146,7 +150,8 @@ class ModeSet:
         its eigenvalues a and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852,
         without the mean removed).
         """
-        xx, yy = (np.sum(p**2, axis=0) for p in (self.shapes.real, self.shapes.imag))
+        xx = np.sum(self.shapes.real**2, axis=0)
+        yy = np.sum(self.shapes.imag**2, axis=0)
         xy = np.sum(self.shapes.real * self.shapes.imag, axis=0)
         return np.asarray(((xx - yy) ** 2 + 4.0 * xy**2) / (xx + yy) ** 2)
 
@@ -183,9 +188,9 @@ class ModeSet:
         DataError
             If no mode is left, or one is not there.
         """
-        keep = (
-            np.arange(len(self)) if modes is None else np.asarray(modes, dtype=np.intp).reshape(-1)
-        )
+        keep = np.arange(len(self))
+        if modes is not None:
+            keep = np.asarray(modes, dtype=np.intp).reshape(-1)
         if keep.size and (keep.min() < 0 or keep.max() >= len(self)):
             raise DataError(
                 f"modes: expected numbers from 0 to {len(self) - 1}, found {keep.tolist()}"

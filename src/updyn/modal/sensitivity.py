@@ -94,7 +94,8 @@ class RealModes:
         SolverError
             If the eigenvalue solver fails.
         """
-        K, M = (_matrix(system, state, what) for what in ("stiffness", "mass"))
+        K = _matrix(system, state, "stiffness")
+        M = _matrix(system, state, "mass")
         finite, limit = eigen.mass_rank(M), (2.0 * np.pi * highest) ** 2
         wanted = min(n + 6, finite)
         while True:
@@ -156,7 +157,10 @@ def slopes(
         If another mode has the same eigenvalue and an unknown couples the two.
     """
     phi, value, group = modes.shapes[:, which], float(modes.value[which]), modes.alike(which)
-    wanted, basis = np.zeros(0, dtype=np.intp) if rows is None else rows, modes.shapes[:, group]
+    basis = modes.shapes[:, group]
+    wanted = np.zeros(0, dtype=np.intp)
+    if rows is not None:
+        wanted = rows
     mass_basis = modes.M @ basis
     # Columns: unit loads at the wanted DOFs, and M times the basis, whose solutions give its shares
     # in the derivative.
@@ -172,7 +176,7 @@ def slopes(
     for owner, own, force, is_mass in _forces(system, unknowns, values, phi):
         if is_mass:
             by_mass[owner] += force @ basis[own]
-        force = -value * force if is_mass else force
+            force = -value * force
         by_value[owner] += force @ basis[own]
         loaded[owner] += force @ Z[own]
     me = int(np.flatnonzero(group == which)[0])
@@ -225,7 +229,8 @@ def separated(
     while first < len(modes.value):
         group = modes.alike(first)
         if len(group) > 1:
-            shapes = shapes.copy() if shapes is modes.shapes else shapes
+            if shapes is modes.shapes:
+                shapes = shapes.copy()
             turned = shapes[:, group] @ _axes(
                 system, unknowns, values, shapes[:, group], float(modes.value[first])
             )
@@ -242,7 +247,9 @@ def separated(
                     start = stop
             shapes[:, group] = turned
         first = int(group[-1]) + 1
-    return modes if shapes is modes.shapes else replace(modes, shapes=shapes)
+    if shapes is modes.shapes:
+        return modes
+    return replace(modes, shapes=shapes)
 
 
 def _forces(
@@ -270,7 +277,9 @@ def _couplings(
     for owner, own, force, is_mass in _forces(system, unknowns, values, basis):
         # Any weights do that are not in a simple ratio.
         weight = values[owner] * (1.0 + 0.5 * np.sin(1.0 + owner))
-        out[owner] += weight * (-value if is_mass else 1.0) * (basis[own].T @ force)
+        if is_mass:
+            weight *= -value
+        out[owner] += weight * (basis[own].T @ force)
     return out
 
 
@@ -286,9 +295,8 @@ def _towards(seen: _Real, measured: _Real) -> _Real:
     """Return the rotation, shape (m, m), that puts shapes near to measured ones first."""
     share = np.linalg.lstsq(seen, measured, rcond=None)[0]
     near = np.linalg.norm(seen @ share, axis=0)
-    order = [
-        int(i) for i in np.argsort(-near, kind="stable")[: len(share)] if near[i] ** 2 > _WITHIN
-    ]
+    order = np.argsort(-near, kind="stable")[: len(share)]
+    order = order[near[order] ** 2 > _WITHIN]
     return np.asarray(np.linalg.qr(np.hstack([share[:, order], np.eye(len(share))]))[0])
 
 

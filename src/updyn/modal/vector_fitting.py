@@ -66,7 +66,9 @@ class Basis:
 
     def parts(self, A: _Complex) -> NDArray[Any]:
         """Return equations of the weights: real over imaginary parts where weights are real."""
-        return np.vstack([A.real, A.imag]) if self.mirrored else A
+        if not self.mirrored:
+            return A
+        return np.vstack([A.real, A.imag])
 
     def residues(self, weights: NDArray[Any], poles: _Complex) -> _Complex:
         """Return the residues at the poles, shape (k, ...), from the weights of the fractions."""
@@ -111,7 +113,7 @@ class Fitted:
 def growing(
     basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
 ) -> Iterator[Fitted]:
-    """Yield fits with more and more poles.
+    """Yield fits with an increasing number of poles.
 
     Parameters
     ----------
@@ -157,21 +159,23 @@ def _columns(basis: Basis, x: _Complex, poles: _Complex) -> _Complex:
 def _worst(basis: Basis, x: _Complex, error: _Complex, poles: _Complex) -> complex:
     """Return a new pole beside the line with the largest error."""
     at = complex(x[int(np.argmax(np.sum(np.abs(error) ** 2, axis=1)))])
-    away = (-0.5 if basis.mirrored else 1j) * _NEW * abs(at)
+    away = 1j * _NEW * abs(at)
+    if basis.mirrored:
+        away = -0.5 * _NEW * abs(at)
     while (np.abs(poles - at - away) < 1e-9 * abs(at)).any():  # not on top of another one
         away *= 0.5
     return at + away
 
 
 def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
-    """Move poles until they rest."""
+    """Relocate the poles until they converge."""
     for _ in range(_SWEEPS):
         before = poles
         try:
             poles = _zeros(basis, x, Y, poles)
-        except np.linalg.LinAlgError:  # two poles have met: there are more than the functions have
+        except np.linalg.LinAlgError:  # two poles coincide: the functions have fewer
             break
-        # In which order they come does not matter.
+        # The poles may change their order.
         if max((np.abs(before - p).min() / abs(p) for p in poles), default=0.0) < _SETTLED:
             break
     return poles
@@ -195,7 +199,8 @@ def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     residues = basis.residues(c[:-1], poles)
     if basis.mirrored:
         pair = poles.imag != 0
-        poles, residues = (np.append(a, a[pair].conj()) for a in (poles, residues))
+        poles = np.append(poles, poles[pair].conj())
+        residues = np.append(residues, residues[pair].conj())
     # The zeros are eigenvalues of diag(a) - 1 c^T / c_0, as a pencil that a vanishing c_0 does not
     # harm.
     n = len(poles)

@@ -128,7 +128,7 @@ def read_result(path: str | Path) -> UpdateResult:
         return UpdateResult(frf=FRF.from_xarray(data), **models, **fields)
 
 
-# -- fields that are kept in ways of their own --------------------------------------------------
+# -- fields with a special format ---------------------------------------------------------------
 class _Parameters:
     """The unknowns: columns over ``parameter``, with prior and link where one of them has any."""
 

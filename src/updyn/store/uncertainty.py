@@ -1,4 +1,4 @@
-"""Draws and profiles as netCDF-4 (HDF5), exactly; their update has a file of its own.
+"""Draws and profiles as netCDF-4 (HDF5), exactly; their update is in another file.
 
 xarray opens the file. Of draws::
 
