@@ -70,9 +70,10 @@ class Margins:
     crossover : float or None
         First line in Hz at which |L| falls through 1; None where it does not. Given for unstable
         loops too.
-    gain_margin_at, gain_reduction_at, phase_margin_at, delay_margin_at, modulus_margin_at : float
-    or None
-        Lines in Hz of these figures; None where there is none.
+    gain_margin_at, gain_reduction_at, phase_margin_at : float or None
+        Lines in Hz of these margins; None where there is none.
+    delay_margin_at, modulus_margin_at : float or None
+        The same of these.
     """
 
     stable: bool
