@@ -2,7 +2,8 @@
 
 from updyn.job.folder import check_out, default_out
 from updyn.job.load import load_job
-from updyn.job.prepare import Prepared, prepare
+from updyn.job.prepare import prepare
+from updyn.job.prepared import Prepared
 from updyn.job.run import JobRun, job_identifiability, job_selection, run_job
 from updyn.job.schema import OUTPUTS, Job
 

@@ -13,7 +13,8 @@ from updyn.comparison import compare, compare_jointly
 from updyn.comparison.bench import Options
 from updyn.errors import FormatError, suggest
 from updyn.job.folder import check_out
-from updyn.job.prepare import Prepared, prepare
+from updyn.job.prepare import prepare
+from updyn.job.prepared import Prepared
 from updyn.job.run import as_tests, job_selection, update_keys
 from updyn.job.schema import Job, is_number
 from updyn.store.comparison import write_comparison_json

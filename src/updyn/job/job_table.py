@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from updyn.registry import Registry
 
 if TYPE_CHECKING:
-    from updyn.job.prepare import Prepared
+    from updyn.job.prepared import Prepared
     from updyn.job.schema import Job, Table
     from updyn.updating.fit.monitor import Progress
     from updyn.updating.result import JointResult, UpdateResult

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,6 +19,7 @@ from updyn.io.formats import find_format
 from updyn.job.configuration import configured, damped
 from updyn.job.folder import outputs
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.linalg.solver import check_backend
@@ -27,99 +28,12 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.problem.noise import average, choose_noise
-from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
-    "Prepared",
-    "PreparedTest",
     "matched",
     "matched_modes",
     "prepare",
 ]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedTest:
-    """One test of a job, with its configuration of the model.
-
-    Attributes
-    ----------
-    job : Job
-        The job, with this test.
-    model : Model
-        Where the update starts; DOFs of nodes with oblique sensors are turned along them.
-    frf : FRF
-        The data in the job's band, named as the model names its DOFs.
-    fitted : FRF
-        Of these, what is fitted: all but what is held out for validation.
-    matching : Matching
-        Who sits where.
-    modes : ModeSet or None
-        The modes that the job names, named as the model names its DOFs.
-    """
-
-    job: Job
-    model: Model
-    frf: FRF
-    fitted: FRF
-    matching: Matching
-    modes: ModeSet | None = None
-
-    @property
-    def name(self) -> str:
-        """What the test is called; empty where it is the only one."""
-        return self.job.test.name
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """A job with all that it names, ready to run.
-
-    Attributes
-    ----------
-    job : Job
-        The job.
-    tests : tuple of PreparedTest
-        Its tests.
-    parameters : ParameterSet
-        The unknowns.
-    """
-
-    job: Job
-    tests: tuple[PreparedTest, ...]
-    parameters: ParameterSet
-
-    @property
-    def modes(self) -> dict[str, ModeSet]:
-        """The modes that the job names, by the names of their tests."""
-        return {test.name: test.modes for test in self.tests if test.modes is not None}
-
-    @property
-    def modes_option(self) -> ModeSet | dict[str, ModeSet]:
-        """The modes as an option of a method: of a single test, or by the names of several."""
-        if len(self.tests) > 1:
-            return self.modes
-        return self.modes[self.tests[0].name]
-
-    @property
-    def model(self) -> Model:
-        """The model of the first test."""
-        return self.tests[0].model
-
-    @property
-    def frf(self) -> FRF:
-        """The data of the first test."""
-        return self.tests[0].frf
-
-    @property
-    def fitted(self) -> FRF:
-        """What is fitted of the first test."""
-        return self.tests[0].fitted
-
-    @property
-    def matching(self) -> Matching:
-        """Who sits where in the first test."""
-        return self.tests[0].matching
 
 
 def prepare(job: Job) -> Prepared:

@@ -22,7 +22,8 @@ from updyn.job.folder import (
     temporary_folder,
 )
 from updyn.job.job_table import JOB_TABLES
-from updyn.job.prepare import Prepared, prepare
+from updyn.job.prepare import prepare
+from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of

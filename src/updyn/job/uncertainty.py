@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from updyn.errors import OptionError, key_path
 from updyn.job.job_table import JobTable
-from updyn.job.prepare import Prepared
+from updyn.job.prepared import Prepared
 from updyn.job.schema import Job, Table, Texts
 from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap

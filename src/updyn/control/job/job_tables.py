@@ -15,7 +15,7 @@ from updyn.control.job.record import write_control_record
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.errors import UpdynWarning
 from updyn.job.job_table import JobTable
-from updyn.job.prepare import Prepared
+from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import math
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
-from updyn.job.prepare import Prepared
+from updyn.job.prepared import Prepared
 from updyn.text_table import text_table
 
 __all__ = ["describe_plant_result", "describe_request"]

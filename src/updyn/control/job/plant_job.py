@@ -24,7 +24,8 @@ from updyn.job.folder import (
     resolved_job,
     temporary_folder,
 )
-from updyn.job.prepare import Prepared, prepare
+from updyn.job.prepare import prepare
+from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 
 if TYPE_CHECKING:

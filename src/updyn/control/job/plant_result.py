@@ -21,7 +21,7 @@ from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.record import Servo
 from updyn.control.weight import UncertaintyWeight, uncertainty_weight
 from updyn.errors import ToleranceError, UpdynError, key_path
-from updyn.job.prepare import Prepared
+from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.model import Model
 
