@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -235,7 +236,7 @@ def schedule(
     if not shows.any():
         return [(_FEWEST, (duration or 1.0) / _FEWEST)]
     size, share, rate = np.abs(poles[shows]), share[shows], rate[shows]
-    settled = np.log(np.maximum(share / (_SETTLED * largest), np.e)) / rate
+    settled = np.log(np.maximum(share / (_SETTLED * largest), math.e)) / rate
     end = float(settled.max()) if duration is None else duration
     gone = np.log(share / (_SHOWS * largest)) / rate
     parts: list[tuple[int, float]] = []
