@@ -368,8 +368,8 @@ def _fitted_from_start(
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)
-            best = strategy.search(problem, monitor)
-            return problem, strategy.fit(problem, noises, monitor, best)
+            points = strategy.search(problem, noises, monitor)
+            return problem, strategy.fit_best(problem, noises, monitor, points)
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))
     except Stopped:

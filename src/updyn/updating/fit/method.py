@@ -24,6 +24,7 @@ __all__ = [
     "Fit",
     "Method",
     "Pull",
+    "Rival",
     "correlation_length",
     "descend",
     "descend_to_scale",
@@ -67,6 +68,22 @@ class Pull:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rival:
+    """Another answer that fits as well.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        Its values, in the optimiser's coordinates.
+    worse : float
+        By how much the logarithm of its likelihood is smaller.
+    """
+
+    x: _Vector
+    worse: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """The outcome of a method.
 
@@ -95,6 +112,8 @@ class Fit:
     advice : str
         Experiment advice on undetermined unknowns where the method fits something else than FRFs;
         empty: found among lines and sensors that could be added.
+    rivals : tuple of Rival
+        Other answers that fit as well.
     """
 
     x: _Vector
@@ -106,6 +125,7 @@ class Fit:
     unit: float = 1.0
     pull: Pull | None = None
     advice: str = ""
+    rivals: tuple[Rival, ...] = ()
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
@@ -166,17 +186,39 @@ class Method(ABC):
     is_likelihood: ClassVar[bool] = False
     states_noise: ClassVar[bool] = False
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return where to begin, shape (n,): by default the start of the unknowns.
+    def search(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[_Vector, ...]:
+        """Return where to begin, each of shape (n,), best first: by default the unknowns' start.
 
         Parameters
         ----------
         problem : Problem
             Model, data and unknowns.
+        noises : sequence of NoiseModel
+            How uncertain the data of each part are.
         monitor : Monitor
             Records the steps.
         """
-        return problem.coordinates.to_x(problem.coordinates.parameters.start)
+        return (problem.coordinates.to_x(problem.coordinates.parameters.start),)
+
+    def fit_best(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        points: Sequence[_Vector],
+    ) -> Fit:
+        """Fit the unknowns from the points of `search`; by default from the first.
+
+        Parameters
+        ----------
+        problem, noises, monitor
+            As for `fit`.
+        points : sequence of ndarray of float, shape (n,)
+            Where to begin, best first.
+        """
+        return self.fit(problem, noises, monitor, points[0])
 
     @abstractmethod
     def fit(

@@ -242,7 +242,7 @@ class Reducing:
         fit : Fit
             The last fit, or the one before where that was better.
         """
-        x = strategy.search(problem, monitor)
+        x = strategy.search(problem, noises, monitor)[0]
         found, fit = self._rounds(
             problem, strategy, noises, monitor, x, far=_outside(x, self._box())
         )
@@ -251,7 +251,7 @@ class Reducing:
         try:
             with monitor.stage("reduce"):
                 around = self._around(problem)
-            x = strategy.search(around, monitor)
+            x = strategy.search(around, noises, monitor)[0]
             again, other = self._rounds(problem, strategy, noises, monitor, x, far=True)
             if other.reason == "stopped":
                 return found, replace(fit, reason="stopped")

@@ -378,9 +378,11 @@ class Regularised(Method):
     max_iterations: int
     tolerance: float
 
-    def search(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return where to begin, shape (n,): where the method begins by itself."""
-        return self.method.search(problem, monitor)
+    def search(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[_Vector, ...]:
+        """Return where to begin, each of shape (n,): where the method begins by itself."""
+        return self.method.search(problem, noises, monitor)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector

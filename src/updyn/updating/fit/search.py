@@ -16,9 +16,9 @@ then made here as ever: the answer and its history do not depend on the workers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -31,10 +31,11 @@ from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, is_cached, with_prior
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.residuals import EachOf, LogError, is_cached, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
-__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "scattered"]
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "log_error", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
@@ -56,6 +57,8 @@ _INFLATED = (0.3, 0.1, 1.0)
 _STAGES = (1 / 3, 2 / 3)
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
+#: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
+_WORTH, _KEPT = 1.5, 4
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
 #: Unknowns with a larger standard deviation than this are moved.
@@ -67,7 +70,7 @@ _FAR = 8.0
 #: How often.
 _ROUNDS = 2
 #: Stop a try when the remaining decrease is below 0.01 standard deviations.
-_ENOUGH = 1e-6
+_ENOUGH = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,26 +104,26 @@ class Search:
     def _settings(self) -> TrustRegion:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
-    def run(self, problem: Problem, monitor: Monitor) -> _Vector:
-        """Return the point of least log error among the tries, within the bounds, shape (n,)."""
-        lower, upper = problem.coordinates.bounds
-        best: Outcome | None = None
-        costs: list[float] = []
+    def run(self, problem: Problem, monitor: Monitor) -> tuple[_Vector, ...]:
+        """Return where the tries ended that are worth a fit, least log error first.
+
+        Each has shape (n,) and is within the bounds; there is at least one.
+        """
+        ends: list[Outcome] = []
         try:
             with closing(self._ahead(_try, problem, self._points(problem))) as points:
                 for start in points:
                     outcome = self._try_from(problem, start, monitor)
                     if outcome is None:
                         continue
-                    costs.append(outcome.local.cost)
-                    if best is None or outcome.local.cost < best.local.cost:
-                        best = outcome
-                    if monitor.stopped or self._believed(problem, best.x, costs):
+                    ends.append(outcome)
+                    if monitor.stopped or self._believed(problem, ends):
                         break
         except Stopped:
             pass  # the best so far
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        return np.clip(home if best is None else best.x, lower, upper)
+        points = [end.x for end in _distinct(ends)] or [home]
+        return tuple(np.clip(x, *problem.coordinates.bounds) for x in points)
 
     def _try_from(self, problem: Problem, start: _Start, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
@@ -139,7 +142,7 @@ class Search:
         """Return where a descent from x ends, or None where the model cannot be solved there."""
 
         def evaluate(at: _Vector) -> Local | None:
-            local = LogError().local(problem, at)
+            local = log_error(problem).local(problem, at)
             return None if local is None else with_prior(local, problem, at)
 
         first = evaluate(x)
@@ -150,7 +153,7 @@ class Search:
         return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
     def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
-        return descend(problem, LogError(), x, monitor, self._settings)
+        return descend(problem, log_error(problem), x, monitor, self._settings)
 
     def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Start]) -> _Points:
         """Yield starts; with several workers, the attempts from them are evaluated ahead."""
@@ -162,7 +165,7 @@ class Search:
         known, items = [], []
         for start in points:
             x, gradual = start
-            cached = not gradual and is_cached(LogError(), problem, x)
+            cached = not gradual and is_cached(log_error(problem), problem, x)
             known.append(cached)
             if not cached:
                 items.append((self, start))
@@ -237,13 +240,14 @@ class Search:
                     yield np.clip(moved, lower, upper), False
 
     @staticmethod
-    def _believed(problem: Problem, best: _Vector, costs: list[float]) -> bool:
+    def _believed(problem: Problem, ends: list[Outcome]) -> bool:
         """Whether the best basin was found once (exact data), twice (noise) or three times."""
-        agree = sum(c <= min(costs) * (1.0 + _SAME) for c in costs)
+        best = min(ends, key=_cost)
+        agree = sum(end.local.cost <= best.local.cost * (1.0 + _SAME) for end in ends)
         return (
             agree >= 3
-            or Search._rms(problem, best) < _EXACT
-            or (agree == 2 and Search._is_noise(problem, best))
+            or Search._rms(problem, best.x) < _EXACT
+            or (agree == 2 and Search._is_noise(problem, best.x))
         )
 
     @staticmethod
@@ -259,6 +263,48 @@ class Search:
             return False
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < 0.3 * power
+
+
+def _cost(end: Outcome) -> float:
+    return end.local.cost
+
+
+def _distinct(ends: list[Outcome]) -> list[Outcome]:
+    """Return the ends of tries that are not much worse than the best, one of each basin."""
+    found: list[Outcome] = []
+    for end in sorted(ends, key=_cost):
+        worth = end.local.cost <= _WORTH * min(map(_cost, ends))
+        if worth and len(found) < _KEPT and not any(_is_same(end, other) for other in found):
+            found.append(end)
+    return found
+
+
+def _is_same(a: Outcome, b: Outcome) -> bool:
+    """Whether a step from one to the other changes the residual by next to nothing."""
+    moved = b.local.R @ (a.x - b.x)
+    return bool(moved @ moved <= _SAME * b.local.cost)
+
+
+def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
+    """Return the problem that is searched: some lines, whose data carry what is known of the noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        All lines.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are.
+    """
+    parts = []
+    for part, noise in zip(problem.parts, noises, strict=True):
+        frf = replace(part.frf, variance=noise.beforehand(part.frf))
+        parts.append(replace(part, frf=frf).thinned(SEARCH_LINES))
+    return Problem(tuple(parts))
+
+
+def log_error(problem: Problem) -> EachOf[LogError]:
+    """Return the log error of a problem from `coarse`, each value as far as it is clear of noise."""
+    return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
@@ -289,13 +335,14 @@ def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
 
 
 def _log_misfits(problem: Problem, x: _Vector) -> list[NDArray[np.complex128]]:
-    """Return ln(H_A / H_X) of each part, 0 where either is zero."""
+    """Return w ln(H_A / H_X) of each part, 0 where either is zero."""
     out = []
-    for part in problem.parts:
+    for part, error in zip(problem.parts, log_error(problem).errors, strict=True):
         H, measured = part.responses(x), part.frf.values
         usable = (H != 0) & (measured != 0)
         ratio = np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)
-        out.append(np.where(usable, np.log(ratio), 0.0))
+        assert error.weight is not None
+        out.append(np.where(usable, error.weight * np.log(ratio), 0.0))
     return out
 
 

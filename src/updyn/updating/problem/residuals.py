@@ -43,6 +43,12 @@ _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
+#: Noise, as a share of the level, at which a value weighs 0.7 in the search.
+_CLEAR = 0.1
+#: A value below this share of the loudest of its line is rounding.
+_ROUNDING = 1e-11
+
+
 class Residual(Protocol):
     """What a residual offers: the local least-squares problem at x, and its name."""
 
@@ -111,24 +117,56 @@ class LineResidual(ABC):
         """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...)."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LogError(LineResidual):
-    """r = ln(H_A / H_X): difference of log magnitude and of phase.
+    """r = w ln(H_A / H_X): difference of log magnitude and of phase.
 
     Constant relative noise makes it nearly the maximum-likelihood residual, and its basin is wide.
     Values that are exactly zero on either side have no logarithm and are given weight zero.
+
+    Parameters
+    ----------
+    weight : ndarray of float, shape (n_f, n_i, n_j), optional
+        What the noise leaves of each value (`clear_of_noise`); 1 where it is not given.
     """
 
+    weight: NDArray[np.float64] | None = None
     name: str = "log"
 
+    @classmethod
+    def clear_of_noise(cls, part: Part) -> LogError:
+        """Return the log error of data that carry their variance, each value as far as it is clear.
+
+        The weight is 1 / sqrt(1 + (s / 0.1)^2) with the noise s as a share of the measured level: a
+        value below the noise has no phase, and the logarithm of its level is that of the noise. Far
+        from the truth a smaller noise makes no difference. Values that are rounding weigh nothing.
+        """
+        frf = part.frf
+        assert frf.variance is not None
+        size = np.abs(frf.values)
+        clear = size / np.sqrt(size**2 + frf.variance / _CLEAR**2 + np.finfo(float).tiny)
+        share = size / level_by_unit(frf)
+        loud = share > _ROUNDING * share.max(axis=(1, 2), keepdims=True)
+        return cls(np.where(loud, clear, 0.0))
+
+    @property
+    def cache_key(self) -> object:
+        """The weights."""
+        return "" if self.weight is None else self.weight
+
+    def on(self, part: Part, lines: slice) -> Self:
+        """Return the residual with the weights of a block of lines."""
+        return self if self.weight is None else replace(self, weight=self.weight[lines])
+
     def block(self, part: Part, x: _Vector, lines: slice) -> tuple[_Complex, _Complex]:
-        """Return residual and derivatives at a block of lines."""
+        """Return residual and derivatives at a block of lines, whose weights these are."""
         block = part.block(x, lines)
         assert block.dH is not None
         usable = (block.measured != 0) & (block.H != 0)
+        weight = np.where(usable, 1.0 if self.weight is None else self.weight, 0.0)
         H = np.where(usable, block.H, 1.0)
-        r = np.log(H / np.where(usable, block.measured, 1.0))
-        return r, block.dH * np.where(usable, 1.0 / H, 0.0)
+        r = weight * np.log(H / np.where(usable, block.measured, 1.0))
+        return r, block.dH * (weight / H)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -323,9 +361,12 @@ def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
     return Local(float(cost), R, q)
 
 
-def is_cached(residual: LogError, problem: Problem, x: _Vector) -> bool:
+def is_cached(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> bool:
     """Return whether the reduced problem at x is in the memory of the session."""
-    keys = [part.key(_kind(residual), x, residual.cache_key) for part in problem.parts]
+    keys = []
+    for i, part in enumerate(problem.parts):
+        own = residual.of(i)
+        keys.append(part.key(_kind(own), x, own.cache_key))
     return all(problem.session.knows(key) for key in keys)
 
 

@@ -26,7 +26,7 @@ from updyn.updating.fit.method import (
 from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
-from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
+from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
@@ -85,24 +85,25 @@ class LogMethod(Method):
     can_regularise: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return where to begin: the best basin of the log error, shape (n,)."""
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        if self.starts:
-            rough = problem.thinned(SEARCH_LINES)
-            steps = min(self.max_iterations, SEARCH_STEPS)
-            search = Search(
-                self.starts,
-                steps,
-                seed=self.seed,
-                inflate=self.inflate,
-                continuation=self.continuation,
-            )
-            with monitor.stage("search", rough):
-                x = search.run(rough, monitor)
-                if not monitor.stopped:
-                    x = search.escape(rough, x, monitor)
-        return x
+    def search(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return where to begin, shape (n,): the best basin of the log error."""
+        if not self.starts:
+            return Method.search(self, problem, noises, monitor)
+        rough = coarse(problem, noises)
+        search = Search(
+            self.starts,
+            min(self.max_iterations, SEARCH_STEPS),
+            seed=self.seed,
+            inflate=self.inflate,
+            continuation=self.continuation,
+        )
+        with monitor.stage("search", rough):
+            points = search.run(rough, monitor)
+            if monitor.stopped:
+                return points
+            return (search.escape(rough, points[0], monitor),)
 
     def fit(
         self,

@@ -4,26 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.method import Fit, Method, descend, known_length, stopped_at
+from updyn.errors import SolverError
+from updyn.updating.fit.answers import Answer, elsewhere, equals, preferred, weakly_held
+from updyn.updating.fit.method import Fit, Method, Rival, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
+from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, LogError, OutputError
+from updyn.updating.problem.residuals import Each, OutputError
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["MaximumLikelihood"]
 
+_Vector = NDArray[np.float64]
+
 _ROUNDS = 12
 #: A fall of half the chi-square that no one could see: a thousandth of a standard deviation.
 _FALL = 1e-6
+#: A first descent from a further point: at most so many steps, to a fall of half the chi-square
+#: below this; it is worth a fit if it ends with a log-likelihood at most so much lower.
+_GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
+#: How often further answers are looked for about a better one.
+_SEARCHES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,75 +74,134 @@ class MaximumLikelihood(Method):
     is_likelihood: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(self, problem: Problem, monitor: Monitor) -> NDArray[np.float64]:
-        """Return where to begin: the best basin of the log error, shape (n,)."""
-        x = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        if self.starts:
-            rough = problem.thinned(SEARCH_LINES)
-            steps = min(self.max_iterations, SEARCH_STEPS)
-            search = Search(
-                self.starts,
-                steps,
-                seed=self.seed,
-                inflate=self.inflate,
-                continuation=self.continuation,
-            )
-            with monitor.stage("search", rough):
-                x = search.run(rough, monitor)
-            with monitor.stage("log", rough):
-                if not monitor.stopped:
-                    settings = TrustRegion(self.max_iterations, self.tolerance, relative_fall=1e-6)
-                    with suppress(Stopped):
-                        x = descend(rough, LogError(), x, monitor, settings).x
-            with monitor.stage("search", rough):
-                if not monitor.stopped:
-                    x = search.escape(rough, x, monitor)
-        return x
+    def search(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[_Vector, ...]:
+        """Return where to begin, each of shape (n,): the best basins of the log error."""
+        if not self.starts:
+            return Method.search(self, problem, noises, monitor)
+        rough = coarse(problem, noises)
+        search = Search(
+            self.starts,
+            min(self.max_iterations, SEARCH_STEPS),
+            seed=self.seed,
+            inflate=self.inflate,
+            continuation=self.continuation,
+        )
+        with monitor.stage("search", rough):
+            return search.run(rough, monitor)
 
     def fit(
-        self,
-        problem: Problem,
-        noises: Sequence[NoiseModel],
-        monitor: Monitor,
-        x: NDArray[np.float64],
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x, weighted by the noise."""
         with monitor.stage(self.name):
-            x, reason, weighted = self._weighted(problem, noises, x, monitor)
-            if weighted is not None:
-                with suppress(Stopped):
-                    return self._judge(problem, x, *weighted, reason)
-            return stopped_at(problem.thinned(SEARCH_LINES), x)  # what the search knows of it
+            answer = self._answer(problem, noises, x, monitor)
+            return self._judged(problem, noises, answer)
 
-    def _weighted(
+    def fit_best(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
-        x: NDArray[np.float64],
         monitor: Monitor,
-    ) -> tuple[NDArray[np.float64], str, tuple[Sequence[NoiseModel], Each] | None]:
-        """Return the estimate, why it ended, and the noise and weights of its last descent."""
+        points: Sequence[_Vector],
+    ) -> Fit:
+        """Fit the unknowns from all points, and look for further answers that fit as well."""
+        if not self.starts:
+            return self.fit(problem, noises, monitor, points[0])
+        with monitor.stage(self.name):
+            answers = [self._answer(problem, noises, points[0], monitor)]
+            answers += self._further(problem, noises, points[1:], monitor, answers[0])
+            chosen = preferred(problem, answers)
+        with monitor.stage("elsewhere"):
+            for _ in range(_SEARCHES):
+                others = self._elsewhere(problem, monitor, chosen)
+                answers += self._further(problem, noises, others, monitor, chosen)
+                before, chosen = chosen, preferred(problem, answers)
+                if chosen is before:
+                    break
+        with monitor.stage(self.name):
+            fit = self._judged(problem, noises, chosen)
+        rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
+        return replace(fit, rivals=tuple(rivals))
+
+    @staticmethod
+    def _elsewhere(problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
+        """Return points away from an answer from which another may be reached."""
+
+        def unlikelihood(x: _Vector) -> float:
+            try:
+                return _unlikelihood(problem, at.noises, x)
+            except SolverError:
+                return np.inf
+
+        try:
+            most = 2 * len(monitor.history)  # no more work than the fit was
+            return [*weakly_held(problem, at), *elsewhere(problem, at, unlikelihood, most)]
+        except Stopped:
+            return []
+
+    def _further(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        points: Sequence[_Vector],
+        monitor: Monitor,
+        at: Answer,
+    ) -> list[Answer]:
+        """Return the answers from further points, where a first descent comes near the one known.
+
+        The first descent is weighted as the known answer is, and ends early.
+        """
+        found: list[Answer] = []
+        settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
+        for x in points:
+            if monitor.stopped:
+                break
+            with suppress(Stopped, SolverError):
+                x = descend(problem, at.residual, x, monitor, settings).x
+                here = _unlikelihood(problem, _weigh(problem, noises, x)[0], x)
+                if here <= at.unlikelihood + _WORTH:
+                    found.append(self._answer(problem, noises, x, monitor))
+        return found
+
+    def _answer(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: _Vector,
+        monitor: Monitor,
+    ) -> Answer:
+        """Return where the descent from x ends, its weights renewed until it stays."""
         left, reason = self.max_iterations, "converged"
-        weighted: tuple[Sequence[NoiseModel], Each] | None = None
+        residual, local, number = Each(()), None, 0
         try:
             for number in range(_ROUNDS):
                 noises, residual = _weigh(problem, noises, x)
                 if monitor.stopped or left <= 0:
-                    return x, "stopped" if monitor.stopped else "max-iterations", (noises, residual)
+                    reason = "stopped" if monitor.stopped else "max-iterations"
+                    break
                 before = len(monitor.history)
                 settings = TrustRegion(left, self.tolerance, fall=_FALL)
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
-                weighted = noises, residual
                 left -= len(monitor.history) - before
-                moved, x, reason = outcome.x - x, outcome.x, outcome.reason
+                moved, x, reason, local = outcome.x - x, outcome.x, outcome.reason, outcome.local
                 if reason in ("stopped", "max-iterations"):
                     break
-                settled = number > 0 and np.linalg.norm(outcome.local.R @ moved) < 1e-2
+                settled = number > 0 and np.linalg.norm(local.R @ moved) < 1e-2
                 if settled or np.abs(moved).max() <= self.tolerance:
                     break
+            return Answer(x, reason, _unlikelihood(problem, noises, x), noises, residual, local)
         except Stopped:
-            reason = "stopped"
-        return x, reason, weighted
+            return Answer(x, "stopped", np.inf, noises, residual, local)
+
+    def _judged(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
+        if answer.residual.errors:
+            with suppress(Stopped):
+                return self._judge(
+                    problem, answer.x, answer.noises, answer.residual, answer.reason
+                )
+        return stopped_at(coarse(problem, noises), answer.x)  # what the search knows of it
 
     def _judge(
         self,
@@ -166,6 +234,15 @@ class MaximumLikelihood(Method):
         return Fit(
             x, reason, local.R / inflation if inflation > 0 else local.R, by_part, local=local
         )
+
+
+def _unlikelihood(problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> float:
+    """Return minus the log-likelihood of the data and of the priors at x, but for a constant."""
+    total = 0.0
+    for part, noise in zip(problem.parts, noises, strict=True):
+        total += noise.unlikelihood(part.responses(x), part.frf)
+    centre, weight = problem.coordinates.prior
+    return total + 0.5 * float(np.sum((weight * (x - centre)) ** 2))
 
 
 def _weigh(

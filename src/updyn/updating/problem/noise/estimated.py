@@ -18,6 +18,7 @@ from updyn.updating.problem.noise.known import (
     level_by_unit,
     two_part,
 )
+from updyn.updating.problem.noise.neighbours import scatter
 
 __all__ = [
     "Estimated",
@@ -45,18 +46,25 @@ class Estimated(NoiseModel):
     tails : float
         Degrees of freedom of Student's distribution, whose likelihood is used in place of the
         Gaussian one; inf: that.
+    lowest : float
+        The floor that neighbouring lines show, known before any residual.
     """
 
     relative: float = np.nan
     floor: float = np.nan
     tails: float = np.inf
+    lowest: float = 0.0
     kind: ClassVar[str] = "estimated from the residual"
     source: ClassVar[str] = "estimated"
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
         """Return the model that has not seen a residual yet."""
-        return cls(tails=tails)
+        return cls(tails=tails, lowest=floor_of_lines(frf))
+
+    def beforehand(self, frf: FRF) -> _Real:
+        """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
+        return two_part(0.0, self.lowest, frf.values, level_by_unit(frf))
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -115,6 +123,25 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     return float(a), float(b)
 
 
+#: Degrees of freedom of Student's distribution for the scatter between lines, a third of which may
+#: be the shape of the resonances.
+_WILD = 1.0
+
+
+def floor_of_lines(frf: FRF) -> float:
+    """Return the noise floor, as a share of the rms of its unit, that neighbouring lines show.
+
+    The scatter about a local polynomial is noise where lines are dense, and besides the shape of
+    resonances where they are not. Both parts of the noise are fitted to it; the shape goes with the
+    level and counts as relative noise, which is left out.
+    """
+    squared = scatter(frf)
+    level = np.broadcast_to(level_by_unit(frf), squared.shape)
+    if not squared.any():
+        return 0.0
+    return two_numbers(np.abs(frf.values), level, squared, _WILD)[1]
+
+
 #: Fewest values of a sensor from which its noise is estimated; they give its variance to 20 %.
 _ENOUGH = 25
 
@@ -134,6 +161,8 @@ class EstimatedByChannel(NoiseModel):
         The responses, then.
     held : bool
         Whether the numbers stay as they are.
+    lowest : float
+        The floor of all that neighbouring lines show, known before any residual.
     """
 
     tails: float = np.inf
@@ -141,13 +170,18 @@ class EstimatedByChannel(NoiseModel):
     floor: _Real | None = None
     names: tuple[str, ...] = ()
     held: bool = False
+    lowest: float = 0.0
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
     source: ClassVar[str] = "estimated"
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
         """Return the model that has not seen a residual yet."""
-        return cls(tails=tails)
+        return cls(tails=tails, lowest=floor_of_lines(frf))
+
+    def beforehand(self, frf: FRF) -> _Real:
+        """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
+        return two_part(0.0, self.lowest, frf.values, level_by_unit(frf))
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""

@@ -82,6 +82,28 @@ class NoiseModel(ABC):
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
 
+    def beforehand(self, frf: FRF) -> _Real:
+        """Return E|dH|^2 as far as it is known before a fit, shape (n_f, n_i, n_j)."""
+        return self.variance(frf.values, frf)
+
+    def unlikelihood(self, H: _Complex, frf: FRF) -> float:
+        """Return minus the logarithm of the likelihood of the data, but for a constant.
+
+        Noise of known shape and unknown size counts with the size that the residual gives it.
+
+        Parameters
+        ----------
+        H : ndarray of complex, shape (n_f, n_i, n_j)
+            The model's.
+        frf : FRF
+            The data.
+        """
+        v = self.variance(H, frf)
+        power = np.abs(frf.values - H) ** 2 / v
+        if self.scale_known:
+            return float(np.sum(np.log(v) + power))
+        return float(np.sum(np.log(v)) + v.size * np.log(max(np.mean(power), SMALLEST)))
+
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
         """Return the noise model refitted to the residual; itself where nothing is estimated."""
         return self

@@ -69,12 +69,23 @@ class Robust(NoiseModel):
         """Whether the variance is known absolutely: it is, once it has been refitted."""
         return True
 
+    def beforehand(self, frf: FRF) -> _Real:
+        """Return that of the noise without its outliers, shape (n_f, n_i, n_j)."""
+        return self.base.beforehand(frf)
+
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
         plain = self.factor * self.base.variance(H, frf)
         if self.weight is None or self.weight.shape != plain.shape:
             return plain
         return plain / self.weight
+
+    def unlikelihood(self, H: _Complex, frf: FRF) -> float:
+        """Return minus the logarithm of the likelihood of Student's distribution."""
+        v = self.factor * self.base.variance(H, frf)
+        power = np.abs(frf.values - H) ** 2 / v
+        tails = (0.5 * FREEDOM + 1.0) * np.log1p(2.0 / FREEDOM * power)
+        return float(np.sum(np.log(v) + tails))
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> Robust:
         """Return the model with weights from the residual frf - H."""

@@ -1,0 +1,46 @@
+"""Scatter of measured values about a smooth curve through the neighbouring lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+
+__all__ = ["scatter"]
+
+#: Lines of a window, and degree of the polynomial through them.
+_WINDOW = 5
+_DEGREE = 2
+
+
+def scatter(frf: FRF) -> NDArray[np.float64]:
+    """Return what data scatter about a parabola through five neighbouring lines.
+
+    No model is needed (a local polynomial without the transient; Pintelon & Schoukens, System
+    Identification, 2nd ed. 2012, chapter 7).
+
+    Parameters
+    ----------
+    frf : FRF
+        The data.
+
+    Returns
+    -------
+    ndarray of float, shape (n_f, n_i, n_j)
+        Estimate of E|dH|^2 with 2 complex degrees of freedom, in squared units of the data; 0 where
+        there are fewer than five lines. The shape of the FRF between the lines is in it, too.
+    """
+    values = frf.values.reshape(len(frf.freq), -1)
+    if len(values) < _WINDOW:
+        return np.zeros(frf.values.shape)
+    lines = sliding_window_view(frf.freq, _WINDOW)
+    at = lines - lines[:, _WINDOW // 2, None]
+    at /= np.abs(at).max(axis=1, keepdims=True)
+    basis = np.linalg.qr(at[:, :, None] ** np.arange(_DEGREE + 1))[0]
+    seen = sliding_window_view(values, _WINDOW, axis=0).transpose(0, 2, 1)
+    left = seen - basis @ (basis.transpose(0, 2, 1) @ seen)
+    squared = np.sum(np.abs(left) ** 2, axis=1) / (_WINDOW - _DEGREE - 1)
+    edge = _WINDOW // 2
+    return np.pad(squared, ((edge, edge), (0, 0)), mode="edge").reshape(frf.values.shape)
