@@ -51,6 +51,7 @@ from updyn.store.netcdf import (
 from updyn.store.values import from_text, plain, plain_fields, plain_records, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, JointResult, UpdateResult
@@ -286,6 +287,22 @@ class _Adequacy:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
+class _Alternatives:
+    """The other answers, as JSON text; nothing where there are none."""
+
+    def put(self, data: xr.Dataset, name: str, value: tuple[Alternative, ...]) -> None:
+        if value:
+            data[name] = ((), to_text([asdict(other) for other in value], name))
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Alternative, ...]:
+        if name not in data.variables:
+            return ()
+        try:
+            return _records(Alternative, Mixed().take(data, name, path))
+        except TypeError as error:
+            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+
 def _records(kind: Callable[..., _T], rows: Iterable[Mapping[str, Any]]) -> tuple[_T, ...]:
     return tuple(kind(**row) for row in rows)
 
@@ -307,6 +324,7 @@ _RESULT: dict[str, Kept] = {
     "validation_band": Mixed(),
     "identifiability": Mixed(Identifiability),
     "adequacy": _Adequacy(),
+    "alternatives": _Alternatives(),
     "lines": Array("line", variable="line", unit="Hz"),
     "parameters": _Parameters(),
     "values": _ByUnknown("value"),
@@ -371,7 +389,8 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
-        ``explained_by``. Of several tests also ``tests``: ``correlation``, ``noise`` and
+        ``explained_by``; ``alternatives``, other answers that fit as well: ``values`` by unknown,
+        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there. Of several tests also ``tests``: ``correlation``, ``noise`` and
         ``adequacy`` by name.
     """
     if isinstance(result, JointResult):
@@ -394,6 +413,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         "history": [plain_fields(step, *_STEP) for step in result.history],
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
+        "alternatives": plain_records(result.alternatives),
     }
 
 

@@ -14,6 +14,7 @@ from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.judge.alternatives import Alternative, differences
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import ParameterSet
@@ -81,6 +82,8 @@ class UpdateResult:
         Whether the residual is noise or a structural error of the model, and the errors that would
         explain it; None where it was not tested: the fit did not settle, rounding dominates, or the
         record is an old one.
+    alternatives : tuple of Alternative
+        Other answers that fit the data as well; empty where none was found.
     """
 
     status: str
@@ -108,6 +111,7 @@ class UpdateResult:
     versions: Mapping[str, str]
     title: str = ""
     adequacy: Adequacy | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def results(self) -> Mapping[str, UpdateResult]:
@@ -173,6 +177,8 @@ class UpdateResult:
             lines.append(f"  undetermined combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
             lines.append(f"  of these, determined {number}: {_combination(direction)}")
+        for number, other in enumerate(self.alternatives, 2):
+            lines.append(f"  answer {number} fits as well: {_answer(other, self)}")
         if self.options.get("tier") == "reduced" and "basis" in self.options:
             error = self.options["error"]
             shown = str(error)
@@ -277,6 +283,12 @@ def _combination(direction: Mapping[str, float]) -> str:
     """Return a combination of unknowns as text, the largest weight first."""
     largest_first = sorted(direction.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{weight:+.3g} {name}" for name, weight in largest_first)
+
+
+def _answer(other: Alternative, result: UpdateResult) -> str:
+    """Return what another answer has different, as text."""
+    different = differences(result.values, result.std, [other])
+    return ", ".join(f"{name} {values[1]:.6g}" for name, values in different)
 
 
 def _figures(table: Mapping[str, Any]) -> str:

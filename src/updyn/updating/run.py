@@ -25,8 +25,9 @@ from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
+from updyn.updating.judge.alternatives import differences
 from updyn.updating.judge.assessment import Judgement, judge
-from updyn.updating.judge.verdict import verdict
+from updyn.updating.judge.verdict import ambiguous, verdict
 from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
@@ -230,22 +231,29 @@ def _common(
     status, message, remedy = verdict(
         fit, found.analysis, names, found.advice, found.misfit, adequacy, found.rounding
     )
+    x = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
+    values = dict(zip(names, x.tolist(), strict=True))
+    std = dict(zip(names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
+    different = differences(values, std, found.alternatives)
+    if different and status in ("converged", "not-identifiable"):
+        status = "not-identifiable"
+        also, remedy = ambiguous(different, found.alternatives)
+        message = f"{message} {also}"
     notes = [message, selection.note]
     if fit.pull is not None:
         notes.append(fit.pull.note)
-    values = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
-    std = np.sqrt(np.diag(found.covariance))
     return {
         "status": status,
         "message": " ".join(filter(None, notes)),
         "remedy": remedy,
         "method": options.method,
         "parameters": selection.parameters,
-        "values": dict(zip(names, values.tolist(), strict=True)),
-        "std": dict(zip(names, std.tolist(), strict=True)),
+        "values": values,
+        "std": std,
         "covariance": found.covariance,
         "at_bound": found.at_bound,
         "identifiability": replace(found.analysis.report, advice=found.advice),
+        "alternatives": found.alternatives,
         "history": tuple(monitor.history),
         "versions": {
             "updyn": __version__,

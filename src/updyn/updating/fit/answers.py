@@ -173,6 +173,7 @@ def _exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
         if not p.drives and not p.is_channel:
             own.setdefault(p.group, {})[p.quantity] = i
     names = list(own)
+    size = _sizes(problem)
     pairs = [(i, j) for i, j in combinations(range(len(names)), 2)]
     reverse = [(i, len(names) - 1 - i) for i in range(len(names) // 2)]
     for swaps in [reverse] * (len(reverse) > 1) + [[pair] for pair in pairs[:_EXCHANGES]]:
@@ -180,6 +181,18 @@ def _exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
         for i, j in swaps:
             a, b = own[names[i]], own[names[j]]
             for quantity in a.keys() & b.keys():
-                moved[[a[quantity], b[quantity]]] = x[[b[quantity], a[quantity]]]
+                p, q = a[quantity], b[quantity]
+                moved[p] = x[q] + size[q] - size[p]
+                moved[q] = x[p] + size[p] - size[q]
         if (moved != x).any():
             yield np.clip(moved, *problem.coordinates.bounds)
+
+
+def _sizes(problem: Problem) -> _Vector:
+    """Return the logarithm of what a factor of 1 stands for, shape (n,); 0 for other unknowns."""
+    system, parameters = problem.parts[0].solver.system, problem.coordinates.parameters
+    sizes = np.zeros(problem.n)
+    for i, p in enumerate(parameters):
+        if p.is_factor and not p.drives and system.has(p.group, p.quantity):
+            sizes[i] = np.log(np.abs(system.terms[system.find(p.group, p.quantity)].data).sum())
+    return sizes

@@ -21,6 +21,7 @@ from updyn.updating.fit.method import Fit
 from updyn.updating.fit.null_space import covariance_within
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
 from updyn.updating.judge.advice import advise
+from updyn.updating.judge.alternatives import Alternative, alternatives
 from updyn.updating.judge.identifiability import Analysis, analyse
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.rounding import Rounding, worst_rounding
@@ -68,6 +69,8 @@ class Judgement:
         seen.
     rounding : Rounding or None
         Where rounding moves the model's answer by what matters.
+    alternatives : tuple of Alternative
+        Other answers that fit as well.
     """
 
     fit: Fit
@@ -79,6 +82,7 @@ class Judgement:
     correlation: tuple[Mapping[str, Any], ...] = ()
     adequacy: tuple[Adequacy | None, ...] = ()
     rounding: Rounding | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
 
 def judge(
@@ -143,11 +147,14 @@ def judge(
             adequacy = unless_stopped(
                 lambda: examine(problem, fit.x, noises, settled=settled), adequacy
             )
+    others: tuple[Alternative, ...] = ()
+    if fit.rivals:
+        others = unless_stopped(lambda: alternatives(problem, fit), others)
     if cut_short:
         fit = replace(fit, reason="stopped")
     covariance, at_bound = _covariance(problem, fit), _at_bound(problem, fit.x)
     return Judgement(
-        fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding
+        fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding, others
     )
 
 

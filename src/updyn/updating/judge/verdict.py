@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import compress
 
 import numpy as np
 
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
 
-__all__ = ["verdict"]
+__all__ = ["ambiguous", "verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
 _CORRELATED = 3.0
@@ -21,6 +22,8 @@ _CORRELATED = 3.0
 _WEAK = 0.3
 #: A reduced chi-square from which the noise no longer explains the misfit.
 _MISFIT = 2.0
+#: Unknowns in which answers differ that are named.
+_SHOWN = 3
 #: A typical misfit that is called a miss where nobody says how noisy the data are.
 _FAR = 0.3
 _LOOK = (
@@ -116,6 +119,40 @@ def _ended(
         message = "No step lowers the misfit although its gradient is not zero."
         return "stalled", message, "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)
+
+
+def ambiguous(
+    different: Sequence[tuple[str, Sequence[float]]], others: Sequence[Alternative]
+) -> tuple[str, str]:
+    """Return message and remedy where several answers fit equally well.
+
+    Parameters
+    ----------
+    different : sequence of (str, sequence of float)
+        Unknowns in which they differ, those that differ most first, with all their values.
+    others : sequence of Alternative
+        The other answers.
+    """
+    shown = []
+    for name, values in different[:_SHOWN]:
+        *first, last = [f"{value:.4g}" for value in values]
+        shown.append(f"{name} ({', '.join(first)} or {last})")
+    more = f" and {len(different) - _SHOWN} more" if len(different) > _SHOWN else ""
+    odds = max(other.odds for other in others)
+    message = (
+        f"But {1 + len(others)} answers fit the data equally well (odds within {max(odds, 1.0):.2g} to"
+        f" 1); they differ in {', '.join(shown)}{more}."
+    )
+    sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))
+    known = "Fix one of these unknowns where it is known"
+    if not sensors:
+        return message, f"{known}, or measure more of the band with less noise."
+    far = min(other.difference for other in others if other.sensor)
+    where = " or ".join(sensors)
+    return message, (
+        f"A sensor at {where} would tell them apart: there they differ by {100.0 * far:.0f} %"
+        f" typically. {known}."
+    )
 
 
 def _undetermined(analysis: Analysis, names: list[str]) -> str:

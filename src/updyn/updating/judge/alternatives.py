@@ -1,0 +1,122 @@
+"""Other answers that fit as well, and what would tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.errors import SolverError
+from updyn.updating.fit.method import Fit
+from updyn.updating.problem.problem import Part, Problem
+
+__all__ = ["Alternative", "alternatives", "differences"]
+
+_Vector = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: DOFs that are compared, and lines.
+_PLACES, _LINES = 200, 20
+#: A sensor tells answers apart where their FRFs differ by this share.
+_CLEARLY = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another answer that fits the data as well.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        By unknown.
+    odds : float
+        Likelihood of the answer of the result over that of this one.
+    sensor : str
+        Where a further sensor would see the largest difference; empty where none would.
+    difference : float
+        Median of that difference over the lines, as a share of the level.
+    """
+
+    values: Mapping[str, float]
+    odds: float
+    sensor: str = ""
+    difference: float = 0.0
+
+
+def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
+    """Return the other answers of a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    fit : Fit
+        With its rivals.
+    """
+    coordinates, found = problem.coordinates, []
+    for rival in fit.rivals:
+        values = coordinates.to_values(rival.x).tolist()
+        seen = [_clearest(part, fit.x, rival.x) for part in problem.parts]
+        difference, sensor = max(seen, default=(0.0, ""))
+        if difference < _CLEARLY:
+            sensor = ""
+        names = coordinates.parameters.names
+        odds = float(np.exp(rival.worse))
+        found.append(Alternative(dict(zip(names, values, strict=True)), odds, sensor, difference))
+    return tuple(found)
+
+
+def differences(
+    values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
+) -> list[tuple[str, list[float]]]:
+    """Return the unknowns in which answers differ by more than their deviations, with all values.
+
+    Those that differ most come first, by their own standard deviations.
+
+    Parameters
+    ----------
+    values, std : mapping of str to float
+        Of the result, by unknown.
+    others : sequence of Alternative
+        The other answers.
+    """
+    found = []
+    for name, value in values.items():
+        all_values = [value, *(other.values[name] for other in others)]
+        apart = (max(all_values) - min(all_values)) / max(std[name], np.finfo(float).tiny)
+        if apart > 3.0:
+            found.append((apart, name, all_values))
+    found.sort(key=lambda item: -item[0])
+    return [(name, all_values) for _, name, all_values in found]
+
+
+def _clearest(part: Part, x: _Vector, other: _Vector) -> tuple[float, str]:
+    """Return where two answers differ most among the DOFs without a sensor, and by how much."""
+    system = part.solver.system
+    places = part.solver.others(part.rows)
+    places = places[:: max(1, -(-len(places) // _PLACES))]
+    freq = part.frf.freq[part.frf.freq > 0]
+    if not places.size or not freq.size:
+        return 0.0, ""
+    lines = freq[:: max(1, len(freq) // _LINES)]
+    try:
+        H, G = (_motion(part, at, lines, places) for at in (x, other))
+    except SolverError:
+        return 0.0, ""
+    level = np.maximum(np.maximum(np.abs(H), np.abs(G)), np.finfo(float).tiny)
+    apart = np.median(np.abs(H - G) / level, axis=(0, 2))
+    best = int(np.argmax(apart))
+    return float(apart[best]), str(system.dofs[int(places[best])])
+
+
+def _motion(
+    part: Part, x: _Vector, lines: NDArray[np.float64], places: NDArray[np.intp]
+) -> _Complex:
+    """Return receptances at some DOFs, shape (n_f, n_places, n_j)."""
+    values = part.values(x)
+    return sensitivity.receptance(
+        part.solver, part.unknowns, values, lines, places, part.columns, derivatives=False
+    )[0]
