@@ -4,7 +4,7 @@ The paper's gear train without noise, from random starts (stiffness off by up to
 30 %, no damping), 60 lines over 2-1000 rad/s, sensors 1-4, force on 2. A start counts as recovered
 when all 18 unknowns are within 1e-6.
 
-Then the IASC-ASCE building of `accuracy.py`, whose storeys are up to eight times too stiff or too
+Then the IASC-ASCE building of `structures.py`, whose storeys are up to eight times too stiff or too
 soft: what does each part of the search contribute?
 
     python benchmarks/basin.py [--starts 200] [--far 50] [--seed 0]
@@ -17,8 +17,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from accuracy import CASES
 from cases import Case, random_gear_train
+from structures import STRUCTURES
 
 import updyn
 
@@ -42,7 +42,7 @@ SEARCHES = {
 
 def far_building(rng: np.random.Generator) -> Case:
     """Storeys stiffer or softer by a factor of up to eight, no damping."""
-    bench = CASES["building"]()
+    bench = STRUCTURES["building"]()
     changes = {}
     for p in bench.sought(bench.case.true):
         if p.quantity == "stiffness":
