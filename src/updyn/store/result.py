@@ -390,8 +390,8 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
         ``explained_by``; ``alternatives``, other answers that fit as well: ``values`` by unknown,
-        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there. Of several tests also ``tests``: ``correlation``, ``noise`` and
-        ``adequacy`` by name.
+        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there. Of several
+        tests also ``tests``: ``correlation``, ``noise`` and ``adequacy`` by name.
     """
     if isinstance(result, JointResult):
         first: dict[str, Any] = {}

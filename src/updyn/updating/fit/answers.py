@@ -15,13 +15,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.group import MATRICES
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each
 
-__all__ = ["AS_WELL", "Answer", "elsewhere", "equals", "preferred", "weakly_held"]
+__all__ = ["AS_WELL", "Answer", "elsewhere", "equals", "explains", "preferred", "weakly_held"]
 
 _Vector = NDArray[np.float64]
 
@@ -32,6 +33,10 @@ AS_WELL = float(np.log(100.0))
 _USUAL_FACTOR, _USUAL_LOSS = 1.0, 0.3
 #: Two answers are one below this distance, in standard deviations.
 _APART = 3.0
+#: A reduced chi-square that is more than noise,
+_EXCESS = 1.5
+#: and a correlation of neighbouring lines that is; fewest lines from which it is judged.
+_CORRELATED, _ENOUGH_LINES = 0.2, 8
 #: Unknowns with a larger standard deviation than this are moved,
 _UNSURE = 0.05
 #: at most so many,
@@ -70,6 +75,23 @@ class Answer:
     local: Local | None
 
 
+def explains(problem: Problem, answer: Answer) -> bool:
+    """Whether what an answer leaves of the data looks like noise.
+
+    It is no larger than noise that is known, and not serially correlated.
+    """
+    for i, part in enumerate(problem.parts):
+        e = answer.residual.of(i).weight * (part.responses(answer.x) - part.frf.values)
+        power = float(np.mean(np.abs(e) ** 2))
+        known = answer.noises[i].scale_known and answer.noises[i].source in ("data", "stated")
+        if known and power > 2.0 * _EXCESS:
+            return False
+        product = float(np.mean((e[1:] * e[:-1].conj()).real)) if len(e) > 1 else 0.0
+        if len(e) >= _ENOUGH_LINES and product > _CORRELATED * power:
+            return False
+    return True
+
+
 def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
     """Return the best answer; of those that fit equally well, the one nearest to the start."""
     best = min(answer.unlikelihood for answer in answers)
@@ -90,9 +112,9 @@ def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
     found: list[Answer] = []
     for other in sorted(others, key=lambda answer: answer.unlikelihood):
         as_well = other.unlikelihood <= chosen.unlikelihood + AS_WELL
-        if as_well and other.reason == "converged" and _differ(chosen, other):
-            if all(_differ(known, other) for known in found):
-                found.append(other)
+        settled = as_well and other.reason == "converged"
+        if settled and all(_differ(known, other) for known in [chosen, *found]):
+            found.append(other)
     return found
 
 
@@ -105,7 +127,7 @@ def _differ(a: Answer, b: Answer) -> bool:
 
 
 def _std(local: Local) -> _Vector:
-    """Return the standard deviations that a whitened Jacobian gives; inf for what it leaves open."""
+    """Return the standard deviations of the unknowns; inf for those that the data leave open."""
     found = resolve(local.R)
     return np.where(found.involved, np.inf, np.sqrt(np.diag(found.covariance)))
 
@@ -138,7 +160,8 @@ def elsewhere(
 ) -> list[_Vector]:
     """Return points, shape (n,), away from an answer that fit fairly well as they stand.
 
-    Each unknown is put back to its start, alone, and parts of the structure are exchanged.
+    Each unknown is moved alone, to its start and to either side, and parts of the structure are
+    exchanged.
 
     Parameters
     ----------
@@ -151,41 +174,67 @@ def elsewhere(
     most : int
         Largest number of points that are looked at.
     """
-    tries = [*_exchanged(problem, answer.x), *_returned(problem, answer.x)][:most]
+    tries = [*_exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_values, 50)]
     return [tries[i] for i in promising[:_PROMISING]]
 
 
-def _returned(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+    lower, upper = problem.coordinates.bounds
     home = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    for i in np.flatnonzero(np.abs(x - home) > _UNSURE):
-        moved = x.copy()
-        moved[i] = home[i]
-        yield moved
+    far = np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
+    for i in range(len(x)):
+        for value in (home[i], x[i] - far[i], x[i] + far[i]):
+            moved = x.copy()
+            moved[i] = np.clip(value, lower[i], upper[i])
+            if abs(moved[i] - x[i]) > _UNSURE * far[i]:
+                yield moved
 
 
 def _exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    """Yield points with the unknowns of two groups exchanged, or of all in reverse order."""
+    """Yield points with the unknowns of groups exchanged: of like groups in mirror order, of two.
+
+    What is exchanged are stiffnesses and masses, not their factors.
+    """
     own: dict[str, dict[str, int]] = {}
     for i, p in enumerate(problem.coordinates.parameters):
         if not p.drives and not p.is_channel:
             own.setdefault(p.group, {})[p.quantity] = i
-    names = list(own)
     size = _sizes(problem)
-    pairs = [(i, j) for i, j in combinations(range(len(names)), 2)]
-    reverse = [(i, len(names) - 1 - i) for i in range(len(names) // 2)]
-    for swaps in [reverse] * (len(reverse) > 1) + [[pair] for pair in pairs[:_EXCHANGES]]:
+    mirrors = [_reverse(like) for like in _alike(problem, list(own))]
+    together = [[pair for mirror in mirrors for pair in mirror]] if len(mirrors) > 1 else []
+    singles = [[pair] for pair in combinations(own, 2)]
+    for swaps in [*together, *mirrors, *singles[:_EXCHANGES]]:
         moved = x.copy()
-        for i, j in swaps:
-            a, b = own[names[i]], own[names[j]]
-            for quantity in a.keys() & b.keys():
-                p, q = a[quantity], b[quantity]
-                moved[p] = x[q] + size[q] - size[p]
-                moved[q] = x[p] + size[p] - size[q]
+        for a, b in swaps:
+            for quantity in own[a].keys() & own[b].keys():
+                here, there = own[a][quantity], own[b][quantity]
+                moved[here] = x[there] + size[there] - size[here]
+                moved[there] = x[here] + size[here] - size[there]
         if (moved != x).any():
             yield np.clip(moved, *problem.coordinates.bounds)
+
+
+def _reverse(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Return the pairs of names that change places when their order is reversed."""
+    return [(names[i], names[-1 - i]) for i in range(len(names) // 2)]
+
+
+def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
+    """Return groups whose matrices have the same entries but for a factor, two or more each."""
+    system = problem.parts[0].solver.system
+    classes: dict[tuple[object, ...], list[str]] = {}
+    for name in names:
+        kind: list[object] = []
+        for quantity in MATRICES:
+            if system.has(name, quantity):
+                entries = np.abs(system.terms[system.find(name, quantity)].data)
+                share = np.sort(entries[entries > 0.0]) / max(entries.sum(), np.finfo(float).tiny)
+                kind += [quantity, len(share), round(float(share @ share), 9)]
+        classes.setdefault(tuple(kind), []).append(name)
+    return [like for like in classes.values() if len(like) > 1]
 
 
 def _sizes(problem: Problem) -> _Vector:

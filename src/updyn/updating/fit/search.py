@@ -5,9 +5,9 @@ by two things. Loss factors start inflated, so that the model's resonances are b
 overlap the measured ones, and may pass through negative values on the way: a bound at zero stops
 most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
 when further tries, with other inflations and then from random points, end in it too. All but the
-first go up in frequency: the lowest third of the lines, then two thirds, then all, as the low modes
-are hardly ever shifted by more than the distance to the next one. (Measured and left out: a common
-factor on all stiffnesses, chosen beforehand so that the frequency axes agree, finds no more.)
+first go from smooth FRFs to sharp ones (`SmoothedLogError`). (Measured and left out: going up in
+frequency, where the few low lines let the unknowns run away; a common factor on all stiffnesses,
+chosen beforehand so that the frequency axes agree, finds no more.)
 
 Where there are several workers and the lines of one evaluation are too few to be worth spreading,
 whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are
@@ -30,16 +30,17 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.noise import NoiseModel
-from updyn.updating.problem.residuals import EachOf, LogError, is_cached, with_prior
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EachOf, LogError, Residual, is_cached, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
+from updyn.updating.problem.smoothed import SmoothedLogError
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "log_error", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
-#: Where a try begins, and whether it goes up in frequency.
+#: Where a try begins, and whether it goes from smooth FRFs to sharp ones.
 _Start: TypeAlias = "tuple[_Vector, bool]"
 _Points: TypeAlias = "Generator[_Start, None, None]"
 _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Start]], _Found]"
@@ -52,9 +53,14 @@ SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: Shares of the lines, from the lowest, that a try with continuation descends on before it takes
-#: all.
-_STAGES = (1 / 3, 2 / 3)
+#: Widths of smoothing, in the logarithm of frequency, that a try with continuation descends with
+#: before it takes the FRFs as they are; and how.
+_WIDTHS = (0.5, 0.15, 0.05)
+_ROUGH = TrustRegion(30, 1e-9, radius=0.3, relative_fall=1e-3)
+#: How far tries beside a point begin from it, in turn: in logarithms of factors; loss factors.
+_BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
+#: Largest number of complex derivatives of smoothed FRFs, all of which are held: 400 MB.
+_HELD = 25_000_000
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
 #: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
@@ -90,12 +96,12 @@ class Search:
     inflate : bool
         Whether loss factors start inflated; else every try begins with those of the start.
     continuation : bool
-        Whether all tries but the first go up in frequency.
+        Whether all tries but the first go from smooth FRFs to sharp ones.
     """
 
     starts: int = 8
     max_iterations: int = SEARCH_STEPS
-    spread: float = 1.0
+    spread: float = 0.5
     seed: int = 0
     inflate: bool = True
     continuation: bool = True
@@ -122,27 +128,57 @@ class Search:
         except Stopped:
             pass  # the best so far
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
-        points = [end.x for end in _distinct(ends)] or [home]
-        return tuple(np.clip(x, *problem.coordinates.bounds) for x in points)
+        found = [end.x for end in _distinct(ends)] or [home]
+        return tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
+
+    def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
+        """Return where a try ends that begins a little beside a point, shape (n,).
+
+        Minima of the misfit stand in groups; a short way off, the next is more likely in reach than
+        from a start far from all of them.
+
+        Parameters
+        ----------
+        problem : Problem
+            From `coarse`.
+        x : ndarray of float, shape (n,)
+            The point.
+        number : int
+            Which of the random tries.
+        monitor : Monitor
+            Records the steps.
+
+        Returns
+        -------
+        ndarray or None
+            None where the model cannot be solved on the way.
+        """
+        far = _BESIDE[number % len(_BESIDE)]
+        is_factor = problem.coordinates.parameters.is_factor
+        (moved,) = scattered(x, np.where(is_factor, far, _BESIDE_LOSS), 1, self.seed + number)
+        bounds = problem.coordinates.bounds
+        end = self._try_from(problem, (np.clip(moved, *bounds), False), monitor)
+        return None if end is None else np.clip(end.x, *bounds)
 
     def _try_from(self, problem: Problem, start: _Start, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
         x, gradual = start
-        for share in _STAGES if gradual else ():
-            part = problem.lowest(share)
-            if 2 * part.n_values < problem.n:
-                continue
-            outcome = self._relaxed_descent(part, x, monitor)
+        for width in _WIDTHS if gradual else ():
+            rough = problem.thinned(_smooth_lines(problem))
+            outcome = self._relaxed_descent(rough, SmoothedLogError(width), x, monitor, _ROUGH)
             if outcome is None or monitor.stopped:
                 return outcome
             x = outcome.x
-        return self._relaxed_descent(problem, x, monitor)
+        return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
 
-    def _relaxed_descent(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
+    @staticmethod
+    def _relaxed_descent(
+        problem: Problem, residual: Residual, x: _Vector, monitor: Monitor, settings: TrustRegion
+    ) -> Outcome | None:
         """Return where a descent from x ends, or None where the model cannot be solved there."""
 
         def evaluate(at: _Vector) -> Local | None:
-            local = log_error(problem).local(problem, at)
+            local = residual.local(problem, at)
             return None if local is None else with_prior(local, problem, at)
 
         first = evaluate(x)
@@ -150,7 +186,7 @@ class Search:
             return None
         monitor.start(x, first)
         relaxed, upper = problem.coordinates.relaxed_lower, problem.coordinates.bounds[1]
-        return self._settings.minimise(evaluate, x, relaxed, upper, monitor.step)
+        return settings.minimise(evaluate, x, relaxed, upper, monitor.step)
 
     def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, log_error(problem), x, monitor, self._settings)
@@ -265,6 +301,12 @@ class Search:
         return float(np.mean(products)) < 0.3 * power
 
 
+def _smooth_lines(problem: Problem) -> int:
+    """Return on how many lines smoothed FRFs are compared."""
+    at_a_line = problem.n * max(part.sign.size for part in problem.parts)
+    return max(20, _HELD // at_a_line)
+
+
 def _cost(end: Outcome) -> float:
     return end.local.cost
 
@@ -303,7 +345,7 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
 
 
 def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of a problem from `coarse`, each value as far as it is clear of noise."""
+    """Return the log error of a problem from `coarse`, weighted by what the noise leaves."""
     return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
 
 

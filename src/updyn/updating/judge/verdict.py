@@ -140,8 +140,8 @@ def ambiguous(
     more = f" and {len(different) - _SHOWN} more" if len(different) > _SHOWN else ""
     odds = max(other.odds for other in others)
     message = (
-        f"But {1 + len(others)} answers fit the data equally well (odds within {max(odds, 1.0):.2g} to"
-        f" 1); they differ in {', '.join(shown)}{more}."
+        f"But {1 + len(others)} answers fit the data equally well (odds within"
+        f" {max(odds, 1.0):.2g} to 1); they differ in {', '.join(shown)}{more}."
     )
     sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))
     known = "Fix one of these unknowns where it is known"

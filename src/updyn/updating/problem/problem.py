@@ -265,13 +265,6 @@ class Part:
             return self
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
-    def lowest(self, share: float) -> Part:
-        """Return the part on a share of its lines, from the lowest; at least four of them."""
-        n = max(4, round(share * self.n_lines))
-        if n >= self.n_lines:
-            return self
-        return replace(self, frf=self.frf.select(lines=self.frf.freq[:n]))
-
     @property
     def n(self) -> int:
         """Number of unknowns."""
@@ -512,10 +505,6 @@ class Problem:
     def thinned(self, largest: int) -> Problem:
         """Return the parts on at most `largest` lines each."""
         return Problem(tuple(part.thinned(largest) for part in self.parts))
-
-    def lowest(self, share: float) -> Problem:
-        """Return the parts on a share of their lines, from the lowest."""
-        return Problem(tuple(part.lowest(share) for part in self.parts))
 
     def with_session(self, session: Session) -> Problem:
         """Return the parts with another session."""

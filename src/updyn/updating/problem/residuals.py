@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
-from updyn.frf import QUANTITIES
+from updyn.frf import FRF, QUANTITIES
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
@@ -33,6 +33,7 @@ __all__ = [
     "LogError",
     "OutputError",
     "Residual",
+    "clear_of_noise",
     "is_cached",
     "solved",
     "with_prior",
@@ -117,6 +118,28 @@ class LineResidual(ABC):
         """Return residual, shape (n_f, ...), and derivatives by x, shape (n, n_f, ...)."""
 
 
+def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
+    """Return what the noise leaves of measured values, from 0 to 1, shape (n_f, n_i, n_j).
+
+    It is 1 / sqrt(1 + (s / 0.1)^2) with the noise s as a share of the measured level: a value below
+    the noise has no phase, and the logarithm of its level is that of the noise. Far from the truth
+    a smaller noise makes no difference. Of values that are rounding, nothing is left.
+
+    Parameters
+    ----------
+    values : ndarray of complex, shape (n_f, n_i, n_j)
+        Measured.
+    variance : ndarray of float, shape (n_f, n_i, n_j)
+        E|dH|^2, in squared units of the data.
+    frf : FRF
+        The data, for their units.
+    """
+    size = np.abs(values)
+    clear = size / np.sqrt(size**2 + variance / _CLEAR**2 + np.finfo(float).tiny)
+    share = size / level_by_unit(frf)
+    return np.where(share > _ROUNDING * share.max(axis=(1, 2), keepdims=True), clear, 0.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LogError(LineResidual):
     """r = w ln(H_A / H_X): difference of log magnitude and of phase.
@@ -137,17 +160,10 @@ class LogError(LineResidual):
     def clear_of_noise(cls, part: Part) -> LogError:
         """Return the log error of data that carry their variance, each value as far as it is clear.
 
-        The weight is 1 / sqrt(1 + (s / 0.1)^2) with the noise s as a share of the measured level: a
-        value below the noise has no phase, and the logarithm of its level is that of the noise. Far
-        from the truth a smaller noise makes no difference. Values that are rounding weigh nothing.
+        The weights are those of `clear_of_noise`.
         """
-        frf = part.frf
-        assert frf.variance is not None
-        size = np.abs(frf.values)
-        clear = size / np.sqrt(size**2 + frf.variance / _CLEAR**2 + np.finfo(float).tiny)
-        share = size / level_by_unit(frf)
-        loud = share > _ROUNDING * share.max(axis=(1, 2), keepdims=True)
-        return cls(np.where(loud, clear, 0.0))
+        assert part.frf.variance is not None
+        return cls(clear_of_noise(part.frf.values, part.frf.variance, part.frf))
 
     @property
     def cache_key(self) -> object:

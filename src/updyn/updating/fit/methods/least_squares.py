@@ -68,7 +68,7 @@ class LogMethod(Method):
     inflate : bool
         Whether the loss factors of the search start inflated.
     continuation : bool
-        Whether the tries of the search, but the first, go up in frequency.
+        Whether the tries of the search, but the first, go from smooth FRFs to sharp ones.
     """
 
     max_iterations: int = 100

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.answers import Answer, elsewhere, equals, preferred, weakly_held
+from updyn.updating.fit.answers import Answer, elsewhere, equals, explains, preferred, weakly_held
 from updyn.updating.fit.method import Fit, Method, Rival, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -26,13 +27,21 @@ __all__ = ["MaximumLikelihood"]
 _Vector = NDArray[np.float64]
 
 _ROUNDS = 12
-#: A fall of half the chi-square that no one could see: a thousandth of a standard deviation.
-_FALL = 1e-6
+#: A fall of half the chi-square that no one could see: a hundredth of a standard deviation.
+_FALL = 5e-5
 #: A first descent from a further point: at most so many steps, to a fall of half the chi-square
 #: below this; it is worth a fit if it ends with a log-likelihood at most so much lower.
 _GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
+#: Largest number of tries beside an answer that does not explain the data; log-likelihoods that
+#: differ by less are those of one answer.
+_TRIES, _SAME = 16, 0.5
 #: How often further answers are looked for about a better one.
-_SEARCHES = 2
+_HOPS = 2
+
+
+def _one(local: Local) -> float:
+    """Return the standard deviation of residuals that are weighted with the noise."""
+    return 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +65,7 @@ class MaximumLikelihood(Method):
     inflate : bool
         Whether the loss factors of the search start inflated.
     continuation : bool
-        Whether the tries of the search, but the first, go up in frequency.
+        Whether the tries of the search, but the first, go from smooth FRFs to sharp ones.
     """
 
     max_iterations: int = 100
@@ -81,15 +90,18 @@ class MaximumLikelihood(Method):
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
-        search = Search(
+        with monitor.stage("search", rough):
+            return self._tries.run(rough, monitor)
+
+    @property
+    def _tries(self) -> Search:
+        return Search(
             self.starts,
             min(self.max_iterations, SEARCH_STEPS),
             seed=self.seed,
             inflate=self.inflate,
             continuation=self.continuation,
         )
-        with monitor.stage("search", rough):
-            return search.run(rough, monitor)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -113,8 +125,10 @@ class MaximumLikelihood(Method):
             answers = [self._answer(problem, noises, points[0], monitor)]
             answers += self._further(problem, noises, points[1:], monitor, answers[0])
             chosen = preferred(problem, answers)
+        answers += self._beside(problem, noises, monitor, chosen)
+        chosen = preferred(problem, answers)
         with monitor.stage("elsewhere"):
-            for _ in range(_SEARCHES):
+            for _ in range(_HOPS):
                 others = self._elsewhere(problem, monitor, chosen)
                 answers += self._further(problem, noises, others, monitor, chosen)
                 before, chosen = chosen, preferred(problem, answers)
@@ -124,6 +138,35 @@ class MaximumLikelihood(Method):
             fit = self._judged(problem, noises, chosen)
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
         return replace(fit, rivals=tuple(rivals))
+
+    def _beside(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, best: Answer
+    ) -> list[Answer]:
+        """Return the answers of tries beside the best one, until it explains the data.
+
+        They end as well where two of them come back to it.
+        """
+        rough, found, back = coarse(problem, noises), list[Answer](), 0
+        for number in range(_TRIES):
+            if monitor.stopped or back == 2 or self._explains(problem, best):
+                break
+            with monitor.stage("search", rough), suppress(Stopped):
+                x = self._tries.beside(rough, best.x, number, monitor)
+            if x is None:
+                continue
+            with monitor.stage(self.name):
+                near = self._further(problem, noises, [x], monitor, best)
+            found += near
+            for answer in near:
+                back += abs(answer.unlikelihood - best.unlikelihood) < _SAME
+                best = min(best, answer, key=lambda a: a.unlikelihood)
+        return found
+
+    @staticmethod
+    def _explains(problem: Problem, answer: Answer) -> bool:
+        with suppress(Stopped):
+            return explains(problem, answer)
+        return True
 
     @staticmethod
     def _elsewhere(problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
@@ -182,7 +225,7 @@ class MaximumLikelihood(Method):
                     reason = "stopped" if monitor.stopped else "max-iterations"
                     break
                 before = len(monitor.history)
-                settings = TrustRegion(left, self.tolerance, fall=_FALL)
+                settings = TrustRegion(left, self.tolerance, fall=_FALL, noise=_one)
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
                 left -= len(monitor.history) - before
                 moved, x, reason, local = outcome.x - x, outcome.x, outcome.reason, outcome.local
@@ -198,9 +241,7 @@ class MaximumLikelihood(Method):
     def _judged(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
         if answer.residual.errors:
             with suppress(Stopped):
-                return self._judge(
-                    problem, answer.x, answer.noises, answer.residual, answer.reason
-                )
+                return self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
         return stopped_at(coarse(problem, noises), answer.x)  # what the search knows of it
 
     def _judge(

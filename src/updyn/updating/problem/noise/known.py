@@ -102,7 +102,8 @@ class NoiseModel(ABC):
         power = np.abs(frf.values - H) ** 2 / v
         if self.scale_known:
             return float(np.sum(np.log(v) + power))
-        return float(np.sum(np.log(v)) + v.size * np.log(max(np.mean(power), SMALLEST)))
+        typical = max(float(np.mean(power)), SMALLEST)
+        return float(np.sum(np.log(v)) + v.size * np.log(typical))
 
     def refit(self, H: _Complex, frf: FRF, n_parameters: int) -> NoiseModel:
         """Return the noise model refitted to the residual; itself where nothing is estimated."""
