@@ -23,7 +23,8 @@ falsely sure
     Fits that converged with an unknown more than six of their standard deviations off.
 two answers
     Fits of full rank that are called not identifiable, as another answer fits as well: rightly
-    (their own is more than six standard deviations off, or the structure is symmetric) / wrongly.
+    (their own is more than six standard deviations off, the structure is symmetric, or the bound of
+    an unknown is above 100 %) / wrongly.
 fit as well
     Fits that are not recovered, yet whose chi-square is at most 4 above that of the fit from the
     truth: the data do not tell them from the truth.
@@ -126,9 +127,15 @@ class Cell:
         pairs = zip(self.found, self.true, self.recovered, strict=True)
         return sum(not near and _fits_alike(fit, true) for fit, true, near in pairs)
 
+    @cached_property
+    def has_others(self) -> bool:
+        """Whether other answers than the truth fit as well."""
+        weak = self.bound is not None and (self.bound > UNKNOWN).any()
+        return bool(self.bench.mirrored) or bool(weak)
+
     def is_right(self, fit: dict[str, Any]) -> bool:
         """Whether a fit that speaks of two answers is right."""
-        return _of_two(fit) and (bool(self.bench.mirrored) or farthest(fit) > FALSE)
+        return _of_two(fit) and (self.has_others or farthest(fit) > FALSE)
 
     def is_wrong(self, fit: dict[str, Any]) -> bool:
         """Whether a fit that speaks of two answers is wrong."""
