@@ -23,7 +23,8 @@ comes from changed unknowns, strong local damping or a band that the shifts cove
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -61,6 +62,13 @@ _SHIFTS, _MOST_SHIFTS = 3, 32
 _VECTORS_A_SHIFT = 32
 #: Largest number of moments at a shift.
 _DEPTH = 8
+#: Of a basis that holds around the start: its shift, in squares of the highest frequency; the
+#: largest number of loads of the references; combinations of the sensors.
+_SEARCH_SHIFT = 0.3
+_MOST_REFERENCES = 4
+_COMBINATIONS = 2
+#: Lines of each state whose fields choose among its vectors.
+_LINES_A_STATE = 12
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
 #: Lines that are not checked may be worse than those that are: a basis is enriched to this share of
@@ -150,38 +158,46 @@ class Reduction:
         SolverError
             If the model cannot be factorised at a shift.
         """
-        diagonal = self._matrix(state, -self._top).diagonal()
-        self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+        self._begin(state)
+        loads = np.zeros((self.system.n, len(self._loaded)), order="F")
+        loads[self._loaded, np.arange(len(self._loaded))] = 1.0
         low, high = (2.0 * np.pi * self.band[0]) ** 2, self._top
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
             np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
         )
-        below = {float(s): self._expand(state, float(s)) for s in points}
+        below = {float(s): self._expand(state, float(s), loads, self._depth) for s in points}
         while len(below) < _MOST_SHIFTS and (gap := self._gap(state, below)) is not None:
             middle = 0.5 * (gap[0] + gap[1])
-            below[middle] = self._expand(state, middle)
+            below[middle] = self._expand(state, middle, loads, self._depth)
 
-    def widen(self, state: State) -> None:
-        """Add a few basis vectors of another state, without certifying the basis.
+    def build_around(self, states: Sequence[State], seed: int = 0) -> None:
+        """Build a new basis that holds roughly between many states, for a search.
 
-        They are the solutions for the unit loads and the next moments at one shift in the middle of
-        the band, so that the basis is roughly right between its states.
+        Each state adds, of one factorisation in the lower part of the band, the solutions X for the
+        references and for two random combinations of the sensors, (K - s M)^-1 M X and
+        (K - s M)^-1 D X. The combinations differ from state to state, so that all sensors are
+        represented by few vectors (tangential interpolation: Gallivan, Vandendorpe & Van Dooren,
+        SIAM J. Matrix Anal. Appl. 26 (2004) 328).
 
         Parameters
         ----------
-        state : State
-            The model.
+        states : sequence of State
+            The first is that of the start. One that cannot be factorised adds nothing.
+        seed : int
+            Of the random combinations.
 
         Raises
         ------
         SolverError
-            If the model cannot be factorised there.
+            If no state can be factorised.
         """
-        self._expand(state, 0.5 * self._top, depth=2, damping=False)
-
-    def size_with(self, n_states: int) -> int:
-        """Return the largest size of the basis with further states."""
-        return self.basis.size + 2 * n_states * len(self._loaded)
+        self._begin(states[0])
+        rng = np.random.default_rng(seed)
+        for state in states:
+            with suppress(SolverError):
+                self._expand(state, _SEARCH_SHIFT * self._top, self._combined_loads(rng), depth=2)
+        if self.basis.size == 0:
+            raise SolverError("tier 'reduced': the model is singular at the start")
 
     @property
     def used(self) -> dict[str, int]:
@@ -201,28 +217,43 @@ class Reduction:
         return int(np.clip(np.ceil(_VECTORS_A_SHIFT / len(self._loaded)), 1, _DEPTH))
 
     # -- construction --------------------------------------------------------------------------
-    def _expand(
-        self, state: State, shift: float, depth: int | None = None, *, damping: bool = True
-    ) -> int | None:
+    def _begin(self, state: State) -> None:
+        """Begin a basis whose scale of each DOF is that of a state."""
+        diagonal = self._matrix(state, -self._top).diagonal()
+        self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
+
+    def _combined_loads(self, rng: np.random.Generator) -> _Real:
+        """Return unit loads at the references and at random combinations of the sensors."""
+        groups = (self.columns, _MOST_REFERENCES), (self.rows, _COMBINATIONS)
+        loads = []
+        for dofs, most in groups:
+            own = np.unique(dofs)
+            weights = np.eye(len(own))
+            if len(own) > most:
+                weights = rng.standard_normal((len(own), most))
+            F = np.zeros((self.system.n, weights.shape[1]))
+            F[own] = weights
+            loads.append(F)
+        return np.asfortranarray(np.hstack(loads))
+
+    def _expand(self, state: State, shift: float, loads: _Real, depth: int) -> int | None:
         """Add the basis vectors of a shift; return how many modes lie below it, if known."""
-        factorised, X = self._solved(state, shift)
+        factorised, X = self._solved(state, shift, loads)
         lossy, inertial = self._lossy(state), self._inertial(state)
         lost = None
-        if damping and lossy.any():
+        if lossy.any():
             lost = factorised.solve(self.system.applied(lossy, X))
         self.basis.append(X.copy())
         self.poll()
-        for _ in range((depth or self._depth) - 1):
+        for _ in range(depth - 1):
             X = factorised.solve(self.system.applied(inertial, X))
             self.basis.append(X.copy())
         if lost is not None:
             self.basis.append(lost)
         return factorised.negative
 
-    def _solved(self, state: State, shift: float) -> tuple[Factorised, _Real]:
-        """Factorise K - s M and solve for the unit loads; shift s off a natural frequency."""
-        loads = np.zeros((self.system.n, len(self._loaded)), order="F")
-        loads[self._loaded, np.arange(len(self._loaded))] = 1.0
+    def _solved(self, state: State, shift: float, loads: _Real) -> tuple[Factorised, _Real]:
+        """Factorise K - s M and solve for the loads; shift s off a natural frequency."""
         for nudge in (0.0, 1e-4, 1e-3):
             at = shift - nudge * self._top
             try:
@@ -304,10 +335,50 @@ class Reduction:
                 q / np.sqrt(np.abs(H[:, :, self._channels.forced]).max(axis=(0, 2)))[:, None]
             ).reshape(r, -1)
             gram += scaled.real @ scaled.real.T + scaled.imag @ scaled.imag.T
+        # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
+        self._truncate(state, gram, 0.01 * self.accuracy)
+
+    def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> None:
+        """Reduce the basis to that of the references' fields at many states, for a search.
+
+        Beside each field of a reference stands one of a random combination of the sensors, for
+        the receptance is as accurate as the fields of both.
+
+        Parameters
+        ----------
+        states : sequence of State
+            Where fields are taken; the first sets the scale of energies.
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz; each state takes every n-th of them, from another one on.
+        share : float
+            Root of the share of the energy of all fields that may be dropped.
+        """
+        rng = np.random.default_rng(len(states))
+        metric = self.basis.combined(self._weights(states[0], -self._top))
+        solver = self.solver()
+        gram, total = np.zeros_like(metric), 0
+        stride = -(-len(freq) // _LINES_A_STATE)
+        for number, state in enumerate(states):
+            lines = freq[number % stride :: stride]
+            c = solver.system.coefficients(state, 2.0 * np.pi * lines)
+            try:
+                q = solver.solve(c, self._loaded, lines)
+            except SolverError:  # one state less
+                continue
+            mixed = q @ rng.standard_normal((len(self._loaded), _COMBINATIONS))
+            q = np.concatenate([q[:, :, np.unique(self._channels.forced)], mixed], axis=2)
+            q = q.reshape(len(q), -1)
+            q = q / np.sqrt(np.einsum("rk,rk->k", q.conj(), metric @ q).real)
+            gram += q.real @ q.real.T + q.imag @ q.imag.T
+            total += q.shape[1]
+            self.poll()
+        self._truncate(states[0], gram, share**2 * total)
+
+    def _truncate(self, state: State, gram: _Real, allowed: float) -> None:
+        """Drop the directions of least energy in P of fields with a Gram matrix, up to a sum."""
         C = np.linalg.cholesky(self.basis.combined(self._weights(state, -self._top)))
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
-        # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
-        dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), 0.01 * self.accuracy)
+        dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), allowed)
         self.basis.rotate(
             scipy.linalg.solve_triangular(C, axes[:, dropped:], lower=True, trans="T")
         )

@@ -182,16 +182,31 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
 
 
-def test_a_wider_basis_holds_roughly_between_its_states() -> None:
-    system = AffineSystem.compile(plate())
+@pytest.mark.parametrize("options", [{}, {"damper": 3e3}], ids=["layers", "dampers"])
+def test_a_basis_of_many_states_holds_roughly_between_them(options: dict) -> None:
+    system = AffineSystem.compile(plate(**options))
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    between, narrow = moved(system, 0.3), reduction.basis.size
+    between = moved(system, 0.3)
     before = true_error(system, between, reduction, BAND)
-    most = reduction.size_with(6)
-    for seed in range(2, 8):
-        reduction.widen(moved(system, 0.4, seed))
-    assert narrow < reduction.basis.size <= most
-    assert true_error(system, between, reduction, BAND) < 0.01 * before
+    states = [system.start, *(moved(system, 0.4, seed) for seed in range(2, 14))]
+    reduction.build_around(states)
+    wide = reduction.basis.size
+    error = true_error(system, between, reduction, BAND)
+    assert error < min(0.1 * before, 1e-3)
+    samples = [system.start, *(moved(system, 0.4, seed) for seed in range(20, 40))]
+    reduction.compress_around(samples, BAND, 1e-3)
+    assert reduction.basis.size < 0.8 * wide
+    assert true_error(system, between, reduction, BAND) < 0.01
+
+
+def test_many_references_take_no_more_vectors_than_a_few() -> None:
+    system = AffineSystem.compile(plate())
+    sizes = []
+    for n in (4, 8):
+        reduction = Reduction(system, SENSORS, SENSORS[:n], (BAND[0], BAND[-1]), "superlu")
+        reduction.build_around([system.start, moved(system, 0.3)])
+        sizes.append(reduction.basis.size)
+    assert sizes[0] == sizes[1] == 2 * 3 * (4 + 2)
 
 
 def test_compressing_keeps_the_answers() -> None:

@@ -5,17 +5,16 @@ The fit therefore stays within a trust radius about that point. Where it ends, t
 certifies the basis; if that fails, a new basis is built there and the fit goes on. As values and
 slopes at the point of the basis are those of the full model, few rounds suffice.
 
-A search moves further, and its result in the basis of the start can be inaccurate. Where the fit
-does not converge from there, the search is repeated in a wider basis with vectors from points
-around the start: nowhere exact, but accurate enough to find the basin (benchmarks/accuracy.py
---tier reduced).
+A search moves further: where the unknowns are far off, the basis of the start has local minima that
+the model has not, which a fit then takes for the answer. The search is therefore made in another
+basis, of points all around the start: nowhere exact, but accurate enough everywhere to find the
+basin (benchmarks/solids.py).
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,11 +22,11 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Certificate, Reduction
-from updyn.errors import OptionError, SolverError
+from updyn.errors import OptionError
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import SEARCH_STEPS, scattered
+from updyn.updating.fit.search import scattered
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
@@ -51,14 +50,19 @@ _ROUNDS = 12
 _NEAR = 0.25
 #: A larger basis is compressed.
 _LARGE = 400
-#: Points about the start that add vectors to the basis of a second search.
-_POINTS = 8
-#: Their distance from the start, in logarithms of factors.
-_AWAY = 0.8
-#: Largest number of lines of a second search.
+#: Points about the start whose vectors make the basis of a search: two for each factor, between
+#: these numbers.
+_POINTS = (8, 24)
+#: Points whose fields choose among these vectors.
+_SAMPLES = 40
+#: How far they lie from the start, in logarithms of factors.
+_AWAY = 1.0
+#: Largest loss factor of theirs.
+_LOSSY = 0.3
+#: Root of the share of the energy of these fields that may be dropped.
+_DROPPED = 1e-3
+#: Largest number of lines of a search.
 _SEARCHED = 200
-#: Largest size of the basis of a second search.
-_WIDEST = 450
 #: Number of DOFs without a sensor whose error counts too, for the experiment advice.
 _ELSEWHERE = 200
 
@@ -137,10 +141,10 @@ class _Part:
         if self.reduction.basis.size > _LARGE:
             self.reduction.compress(state, self.exact.frf.freq)
 
-    def widen(self, points: Iterable[_Vector]) -> None:
-        for x in points:
-            with suppress(SolverError):  # a point that cannot be solved adds nothing
-                self.reduction.widen(self.exact.state(x))
+    def build_around(self, points: Sequence[_Vector], samples: Sequence[_Vector]) -> None:
+        self.reduction.build_around([self.exact.state(x) for x in points])
+        freq = self.exact.frf.freq
+        self.reduction.compress_around([self.exact.state(x) for x in samples], freq, _DROPPED)
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector, *, enrich: bool) -> None:
@@ -226,7 +230,7 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Search and fit in the basis of the start; where that fails, in a wider basis.
+        """Search in a basis of points around the start, and fit in one of where that ends.
 
         Parameters
         ----------
@@ -240,48 +244,36 @@ class Reducing:
         problem : Problem
             With the last reduced model.
         fit : Fit
-            The last fit, or the one before where that was better.
+            The last fit.
         """
-        x = strategy.search(problem, monitor)
-        found, fit = self._rounds(
-            problem, strategy, noises, monitor, x, far=_outside(x, self._box())
-        )
-        if fit.reason not in ("max-iterations", "stalled") or not self._may_search(strategy):
-            return found, fit
+        x, far = self._home, False
         try:
-            with monitor.stage("reduce"):
-                around = self._around(problem)
-            x = strategy.search(around, monitor)
-            again, other = self._rounds(problem, strategy, noises, monitor, x, far=True)
-            if other.reason == "stopped":
-                return found, replace(fit, reason="stopped")
-            if other.reason != "failed" and _log_cost(again, other.x) <= _log_cost(found, fit.x):
-                return again, other
-            with monitor.stage("reduce"):
-                self._make(fit.x)
-                self._check(fit.x)
+            if self._may_search(strategy):
+                with monitor.stage("reduce"):
+                    around = self._around(problem)
+                x, far = strategy.search(around, monitor), True
         except Stopped:
-            return found, replace(fit, reason="stopped")
-        except SolverError:  # the first fit is still there
-            return found, fit
-        return self.inside(problem), fit
+            return problem, Fit.blind(x, "stopped")
+        return self._rounds(problem, strategy, noises, monitor, x, far=far)
 
-    def _may_search(self, strategy: Method) -> bool:
-        """Whether the method searches, has enough steps, and a wider basis is not too large."""
+    @staticmethod
+    def _may_search(strategy: Method) -> bool:
+        """Whether the method searches."""
         inner = getattr(strategy, "method", strategy)  # the method that a regularised one wraps
-        starts = getattr(inner, "starts", 0)
-        size = max(part.reduction.size_with(_POINTS) for part in self._parts)
-        return bool(starts) and strategy.max_iterations >= SEARCH_STEPS and size <= _WIDEST
+        return bool(getattr(inner, "starts", 0))
 
     def _around(self, problem: Problem) -> Problem:
-        """Return a problem with reduced models that hold approximately around the start."""
-        far = np.where(self.exact.coordinates.parameters.is_factor, _AWAY, 0.0)
-        points = np.clip(
-            scattered(self._home, far, _POINTS, seed=0), *self.exact.coordinates.bounds
-        )
-        self._make(self._home)
+        """Return a problem with reduced models that hold roughly wherever a search may go."""
+        factor = self.exact.coordinates.parameters.is_factor
+        number = int(np.clip(2 * factor.sum(), *_POINTS))
+        bounds = self.exact.coordinates.bounds
+        lowest = np.where(factor, self._home - _AWAY, 0.0)
+        highest = np.where(factor, self._home + _AWAY, _LOSSY)
+        middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+        points = np.clip(scattered(middle, half, number, seed=0), *bounds)
+        samples = np.clip(scattered(middle, half, _SAMPLES, seed=1), *bounds)
         for part in self._parts:
-            part.widen(points)
+            part.build_around([self._home, *points], [self._home, *samples])
         return self.inside(problem).thinned(_SEARCHED)
 
     def _rounds(
