@@ -4,6 +4,13 @@ The problem is met only through its reduced form at a point: the triangle R of t
 stacked, weighted Jacobian and the projected residual. A step minimises |R p + q| within a ball, on
 the unknowns that no bound holds. The normal equations are never formed (More 1978, "The
 Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
+
+Where the size of the noise is known, two rules use it. A combination of the unknowns that the data
+do not determine (its standard deviation is above `WIDEST`) stays where it is while its best value
+is less than two standard deviations away: the misfit is a curved valley along it, in which a
+hundred short steps gain nothing that could be told from noise. And the iteration ends when a whole
+Gauss-Newton step, whatever the radius, would gain no more than is asked for: the relative offset
+criterion of Bates & Watts, Technometrics 23 (1981) 179.
 """
 
 from __future__ import annotations
@@ -15,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from updyn.updating.fit.null_space import WIDEST
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.session import Stopped
 
@@ -27,6 +35,12 @@ __all__ = [
 _Vector = NDArray[np.float64]
 
 _ROUNDING = 1e-6
+#: An undetermined combination stays where it is within this many standard deviations.
+_NEAR = 2.0
+
+
+def _unknown(local: Local) -> float:
+    return 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +98,10 @@ class TrustRegion:
         First radius, in the units of x (logarithms of factors: 0.5 is about 65 %).
     fall, relative_fall : float
         Converged, too, when the linear model promises no larger fall of the cost, absolute or as a
-        share of it.
+        share of it, by a step of any length.
+    noise : callable
+        Returns the standard deviation of the residuals at a local problem; 0, as by default, where
+        it is not known.
     """
 
     max_iterations: int = 100
@@ -92,6 +109,7 @@ class TrustRegion:
     radius: float = 0.5
     fall: float = 0.0
     relative_fall: float = 0.0
+    noise: Callable[[Local], float] = _unknown
 
     @property
     def _share(self) -> float:
@@ -130,15 +148,15 @@ class TrustRegion:
             raise ArithmeticError("the start cannot be evaluated")
         radius = self.radius
         for _ in range(self.max_iterations):
-            p, fall, limited = _step(here, x, lower, upper, radius, within)
+            noise = self.noise(here)
+            p, fall, limited = _step(here, x, lower, upper, radius, within, noise)
             length = float(np.abs(p).max(initial=0.0))
             # The decrease of a step that the radius limits is no measure of the distance to the
             # minimum.
-            if (
-                length == 0.0
-                or fall <= 0.0
-                or (not limited and fall <= max(self.fall, self._share * here.cost))
-            ):
+            left = fall
+            if limited:
+                left = _step(here, x, lower, upper, np.inf, within, noise)[1]
+            if length == 0.0 or fall <= 0.0 or left <= max(self.fall, self._share * here.cost):
                 return Outcome(x, here, "converged")
             trial = np.clip(x + p, lower, upper)
             try:
@@ -169,14 +187,17 @@ class TrustRegion:
                     # Costs that agree to rounding cannot choose between the two points; what is
                     # left to gain can.
                     if there is not None and there.cost <= here.cost * (1.0 + 1e-12):
-                        left = _step(there, trial, lower, upper, radius, within)[1]
+                        left = _step(there, trial, lower, upper, radius, within, noise)[1]
                         if left < fall:
                             x, here = trial, there
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
                 if length <= self.tolerance:
-                    whole = np.abs(_step(here, x, lower, upper, np.inf, within)[0]).max(initial=0.0)
-                    near = fall <= 1e-6 * here.cost or whole <= 10.0 * _ROUNDING
+                    whole = _step(here, x, lower, upper, np.inf, within, noise)[0]
+                    near = (
+                        fall <= 1e-6 * here.cost
+                        or np.abs(whole).max(initial=0.0) <= 10.0 * _ROUNDING
+                    )
                     return Outcome(x, here, "converged" if near else "stalled")
             if stop:
                 return Outcome(x, here, "stopped")
@@ -190,6 +211,7 @@ def _step(
     upper: _Vector,
     radius: float,
     within: NDArray[np.float64] | None = None,
+    noise: float = 0.0,
 ) -> tuple[_Vector, float, bool]:
     """Return the step, the predicted decrease of the cost, and whether the radius limits it."""
     if within is not None:
@@ -197,14 +219,15 @@ def _step(
     g = here.gradient
     free = ~(((x <= lower) & (g > 0)) | ((x >= upper) & (g < 0)))
     p = np.zeros(len(x))
-    p[free], damping = _ball_step(here.R[:, free], here.q, radius)
+    q = _resting(here.R[:, free], here.q, noise)
+    p[free], damping = _ball_step(here.R[:, free], q, radius)
     if ((x + p < lower) | (x + p > upper)).any():
         damped = here.R
         if damping:
             damped = np.vstack([here.R, np.sqrt(damping) * np.eye(len(x))])
         p = _box_step(
             damped,
-            np.append(here.q, np.zeros(len(damped) - len(here.q))),
+            np.append(q, np.zeros(len(damped) - len(q))),
             lower - x,
             upper - x,
             free,
@@ -214,7 +237,24 @@ def _step(
     if size > radius:
         p = p * (radius / size)
     moved = here.R @ p
-    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
+    return p, float(-(moved @ q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
+
+
+def _resting(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
+    """Return q without the pull on undetermined combinations that are within the noise.
+
+    The singular values of R over the standard deviation of the noise are one over the standard
+    deviations of the combinations; U^T q over it is how many of these each is away from its best
+    value.
+    """
+    if noise == 0.0:
+        return q
+    U, s, _ = np.linalg.svd(R)
+    pull = U.T @ q
+    size = np.zeros(len(q))
+    size[: len(s)] = s
+    rests = (size * WIDEST < noise) & (np.abs(pull) < _NEAR * noise)
+    return np.asarray(U @ np.where(rests, 0.0, pull)) if rests.any() else q
 
 
 def _step_within(

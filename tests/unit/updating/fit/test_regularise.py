@@ -352,7 +352,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_answer(badly, pulled, tmp_pa
 
     def stop(progress):
         calls.append(progress)
-        return len(calls) > 12
+        return len(calls) > 3
 
     first = updyn.update(*badly, regularise="gcv", starts=0, checkpoint=checkpoint, callback=stop)
     assert first.status == "stopped"

@@ -114,6 +114,49 @@ def test_short_step_of_a_small_radius_is_not_convergence():
     assert outcome.x == pytest.approx([3.0, 2.0], rel=1e-6)
 
 
+def valley(far, slope=0.3):
+    """r = (30 (x2 - x1^2), slope (x1 - far)): x1 is known to 1 / slope, along a curved valley."""
+
+    def local(x):
+        r = np.array([30.0 * (x[1] - x[0] ** 2), slope * (x[0] - far)])
+        J = np.array([[-60.0 * x[0], 30.0], [slope, 0.0]])
+        return reduce([np.column_stack([J, r])], 2)
+
+    return local
+
+
+def test_an_undetermined_combination_within_the_noise_stays_where_it_is():
+    """x1 is 1.5 standard deviations (of 3.3) from its best: only what is determined is fitted."""
+    begin = np.array([0.0, 0.1])
+    outcome = TrustRegion(noise=lambda local: 1.0).minimise(valley(5.0), begin, *FREE)
+    assert outcome.reason == "converged"
+    assert outcome.x == pytest.approx([0.0, 0.0], abs=1e-6)
+    # Where the noise is not known, or smaller, the minimum is sought.
+    for noise in (0.0, 1e-3):
+        outcome = TrustRegion(1000, noise=lambda local, n=noise: n).minimise(
+            valley(5.0), begin, *FREE
+        )
+        assert outcome.x == pytest.approx([5.0, 25.0], rel=1e-6)
+
+
+def test_an_undetermined_combination_beyond_the_noise_comes_within_it():
+    """Six standard deviations off: the iteration goes on until two are left, and says converged."""
+    outcome = TrustRegion(1000, noise=lambda local: 1.0).minimise(valley(20.0), np.zeros(2), *FREE)
+    assert outcome.reason == "converged"
+    assert 0.0 < 0.3 * (20.0 - outcome.x[0]) < 2.0
+    assert outcome.x[1] == pytest.approx(outcome.x[0] ** 2, rel=1e-6)
+
+
+def test_a_whole_step_that_gains_little_ends_the_iteration_whatever_the_radius():
+    A, b = np.diag([1.0, 2.0]), np.array([3.0, 4.0])
+    steps = []
+    outcome = TrustRegion(radius=1e-7, fall=1e-3).minimise(
+        linear(A, b), np.array([3.03, 2.0]), *FREE, observe=steps.append
+    )
+    assert outcome.reason == "converged"
+    assert not steps
+
+
 def test_points_that_cannot_be_evaluated_are_stepped_around():
     def walled(x):
         return None if x[0] > 1.5 else linear(np.eye(2), np.array([1.0, 1.0]))(x)

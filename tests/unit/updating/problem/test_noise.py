@@ -10,6 +10,7 @@ from updyn.updating.problem.noise import (
     ASSUMED,
     Assumed,
     Estimated,
+    EstimatedByChannel,
     Stated,
     Variance,
     choose_noise,
@@ -80,6 +81,33 @@ def test_estimate_recovers_the_noise(H, relative, floor):
     else:
         assert found.floor < 0.01 * relative
     assert found.figures() == {"relative": found.relative, "floor": found.floor}
+
+
+def test_a_large_part_of_the_data_below_the_floor_leaves_both_numbers_to_be_found():
+    """Magnitudes over seven decades: three of four values are below the floor."""
+    rng = RNG(5)
+    H = np.geomspace(1.0, 1e-7, 400)[:, None, None] * np.exp(2j * np.pi * rng.random((400, 3, 1)))
+    rms = np.sqrt(np.mean(np.abs(H) ** 2))
+    noisy = H + 0.01 * (np.abs(H) * circular(rng, H.shape) + rms * circular(rng, H.shape))
+    found = Estimated().refit(H, frf(noisy), 0)
+    assert found.relative == pytest.approx(0.01, rel=0.15)
+    assert found.floor == pytest.approx(0.01, rel=0.05)
+
+
+def test_no_estimate_of_relative_noise_exceeds_the_response(H):
+    """A model that misses the data by far says nothing of noise above 100 %."""
+    assert Estimated().refit(H, frf(50.0 * H), 0).relative == 1.0
+
+
+def test_channels_that_symmetry_forbids_say_nothing_of_the_noise(H):
+    """Half of the values are zero in model and data; the noise of the others is what it is."""
+    seen = H * np.array([1.0, 1.0, 0.0])[:, None]
+    noisy = seen * (1 + 0.05 * circular(RNG(3), H.shape))
+    found = Estimated().refit(seen, frf(noisy), 0)
+    assert found.relative == pytest.approx(0.05, rel=0.05)
+    by_channel = EstimatedByChannel().refit(seen, frf(noisy), 0)
+    assert by_channel.relative[:2] == pytest.approx([0.05, 0.05], rel=0.08)
+    assert np.isfinite(by_channel.variance(seen, frf(noisy))).all()
 
 
 def test_estimate_allows_for_the_unknowns_that_were_fitted(H):

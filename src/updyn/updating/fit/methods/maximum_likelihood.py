@@ -14,6 +14,7 @@ from updyn.updating.fit.method import Fit, Method, descend, known_length, stoppe
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search
 from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, LogError, OutputError
@@ -22,8 +23,13 @@ from updyn.updating.problem.session import Stopped
 __all__ = ["MaximumLikelihood"]
 
 _ROUNDS = 12
-#: A fall of half the chi-square that no one could see: a thousandth of a standard deviation.
-_FALL = 1e-6
+#: A fall of half the chi-square that no one could see: a hundredth of a standard deviation.
+_FALL = 5e-5
+
+
+def _one(local: Local) -> float:
+    """Return the standard deviation of residuals that are weighted with the noise."""
+    return 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +127,7 @@ class MaximumLikelihood(Method):
                 if monitor.stopped or left <= 0:
                     return x, "stopped" if monitor.stopped else "max-iterations", (noises, residual)
                 before = len(monitor.history)
-                settings = TrustRegion(left, self.tolerance, fall=_FALL)
+                settings = TrustRegion(left, self.tolerance, fall=_FALL, noise=_one)
                 outcome = descend(problem, residual, x, monitor, settings, relax=number == 0)
                 weighted = noises, residual
                 left -= len(monitor.history) - before

@@ -28,6 +28,12 @@ __all__ = [
 _Real = NDArray[np.float64]
 
 _SAMPLES = 20_000
+#: Logarithms between which relative and floor are sought. Noise as large as the response leaves
+#: nothing measured.
+_RANGE = (np.log(SMALLEST), 0.0)
+#: Ratios of the two that are tried, and how far the last ones are from where the two are alike, in
+#: logarithm.
+_RATIOS, _FAR = 40, np.log(1e3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +70,11 @@ class Estimated(NoiseModel):
 
     def refit(self, H: NDArray[np.complex128], frf: FRF, n_parameters: int) -> Estimated | Assumed:
         """Return the model estimated from frf - H, or `Assumed` without degrees of freedom."""
-        if 2 * H.size <= n_parameters:
+        residual = _Residual.of(H, frf)
+        freedom = 2 * residual.n_values - n_parameters
+        if freedom <= 0:
             return Assumed(**ASSUMED)
-        level = np.broadcast_to(level_by_unit(frf), H.shape)
-        squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
-        relative, floor = two_numbers(np.abs(H), level, squared, self.tails)
+        relative, floor = residual.two_numbers(freedom, self.tails)
         return replace(self, relative=relative, floor=floor)
 
     def figures(self) -> dict[str, Any]:
@@ -76,8 +82,49 @@ class Estimated(NoiseModel):
         return {"relative": self.relative, "floor": self.floor}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residual:
+    """A residual as noise is estimated from it, each of shape (n_f, n_i, n_j).
+
+    Parameters
+    ----------
+    size, level, squared : ndarray of float
+        As for `two_numbers`.
+    seen : ndarray of bool
+        Values that are not zero both in the model and in the data. A response that symmetry
+        forbids says nothing of the noise.
+    """
+
+    size: _Real
+    level: _Real
+    squared: _Real
+    seen: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, H: NDArray[np.complex128], frf: FRF) -> _Residual:
+        level = np.broadcast_to(level_by_unit(frf), H.shape)
+        seen = np.maximum(np.abs(H), np.abs(frf.values)) > SMALLEST * level
+        return cls(np.abs(H), level, np.abs(frf.values - H) ** 2, seen)
+
+    @property
+    def n_values(self) -> int:
+        """Number of values that are seen."""
+        return int(np.count_nonzero(self.seen))
+
+    def of_response(self, i: int) -> _Residual:
+        """Return the part of one response."""
+        return _Residual(self.size[:, i], self.level[:, i], self.squared[:, i], self.seen[:, i])
+
+    def two_numbers(self, freedom: float, tails: float) -> tuple[float, float]:
+        """Return relative and floor; what was fitted leaves `freedom` numbers of the values."""
+        if self.n_values == 0:
+            return SMALLEST, SMALLEST
+        squared = self.squared[self.seen] * (2 * self.n_values / freedom)
+        return two_numbers(self.size[self.seen], self.level[self.seen], squared, tails)
+
+
 def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
-    """Return relative and floor that make a residual most likely.
+    """Return relative and floor that make a residual most likely; relative is at most 1.
 
     Parameters
     ----------
@@ -89,30 +136,66 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
         Squared magnitude of the residual.
     tails : float
         As for `Estimated`.
+
+    Notes
+    -----
+    At a given ratio of the two numbers the Gaussian likelihood is greatest where the reduced
+    chi-square is 1. What is left is a search over one ratio, from all floor to all relative, which
+    cannot end in a local minimum of the two.
     """
     from scipy.optimize import minimize
 
     stride = max(1, size.size // _SAMPLES)
     size, level = size.ravel()[::stride], level.ravel()[::stride]
     squared = squared.ravel()[::stride]
+    found = _gaussian(size, level, squared)
+    if np.isfinite(tails):
 
-    def unlikely(logs: NDArray[Any]) -> float:
-        a, b = np.exp(np.clip(logs, np.log(SMALLEST), 3.0))
-        v = (a * size) ** 2 + (b * level) ** 2
-        if np.isinf(tails):
-            return float(np.mean(np.log(v) + squared / v))
-        return float(np.mean(np.log(v) + (0.5 * tails + 1.0) * np.log1p(2.0 / tails * squared / v)))
+        def unlikely(logs: NDArray[Any]) -> float:
+            a, b = np.exp(np.clip(logs, *_RANGE))
+            v = (a * size) ** 2 + (b * level) ** 2
+            return float(
+                np.mean(np.log(v) + (0.5 * tails + 1.0) * np.log1p(2.0 / tails * squared / v))
+            )
 
-    positive = size > 0
-    middle = np.mean if np.isinf(tails) else np.median
-    guess = np.sqrt(middle(squared[positive] / size[positive] ** 2)) if positive.any() else 1.0
-    both = max(guess, SMALLEST), max(np.sqrt(middle(squared / level**2)), SMALLEST)
-    tries = [np.log([both[0], 0.03 * both[1]]), np.log([0.03 * both[0], both[1]])]
-    options = {"xatol": 1e-3, "fatol": 1e-6}
-    minima = [minimize(unlikely, start, method="Nelder-Mead", options=options) for start in tries]
-    found = min(minima, key=lambda minimum: float(minimum.fun))
-    a, b = np.exp(np.clip(found.x, np.log(SMALLEST), 3.0))
+        # Outliers raise the Gaussian numbers; those of the smaller half of the residual they do
+        # not.
+        kept = squared <= np.median(squared / level**2) * level**2
+        tries = [found, _gaussian(size[kept], level[kept], squared[kept])]
+        options = {"xatol": 1e-3, "fatol": 1e-6}
+        minima = [
+            minimize(unlikely, np.log(start), method="Nelder-Mead", options=options)
+            for start in tries
+        ]
+        found = np.exp(min(minima, key=lambda minimum: float(minimum.fun)).x)
+    a, b = np.clip(found, *np.exp(_RANGE))
     return float(a), float(b)
+
+
+def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
+    """Return relative and floor of the greatest Gaussian likelihood, shape (2,)."""
+    from scipy.optimize import minimize_scalar
+
+    def scale(log_ratio: float) -> tuple[_Real, float]:
+        shape = (np.exp(log_ratio) * size) ** 2 + level**2
+        return shape, max(float(np.mean(squared / shape)), SMALLEST**2)
+
+    def unlikely(log_ratio: float) -> float:
+        shape, floor = scale(log_ratio)
+        return float(np.mean(np.log(shape)) + np.log(floor))
+
+    over = size[size > 0.0] / level[size > 0.0]
+    if over.size == 0:
+        return np.array([SMALLEST, np.sqrt(scale(-np.inf)[1])])
+    # From a relative part that is a thousandth of the floor at the largest value, to a floor that
+    # is a thousandth of the relative part at the smallest.
+    grid = np.linspace(-_FAR - np.log(over.max()), _FAR - np.log(over.min()), _RATIOS)
+    best = int(np.argmin([unlikely(ratio) for ratio in grid]))
+    between = grid[max(best - 1, 0)], grid[min(best + 1, _RATIOS - 1)]
+    options = {"xatol": 1e-4}
+    ratio = float(minimize_scalar(unlikely, bounds=between, method="bounded", options=options).x)
+    floor = np.sqrt(scale(ratio)[1])
+    return np.asarray(np.clip([np.exp(ratio) * floor, floor], *np.exp(_RANGE)))
 
 
 #: Fewest values of a sensor from which its noise is estimated; they give its variance to 20 %.
@@ -161,16 +244,13 @@ class EstimatedByChannel(NoiseModel):
         """Return the model estimated by response, or as one where there are few values."""
         if self.held:
             return self
-        if 2 * H.size <= n_parameters or H[:, 0].size < _ENOUGH:
+        residual = _Residual.of(H, frf)
+        freedom = 2 * residual.n_values - n_parameters
+        if freedom <= 0 or H[:, 0].size < _ENOUGH:
             return Estimated(tails=self.tails).refit(H, frf, n_parameters)
-        level = np.broadcast_to(level_by_unit(frf), H.shape)
-        squared = np.abs(frf.values - H) ** 2 * H.size / (H.size - 0.5 * n_parameters)
-        found = np.array(
-            [
-                two_numbers(np.abs(H[:, i]), level[:, i], squared[:, i], self.tails)
-                for i in range(H.shape[1])
-            ]
-        )
+        share = freedom / residual.n_values
+        channels = [residual.of_response(i) for i in range(H.shape[1])]
+        found = np.array([one.two_numbers(share * one.n_values, self.tails) for one in channels])
         return replace(
             self, relative=found[:, 0], floor=found[:, 1], names=tuple(frf.responses.labels)
         )
