@@ -76,11 +76,11 @@ def draw(size: str, sensors: int, seed: int, tier: str) -> tuple[float, bool, fl
     """One fit: largest error in bounds, whether it says converged, seconds."""
     true, clean, bound = measured(size, sensors)
     start, truth = started(true, seed)
-    begun = time.perf_counter()
+    begun = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = updyn.update(start, noisy(clean, seed), everything(start), tier=tier)
-    seconds = time.perf_counter() - begun
+    seconds = time.process_time() - begun
     error = np.empty(len(bound))
     for i, (name, value) in enumerate(truth.items()):
         # The bound of a factor is relative.

@@ -197,19 +197,33 @@ def bridge() -> Bench:
     return Bench(Case("space frame", true, true, clean), everything)
 
 
-def train(true: Model, sensors: Sequence[int], torques: Sequence[int], lines: int) -> Bench:
+def train(
+    true: Model,
+    sensors: Sequence[int],
+    torques: Sequence[int],
+    spread: Mapping[str, float] = FAR,
+    lines: int = 120,
+) -> Bench:
     """Angles over torques of a train, from half its first elastic mode to beyond its last."""
     modes = updyn.modes(true, true.n_dofs).frequency
     elastic = modes[modes > 1e-3 * modes[-1]]
     freq = np.geomspace(0.5 * elastic[0], 1.2 * elastic[-1], lines)
     clean = updyn.response(true, freq, [f"{n}:RZ" for n in sensors], [f"{n}:RZ" for n in torques])
-    return Bench(Case(true.title, true, true, clean), springs_and_masses, stated=True)
+    case = Case(true.title, true, true, clean)
+    return Bench(case, springs_and_masses, spread=spread, stated=True)
+
+
+def three_outputs() -> Bench:
+    """Twelve inertias, eleven springs; stiffnesses off by up to 30 %, inertias by 20 %."""
+    drawn = {"stiffness": 0.3, "mass": 0.2}
+    return train(trains.three_outputs(), [1, 3, 6, 9, 12], [1], drawn)
 
 
 def long_chain(n: int = 100) -> Bench:
     """A chain of 100 unlike masses on rubber, one end held: every spring and mass is unknown.
 
-    Every mass has a sensor, every tenth a force: the condition of the scaled Jacobian is 20 to 70.
+    Every mass has a sensor, five have forces: at a floor of 1e-4 the condition of the scaled
+    Jacobian is 54, and all bounds are below 0.4 %.
     """
     rng = np.random.default_rng(100)
     stiffness, mass = 1e6 * rng.uniform(0.9, 1.1, n), rng.uniform(0.9, 1.1, n)
@@ -225,8 +239,8 @@ def long_chain(n: int = 100) -> Bench:
     true = Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     modes = updyn.modes(true, n).frequency
     sensors = [f"{i}:X" for i in range(1, n + 1)]
-    forces = [f"{i}:X" for i in range(5, n + 1, 10)]
-    clean = updyn.response(true, np.linspace(modes[0], modes[-1], 24), sensors, forces)
+    forces = [f"{i}:X" for i in range(10, n, 20)]
+    clean = updyn.response(true, np.linspace(modes[0], modes[-1], 16), sensors, forces)
     near = {"stiffness": 0.1, "mass": 0.1}
     return Bench(
         Case("chain of 100", true, true, clean), springs_and_masses, spread=near, stated=True
@@ -329,7 +343,7 @@ def bladed_disc(n: int = 12) -> Bench:
         disc[hub, hub] += 4e6
         disc[np.ix_([hub, nxt], [hub, nxt])] += 2.5e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
         mass[hub, hub] = 0.5
-    groups["disc"] = Group(disc, mass, loss_factor=0.002)
+    groups["disc"] = Group(disc, mass, loss_factor=0.005)
     for s in range(n):
         K, M = np.zeros((size, size)), np.zeros((size, size))
         hub, root, tip = 3 * s, 3 * s + 1, 3 * s + 2
@@ -337,19 +351,20 @@ def bladed_disc(n: int = 12) -> Bench:
         for a, b, k in ((hub, root, 1.2e6), (root, tip, 0.8e6)):
             K[np.ix_([a, b], [a, b])] += k * mistuned * np.array([[1.0, -1.0], [-1.0, 1.0]])
         M[root, root], M[tip, tip] = 0.12, 0.08
-        groups[f"blade {s + 1}"] = Group(K, M, loss_factor=0.003)
+        groups[f"blade {s + 1}"] = Group(K, M, loss_factor=0.005)
     labels = [f"{10 * (s + 1) + k}:Z" for s in range(n) for k in (1, 2, 3)]
     true = Model.from_groups(groups, labels)
     modes = updyn.modes(true, true.n_dofs).frequency
     sensors = [f"{10 * blade + 3}:Z" for blade in (1, 2, 4, 5, 8, 10)]
     clean = updyn.response(
-        true, np.linspace(0.9 * modes[0], 1.1 * modes[-1], 200), sensors, [sensors[0], sensors[3]]
+        true, np.linspace(0.9 * modes[0], 1.1 * modes[-1], 120), sensors, [sensors[0], sensors[3]]
     )
 
     def sought(model: Model) -> ParameterSet:
         return updyn.parameters(model, stiffness="all", mass="disc")
 
-    return Bench(Case("bladed disc", true, true, clean), sought)
+    near = {"stiffness": 0.2, "mass": 0.2}
+    return Bench(Case("bladed disc", true, true, clean), sought, spread=near)
 
 
 STRUCTURES: dict[str, Callable[[], Bench]] = {
@@ -358,9 +373,9 @@ STRUCTURES: dict[str, Callable[[], Bench]] = {
     "building": building,
     "space frame": bridge,
     "solid": block,
-    "three outputs": lambda: train(trains.three_outputs(), [1, 3, 6, 9, 12], [1], 120),
-    "two motors": lambda: train(trains.two_motors(), [1, 3, 11, 13, 6, 7], [1], 120),
-    "planetary": lambda: train(trains.planetary_and_belt(), [1, 2, 6, 9], [1], 120),
+    "three outputs": three_outputs,
+    "two motors": lambda: train(trains.two_motors(), [1, 3, 6, 7, 11, 13], [1]),
+    "planetary": lambda: train(trains.planetary_and_belt(), [1, 2, 6, 9, 10], [1]),
     "chain of 100": long_chain,
     "appendages": appendages,
     "portal": portal,

@@ -3,7 +3,8 @@
 recovered
     Every unknown within 1e-6 of the truth without noise; within four standard deviations of the
     Cramer-Rao bound of the true noise with it; of a symmetric structure the mirror image counts
-    too. An unknown that a method cannot change stays where it starts.
+    too. Unknowns with a bound above 100 % are not asked for: four of these reach from bound to
+    bound. An unknown that a method cannot change stays where it starts.
 from truth
     The same of fits by the default method that begin at the truth.
 of these
@@ -22,7 +23,8 @@ falsely sure
     Fits that converged with an unknown more than six of their standard deviations off.
 two answers
     Fits of full rank that are called not identifiable, as another answer fits as well: rightly
-    (their own is more than six standard deviations off, or the structure is symmetric) / wrongly.
+    (their own is more than six standard deviations off, the structure is symmetric, or the bound of
+    an unknown is above 100 %) / wrongly.
 fit as well
     Fits that are not recovered, yet whose chi-square is at most 4 above that of the fit from the
     truth: the data do not tell them from the truth.
@@ -45,6 +47,8 @@ EXACT = 1e-6
 SURE = 4.0
 #: Largest bound of the unknowns that RMS and coverage are taken of.
 WELL_KNOWN = 0.05
+#: Bound from which the data say nothing of an unknown.
+UNKNOWN = 1.0
 #: An estimate that is farther off than this, in its own standard deviations, was falsely sure.
 FALSE = 6.0
 #: Chi-squares that differ by less are of answers that fit alike: two standard deviations.
@@ -92,12 +96,20 @@ class Cell:
     def bound(self) -> np.ndarray | None:
         return self.bench.bound(self.noise) if self.noise else None
 
+    @cached_property
+    def largest(self) -> np.ndarray | float:
+        """Largest error of a recovered unknown."""
+        if self.bound is None:
+            return EXACT
+        return np.where(self.bound > UNKNOWN, np.inf, SURE * self.bound)
+
     def is_recovered(self, fit: dict[str, Any]) -> bool:
         if "refused" in fit:
             return False
-        largest = EXACT if self.bound is None else SURE * self.bound
         error = np.array(fit["error"])
-        return any(bool((np.abs(e) <= largest).all()) for e in (error, self.bench.in_mirror(error)))
+        return any(
+            bool((np.abs(e) <= self.largest).all()) for e in (error, self.bench.in_mirror(error))
+        )
 
     @cached_property
     def recovered(self) -> np.ndarray:
@@ -115,9 +127,15 @@ class Cell:
         pairs = zip(self.found, self.true, self.recovered, strict=True)
         return sum(not near and _fits_alike(fit, true) for fit, true, near in pairs)
 
+    @cached_property
+    def has_others(self) -> bool:
+        """Whether other answers than the truth fit as well."""
+        weak = self.bound is not None and (self.bound > UNKNOWN).any()
+        return bool(self.bench.mirrored) or bool(weak)
+
     def is_right(self, fit: dict[str, Any]) -> bool:
         """Whether a fit that speaks of two answers is right."""
-        return _of_two(fit) and (bool(self.bench.mirrored) or farthest(fit) > FALSE)
+        return _of_two(fit) and (self.has_others or farthest(fit) > FALSE)
 
     def is_wrong(self, fit: dict[str, Any]) -> bool:
         """Whether a fit that speaks of two answers is wrong."""

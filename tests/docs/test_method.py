@@ -124,6 +124,17 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     )
     assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
     assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
-    assert "Four times its largest value" in section
-    assert reduction.SAFETY == 4.0
+    assert "twice the difference to the answer in a larger basis" in section
+    assert "eight times r_i^T P^-1 r_j at the four lines" in section
+    assert (reduction._OF_DIFFERENCE, reduction._OF_REMAINING) == (2.0, 8.0)
+    assert reduction._VALIDATION == 4
+    assert "rounding: 2 eps" in section
+    assert "0.5 eps" in section
+    assert (reduction._IN_ENTRIES, reduction._IN_FACTORS) == (2.0, 0.5)
+    assert "at least 8 and at most 24" in section
+    assert reducing._POINTS == (8, 24)
+    assert "s = 0.3 omega_max^2" in section
+    assert reduction._SEARCH_SHIFT == reducing._LOSSY == 0.3
+    assert "fields of 40 other points" in section
+    assert reducing._SAMPLES == 40
     assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section

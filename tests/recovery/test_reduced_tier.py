@@ -78,6 +78,7 @@ def test_the_same_answer_as_the_whole_model(method: str) -> None:
     assert fast.options["tier"] == "reduced"
     assert fast.options["basis"] < model.n_dofs
     assert fast.options["error"] <= fast.options["accuracy"] == 1e-5
+    assert 0.0 < fast.options["channel error"] < 0.01
     for name in unknowns.names:
         assert abs(fast.values[name] - whole.values[name]) < 1e-2 * whole.std[name]
         assert fast.std[name] == pytest.approx(whole.std[name], rel=1e-3)

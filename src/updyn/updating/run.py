@@ -27,6 +27,7 @@ from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences
 from updyn.updating.judge.assessment import Judgement, judge
+from updyn.updating.judge.ending import ending
 from updyn.updating.judge.verdict import ambiguous, verdict
 from updyn.updating.problem.data import Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
@@ -229,7 +230,14 @@ def _common(
     tests = [part.name for part in problem.parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     status, message, remedy = verdict(
-        fit, found.analysis, names, found.advice, found.misfit, adequacy, found.rounding
+        fit,
+        found.analysis,
+        names,
+        found.advice,
+        found.misfit,
+        adequacy,
+        found.rounding,
+        ending(problem, fit, monitor.history),
     )
     x = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     values = dict(zip(names, x.tolist(), strict=True))

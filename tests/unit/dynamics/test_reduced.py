@@ -111,6 +111,62 @@ def test_the_error_stated_holds_at_lines_that_were_not_looked_at(
     assert certificate.error <= 60 * max(true_error(system, state, reduction, looked), 1e-8)
 
 
+def softened(system: AffineSystem, size: float) -> State:
+    """The start with two of its quarters at a share of their stiffness: many modes in the band."""
+    factor = system.start.factor.copy()
+    stiff = [i for i, t in enumerate(system.terms) if t.quantity == "stiffness"]
+    factor[[stiff[0], stiff[3]]] = size
+    return State(factor, system.start.loss, system.start.rate)
+
+
+def differences(
+    system: AffineSystem, state: State, reduction: Reduction, freq: np.ndarray, tier: str = "sparse"
+) -> tuple[np.ndarray, np.ndarray]:
+    """|H_reduced - H| and H of every line, response and reference, by direct solves."""
+    exact, fast = LineSolver.choose(system, tier), reduction.solver()
+    c = system.coefficients(state, 2 * np.pi * freq)
+    H = exact.at(exact.solve(c, reduction.columns, freq), reduction.rows).transpose(1, 0, 2)
+    R = fast.at(fast.solve(c, reduction.columns, freq), reduction.rows).transpose(1, 0, 2)
+    return np.abs(R - H), H
+
+
+@pytest.mark.parametrize("held", [True, False], ids=["held", "free"])
+@pytest.mark.parametrize("sensors", [SENSORS, SENSORS[:1]], ids=["8-sensors", "1-sensor"])
+@pytest.mark.parametrize("size", [0.3, 0.1])
+@pytest.mark.parametrize("enrich", [True, False])
+def test_the_error_is_stated_of_every_line_and_channel(
+    held: bool, sensors: np.ndarray, size: float, enrich: bool
+) -> None:
+    # Residuals at 14 lines alone state up to two hundred times less than the true error here.
+    system = AffineSystem.compile(plate(held=held))
+    state = softened(system, size)
+    band = (BAND[0], BAND[-1])
+    reduction = built(system, state if enrich else system.start, sensors, FORCES[:1], band)
+    certificate = reduction.certify(state, BAND, enrich=enrich)
+    off, H = differences(system, state, reduction, BAND)
+    assert certificate.errors.shape == off.shape
+    assert (off <= certificate.errors).all()
+    if not enrich:
+        assert certificate.error > 1e-5
+        return
+    largest = (off / np.abs(H).max(axis=(1, 2), keepdims=True)).max()
+    assert largest <= certificate.error <= max(30 * largest, 1e-7)  # not absurdly large either
+    assert (off / np.sqrt(np.mean(np.abs(H) ** 2, axis=0))).max() <= certificate.channel
+
+
+def test_rounding_is_in_the_error() -> None:
+    # Between quarters a million times softer than the seams, sparse and dense solves differ.
+    system = AffineSystem.compile(plate(12))
+    state = softened(system, 1e-6)
+    rows = np.array([140, 77, 30, 9])
+    reduction = built(system, state, rows, rows[:1], (BAND[0], BAND[-1]), accuracy=1e-10)
+    certificate = reduction.certify(state, BAND)
+    assert 0.0 < certificate.rounding <= certificate.error
+    for tier in ("sparse", "dense"):
+        off, _ = differences(system, state, reduction, BAND, tier)
+        assert (off <= certificate.errors).all()
+
+
 def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured() -> None:
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))

@@ -361,8 +361,9 @@ class Reducing:
         if not found:
             return {"accuracy": self.accuracy}
         error: float | str = "not checked where the fit ended"
+        channel = error
         if self.certified:
-            error = max(c.error for c in found)
+            error, channel = max(c.error for c in found), max(c.channel for c in found)
         used: Counter[str] = Counter()
         for part in self._parts:
             used.update(part.reduction.used)
@@ -370,7 +371,7 @@ class Reducing:
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
             "error": error,
-            "lines checked": sum(len(c.lines) for c in found),
+            "channel error": channel,
             "factorisations": sum(c.factorisations for c in found),
             **fallback(used, self._parts[0].reduction.backend),
         }

@@ -10,6 +10,7 @@ import numpy as np
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative
+from updyn.updating.judge.ending import Ending, Pressed
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
 
@@ -26,6 +27,12 @@ _MISFIT = 2.0
 _SHOWN = 3
 #: A typical misfit that is called a miss where nobody says how noisy the data are.
 _FAR = 0.3
+#: What is left to gain, in standard deviations, from which no one could tell the values from those
+#: of a fit that converged.
+_ARRIVED = 0.1
+#: A fit that was cut short is still falling if a step would take away this share of the misfit, or
+#: the last ten gained this share of what is left.
+_FALLING, _STEADY = 0.05, 0.1
 _LOOK = (
     "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
     " groups."
@@ -40,6 +47,7 @@ def verdict(
     misfit: float = 0.0,
     adequacy: Mapping[str, Adequacy | None] | None = None,
     rounding: Rounding | None = None,
+    end: Ending | None = None,
 ) -> tuple[str, str, str]:
     """Return status, message and remedy of a fit.
 
@@ -59,13 +67,15 @@ def verdict(
         Whether the residual is noise, by the names of the tests.
     rounding : Rounding, optional
         Where rounding is seen in the model's answer.
+    end : Ending, optional
+        What was left to gain where the fit ended.
 
     Returns
     -------
     status, message, remedy : str
         One of `STATUSES`; the cause; what to do next, empty where all is well.
     """
-    status, message, remedy = _ended(fit, analysis, names, advice, misfit)
+    status, message, remedy = _ended(fit, analysis, names, advice, misfit, end)
     if status in ("converged", "stalled", "not-identifiable", "max-iterations"):
         inadequate = []
         for name, found in (adequacy or {}).items():
@@ -75,8 +85,13 @@ def verdict(
                 message += f" Test {name!r}:"
             message += f" {found.verdict}"
             inadequate.append(found)
-        if status == "converged" and inadequate:
+        message += _few(fit)
+        looked = status == "converged" or (status == "max-iterations" and not _falls(end))
+        if looked and inadequate:
             remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
+        if end is not None and end.pressed:
+            message += _excluded(end.pressed)
+            remedy = f"{_widen(end.pressed)} {remedy}".strip()
     if rounding is not None:
         message = f"{message} {rounding.message}"
         remedy = REMEDY if status in ("converged", "stalled") else f"{remedy} {REMEDY}".strip()
@@ -91,8 +106,85 @@ def _free(found: list[Adequacy]) -> str:
     return ""
 
 
+def _few(fit: Fit) -> str:
+    """Return what is said of noise that was estimated from few numbers; empty where it was not."""
+    spare = fit.noise[0].get("degrees_of_freedom") if fit.noise else None
+    if spare is None:
+        return ""
+    return (
+        f" The data leave {spare} numbers to estimate the noise from: its level alone was, with the"
+        " usual share of a floor, and intervals are those of Student's distribution."
+    )
+
+
+def _excluded(pressed: Sequence[Pressed]) -> str:
+    """Return what is said of bounds that exclude what the data ask for."""
+    return "".join(
+        f" {one.name} stopped at its {one.side} bound, {one.limit:.4g}; the data ask for a value"
+        f" beyond it, by {one.deviations:.2g} standard deviations."
+        for one in pressed
+    )
+
+
+def _widen(pressed: Sequence[Pressed]) -> str:
+    names = ", ".join(one.name for one in pressed)
+    its = "its bound" if len(pressed) == 1 else "their bounds"
+    return (
+        f"If the structure allows it, widen {its} ({names}); if not, another part of the model or"
+        " the calibration is wrong, and this unknown makes up for it."
+    )
+
+
+def _falls(end: Ending | None) -> bool:
+    """Return whether a fit that was cut short was still falling fast enough to go on."""
+    return end is None or (
+        end.deviations > _ARRIVED and (end.share > _FALLING or end.gained > _STEADY)
+    )
+
+
+def _cut_short(
+    fit: Fit, analysis: Analysis, names: list[str], misfit: float, end: Ending | None
+) -> tuple[str, str]:
+    """Return message and remedy of a fit that ran out of steps, its unknowns being determined."""
+    message = "The largest number of steps was reached before convergence."
+    if end is None:
+        return message, "Raise max_iterations, or start closer."
+    if _falls(end):
+        message += (
+            f" The misfit was still falling: the values are {end.deviations:.2g} standard"
+            " deviations from the next step's."
+        )
+        return message, "Raise max_iterations."
+    if end.deviations <= _ARRIVED:
+        message += (
+            f" What is left to gain is {end.deviations:.1g} standard deviations: more steps would"
+            " change no value by what could be told from the noise."
+        )
+    else:
+        message += (
+            " The last steps followed a valley along which the misfit hardly changes, led by"
+            f" {', '.join(end.leading)}; {end.deviations:.2g} standard deviations are left."
+        )
+    said, remedy = _misses(fit, misfit)
+    if said:
+        return message + said, remedy
+    if end.deviations <= _ARRIVED:
+        return message, "Use the values; their standard deviations hold."
+    led = [name for name in names if name in end.leading]
+    report = analysis.report
+    return message, (
+        f"Add lines or sensors that tell {', '.join(led)} apart (collinearity index"
+        f" {report.collinearity:.3g}), hold one of them at a known value, or give a prior."
+    )
+
+
 def _ended(
-    fit: Fit, analysis: Analysis, names: list[str], advice: str, misfit: float
+    fit: Fit,
+    analysis: Analysis,
+    names: list[str],
+    advice: str,
+    misfit: float,
+    end: Ending | None,
 ) -> tuple[str, str, str]:
     if fit.reason == "failed":
         remedy = (
@@ -109,9 +201,9 @@ def _ended(
             message += " What the data determine is not known."
         return "stopped", message, "Run it again; with a checkpoint it goes on from here."
     if fit.reason == "max-iterations":
-        message = "The largest number of steps was reached before convergence."
         if analysis.report.complete:
-            return "max-iterations", message, "Raise max_iterations."
+            return "max-iterations", *_cut_short(fit, analysis, names, misfit, end)
+        message = "The largest number of steps was reached before convergence."
         return "max-iterations", f"{message} Besides, {_undetermined(analysis, names)}", advice
     if not analysis.report.complete:
         return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
@@ -182,18 +274,27 @@ def _converged(fit: Fit, analysis: Analysis, names: list[str], misfit: float) ->
             f" rather than noise; the standard deviations were widened {np.sqrt(length):.2g} times"
             " for it."
         )
+    said, look = _misses(fit, misfit)
+    if said:
+        message, remedy = message + said, look
+    return message, remedy
+
+
+def _misses(fit: Fit, misfit: float) -> tuple[str, str]:
+    """Return what is said of a misfit that noise does not explain, and the remedy; or nothing."""
     known = ("stated", "variance", "coherence")
+    said = ""
     if misfit > _FAR and any(n.get("kind") not in known for n in fit.noise or ({},)):
-        message += (
+        said += (
             " But the model still misses the data: half of the values are off by more than"
             f" {100 * misfit:.0f} %."
         )
-        remedy = f"{_LOOK} {fit.note}".strip()
+    # Of several tests: the same for all but the kind of their noise.
+    noise = fit.noise[0] if fit.noise else {}
     chi_square = float(noise.get("chi_square", 1.0))
     if chi_square > _MISFIT:
-        message += (
+        said += (
             f" The misfit is {np.sqrt(chi_square):.3g} times what the noise explains: the model"
             " cannot follow the data, and the standard deviations were widened by as much."
         )
-        remedy = f"{_LOOK} {fit.note}".strip()
-    return message, remedy
+    return said, f"{_LOOK} {fit.note}".strip() if said else ""

@@ -6,6 +6,7 @@ import pytest
 import updyn
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.judge.verdict import verdict
 
@@ -41,7 +42,7 @@ def test_open_unknowns_are_the_cause_where_steps_ran_out():
     status, message, remedy = say(BLIND, "max-iterations")
     assert (status, remedy) == ("max-iterations", "advice")
     assert "Besides, the data determine only 1 of 2" in message
-    assert say(SURE, "max-iterations")[2] == "Raise max_iterations."
+    assert say(SURE, "max-iterations")[2] == "Raise max_iterations, or start closer."
 
 
 @pytest.mark.parametrize(
@@ -93,3 +94,65 @@ def test_a_force_calibrated_wrongly_by_five_is_no_good_fit(chain12):
     )
     assert "still misses the data" in result.message
     assert "calibration" in result.remedy
+
+
+def cut(deviations, share, gained, R=SURE, misfit=0.0, **noise):
+    """Verdict on a fit that ran out of steps, by what was left to gain."""
+    end = Ending(deviations, share, gained, ("b.stiffness",))
+    fit = Fit(np.zeros(2), "max-iterations", R, (noise,))
+    return verdict(fit, analyse(R, NAMES), NAMES, "advice", misfit, end=end)
+
+
+def test_more_steps_are_advised_only_where_they_help():
+    assert cut(40.0, 0.5, 0.01)[2] == "Raise max_iterations."
+    assert cut(2.0, 0.001, 0.8)[2] == "Raise max_iterations."
+    for end in ((0.05, 0.5, 0.5), (0.8, 0.001, 0.01)):
+        for noise in ({}, {"chi_square": 9.0}):
+            assert "max_iterations" not in cut(*end, **noise)[2]
+    assert "max_iterations" not in say(BLIND, "max-iterations")[2]
+
+
+def test_steps_along_a_valley_name_the_unknowns_that_lead_it():
+    status, message, remedy = cut(0.8, 0.001, 0.01)
+    assert status == "max-iterations"
+    assert "valley" in message
+    assert "0.8 standard deviations are left" in message
+    assert "tell b.stiffness apart" in remedy
+
+
+def test_a_fit_that_has_all_but_arrived_is_said_to_be_usable():
+    _, message, remedy = cut(0.03, 1e-6, 0.01)
+    assert "0.03 standard deviations" in message
+    assert remedy.startswith("Use the values")
+
+
+def test_model_error_is_the_cause_where_steps_ran_out_far_above_the_noise():
+    _, message, remedy = cut(0.03, 1e-6, 0.01, chi_square=25.0)
+    assert "5 times what the noise explains" in message
+    assert remedy.startswith("Check units")
+
+
+def test_a_bound_that_excludes_the_truth_is_in_the_message(chain12):
+    """The truth of the last spring is 1.5 times the start, its upper bound 1.2."""
+    true = chain12.scaled({"part3": {"stiffness": 1.5}})
+    frf = updyn.response(true, np.linspace(2, 30, 60), ["2:X", "8:X", "12:X"], ["12:X"])
+    unknowns = updyn.parameters(
+        chain12, stiffness=["part3", "part4"], bounds={"part3.stiffness": (0.5, 1.2)}
+    )
+    result = updyn.update(chain12, frf, unknowns, noise={"relative": 0.01}, starts=0)
+    assert result.at_bound == {"part3.stiffness": "upper"}
+    assert "part3.stiffness stopped at its upper bound, 1.2; the data ask" in result.message
+    assert "widen its bound (part3.stiffness)" in result.remedy
+
+
+def test_a_bound_that_noise_alone_presses_against_is_not_news(chain12):
+    """The loss factor is truly 0, on its bound."""
+    true = chain12.scaled({"part3": {"loss_factor": 0.0}})
+    clean = updyn.response(true, np.linspace(2, 30, 60), ["2:X", "12:X"], ["12:X"])
+    rng = np.random.default_rng(0)
+    draw = rng.standard_normal((2, *clean.values.shape))
+    values = clean.values * (1.0 + 0.01 * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
+    frf = updyn.FRF(clean.freq, values, clean.responses, clean.references, clean.quantity)
+    unknowns = updyn.parameters(true, stiffness="all", loss_factor="part3")
+    result = updyn.update(true, frf, unknowns, starts=0)
+    assert "bound" not in result.message

@@ -1,0 +1,135 @@
+"""Where a fit ended: what a further step would gain, and the bounds that the data press against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.fit.method import Fit
+from updyn.updating.fit.monitor import Iteration
+from updyn.updating.problem.problem import Problem
+
+__all__ = ["Ending", "Pressed", "ending"]
+
+#: Last steps whose decrease is compared with what is left.
+_LAST = 10
+#: A bound is named from this many standard deviations. Noise alone presses a loss factor against 0
+#: by up to two.
+_PRESSED = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pressed:
+    """An unknown that the data press against a bound.
+
+    Attributes
+    ----------
+    name : str
+        The unknown.
+    side : {"lower", "upper"}
+        The bound.
+    limit : float
+        Its value.
+    deviations : float
+        Square root of twice the fall of half the chi-square that the linear model promises without
+        the bound, in standard deviations.
+    """
+
+    name: str
+    side: str
+    limit: float
+    deviations: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """What is left to gain where a fit ended.
+
+    Attributes
+    ----------
+    deviations : float
+        How far, in standard deviations, the values are from those of a whole Gauss-Newton step.
+    share : float
+        Share of the misfit that this step would take away.
+    gained : float
+        Decrease of the cost by the last ten steps, over that of this step; inf where nothing is
+        left.
+    leading : tuple of str
+        The unknowns that this step moves most.
+    pressed : tuple of Pressed
+        Bounds that exclude what the data ask for.
+    """
+
+    deviations: float
+    share: float
+    gained: float
+    leading: tuple[str, ...] = ()
+    pressed: tuple[Pressed, ...] = ()
+
+
+def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
+    """Return what is left to gain at the estimate; None where the method has no reduced problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    fit : Fit
+        How it ended.
+    history : sequence of Iteration
+        The steps so far.
+    """
+    local, size = fit.local, float(np.linalg.norm(fit.R))
+    if local is None or size == 0.0 or not np.isfinite(local.cost) or fit.pull is not None:
+        return None
+    # From the units of the residual to standard deviations.
+    scale = size / float(np.linalg.norm(local.R))
+    weight, home = problem.coordinates.prior[1], problem.coordinates.prior[0]
+    R = np.vstack([local.R * scale, np.diag(weight)])
+    q = np.append(local.q * scale, weight * (fit.x - home))
+    lower, upper = problem.coordinates.bounds
+    near = 1e-9 * (upper - lower)
+    g = R.T @ q
+    low, high = (fit.x <= lower + near) & (g > 0.0), (fit.x >= upper - near) & (g < 0.0)
+    free = ~(low | high)
+    fall, step = _whole(R[:, free], q)
+    names = problem.coordinates.parameters.names
+    leading: tuple[str, ...] = ()
+    if step.size and np.abs(step).max() > 0.0:
+        most = np.abs(step) >= 0.5 * np.abs(step).max()
+        leading = tuple(compress(compress(names, free), most))
+    pressed = []
+    for i in np.flatnonzero(~free):
+        opened = free.copy()
+        opened[i] = True
+        deviations = float(np.sqrt(2.0 * max(_whole(R[:, opened], q)[0] - fall, 0.0)))
+        if deviations >= _PRESSED:
+            parameter = problem.coordinates.parameters[int(i)]
+            side, limit = ("lower", parameter.lower) if low[i] else ("upper", parameter.upper)
+            pressed.append(Pressed(parameter.name, side, limit, deviations))
+    cost = local.cost * scale**2
+    gained = _gained(history) * scale**2 / fall if fall > 0.0 else np.inf
+    share = fall / cost if cost > 0.0 else 0.0
+    return Ending(float(np.sqrt(2.0 * fall)), share, gained, leading, tuple(pressed))
+
+
+def _whole(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Return the fall of half the chi-square by a Gauss-Newton step, and the step."""
+    if R.shape[1] == 0:
+        return 0.0, np.zeros(0)
+    norms = np.linalg.norm(R, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0)
+    step = np.linalg.lstsq(R / norms, -q, rcond=None)[0] / norms
+    moved = R @ step
+    return max(float(-(moved @ q) - 0.5 * (moved @ moved)), 0.0), step
+
+
+def _gained(history: Sequence[Iteration]) -> float:
+    """Return the decrease of the cost by the last steps, within the last stage."""
+    last = [h for h in history if h.stage == history[-1].stage][-_LAST - 1 :]
+    costs = [h.cost for h in last if h.accepted]
+    return max(float(costs[0] - costs[-1]), 0.0) if costs else 0.0

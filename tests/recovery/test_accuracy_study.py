@@ -1,0 +1,93 @@
+"""The study of benchmarks/accuracy.py: its noise, its bound, its mirror image, its file of fits."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def benchmarks():
+    """Make the modules of the benchmarks importable, which import each other by their names."""
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    yield
+    sys.path.remove(str(ROOT / "benchmarks"))
+
+
+def test_noise_has_the_stated_variance_and_a_floor_adds_to_what_was_drawn_without_it():
+    from structures import Noise, bench
+
+    clean = bench("building").case.clean
+    H = clean.values
+    plain = Noise(0.01).added(clean, np.random.default_rng(3)).values
+    floored = Noise(0.01, 1e-2).added(clean, np.random.default_rng(3)).values
+    rms = np.sqrt(np.mean(np.abs(H) ** 2))
+    assert np.all(plain[H == 0] == 0)
+    moved = H != 0
+    # 2 N real numbers of unit variance: the mean square has a standard deviation of sqrt(1 / N).
+    relative = np.mean(np.abs((plain - H)[moved] / H[moved]) ** 2) / 1e-4
+    floor = np.mean(np.abs(floored - plain) ** 2) / (1e-2 * rms) ** 2
+    assert relative == pytest.approx(1.0, abs=5 / np.sqrt(moved.sum()))
+    assert floor == pytest.approx(1.0, abs=5 / np.sqrt(H.size))
+
+
+def test_bound_is_that_of_differences_of_the_frf_weighted_by_both_parts_of_the_noise():
+    from structures import Noise, bench
+
+    made = bench("chain")
+    clean, unknowns = made.case.clean, made.sought(made.case.true)
+
+    def response(values):
+        model = unknowns.apply(made.case.true, values)
+        labels = (clean.responses.labels, clean.references.labels)
+        return updyn.response(model, clean.freq, *labels, clean.quantity).values.ravel()
+
+    H = response(unknowns.start)
+    variance = (0.01 * np.abs(H)) ** 2 + 1e-6 * np.mean(np.abs(H) ** 2)
+    J = np.empty((H.size, len(unknowns)), dtype=complex)
+    for i in range(len(unknowns)):
+        step = 1e-6 * np.eye(len(unknowns))[i]
+        J[:, i] = (response(unknowns.start + step) - response(unknowns.start - step)) / 2e-6
+    J *= np.sqrt(2.0 / variance)[:, None]
+    information = (J.conj().T @ J).real
+    expected = np.sqrt(np.diag(np.linalg.solve(information, np.eye(len(J.T)))))
+    assert made.bound(Noise(0.01, 1e-3)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_portal_answers_its_sensor_as_its_mirror_image_does():
+    from structures import bench
+
+    made = bench("portal")
+    clean, unknowns = made.case.clean, made.sought(made.case.true)
+    mirror = made.in_mirror(np.zeros(len(unknowns)))
+    assert np.abs(mirror).max() > 0.1
+    values = np.where(unknowns.is_factor, 1.0 + mirror, unknowns.start + mirror)
+    model = unknowns.apply(made.case.true, values)
+    found = updyn.response(model, clean.freq, clean.responses.labels, clean.references.labels)
+    assert found.values == pytest.approx(clean.values, rel=1e-8)
+    assert made.in_mirror(mirror) == pytest.approx(np.zeros(len(unknowns)), abs=1e-12)
+
+
+def test_fits_are_kept_one_a_line_and_not_made_again(tmp_path, monkeypatch):
+    import accuracy
+
+    path = tmp_path / "fits.jsonl"
+    tasks = [accuracy.Task("chain", "log", 0.01, 1e-4, seed, stated=False) for seed in (0, 1)]
+    monkeypatch.setattr(accuracy, "attempt", lambda task: {"refused": f"draw {task.seed}"})
+    accuracy.Fits(path).make(tasks[:1], workers=1)
+    with path.open("a", encoding="utf-8") as file:
+        file.write('{"task": {"case": "cha')  # stopped while it wrote
+    made = []
+    monkeypatch.setattr(accuracy, "attempt", lambda task: made.append(task) or {"refused": "new"})
+    fits = accuracy.Fits(path)
+    fits.make(tasks, workers=1)
+    assert made == tasks[1:]
+    again = accuracy.Fits(path)
+    assert [again[task]["refused"] for task in tasks] == ["draw 0", "new"]
+    assert json.loads(path.read_text(encoding="utf-8").splitlines()[0])["task"]["seed"] == 0
