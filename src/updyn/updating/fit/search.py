@@ -32,11 +32,11 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import EachOf, LogError, Residual, is_cached, with_prior
+from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 from updyn.updating.problem.smoothed import SmoothedLogError
 
-__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "log_error", "scattered"]
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
@@ -167,7 +167,7 @@ class Search:
             rough = problem.thinned(_smooth_lines(problem))
             outcome = self._relaxed_descent(rough, SmoothedLogError(width), x, monitor, _ROUGH)
             if outcome is None or monitor.stopped:
-                return outcome
+                return None
             x = outcome.x
         return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
 
@@ -342,11 +342,6 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
         frf = replace(part.frf, variance=noise.beforehand(part.frf))
         parts.append(replace(part, frf=frf).thinned(SEARCH_LINES))
     return Problem(tuple(parts))
-
-
-def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of a problem from `coarse`, weighted by what the noise leaves."""
-    return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
