@@ -120,9 +120,8 @@ class Search:
             with closing(self._ahead(_try, problem, self._points(problem))) as points:
                 for start in points:
                     outcome = self._try_from(problem, start, monitor)
-                    if outcome is None:
-                        continue
-                    ends.append(outcome)
+                    if outcome is not None:
+                        ends.append(outcome)
                     if monitor.stopped or self._believed(problem, ends):
                         break
         except Stopped:
@@ -278,6 +277,8 @@ class Search:
     @staticmethod
     def _believed(problem: Problem, ends: list[Outcome]) -> bool:
         """Whether the best basin was found once (exact data), twice (noise) or three times."""
+        if not ends:
+            return False
         best = min(ends, key=_cost)
         agree = sum(end.local.cost <= best.local.cost * (1.0 + _SAME) for end in ends)
         return (
