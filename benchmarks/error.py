@@ -79,7 +79,7 @@ def study(model: updyn.Model, at: list[str], number: int, n_lines: int, softest:
             print(
                 f"{name:<36}{label:>16}{found.error:>9.1e}"
                 f"{(off / level[:, None, None]).max():>9.1e}{found.channel:>9.1e}"
-                f"{(off / rms).max():>9.1e}{np.median(ratio):>21.1e}{ratio.max():>9.2f}"
+                f"{min((off / rms).max(), 1.0):>9.1e}{np.median(ratio):>21.1e}{ratio.max():>9.2f}"
                 f"{seconds:>7.1f}",
                 flush=True,
             )
