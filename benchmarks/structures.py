@@ -222,7 +222,8 @@ def three_outputs() -> Bench:
 def long_chain(n: int = 100) -> Bench:
     """A chain of 100 unlike masses on rubber, one end held: every spring and mass is unknown.
 
-    Every mass has a sensor, every tenth a force: the condition of the scaled Jacobian is 20 to 70.
+    Every mass has a sensor, five have forces: at a floor of 1e-4 the condition of the scaled
+    Jacobian is 54, and all bounds are below 0.4 %.
     """
     rng = np.random.default_rng(100)
     stiffness, mass = 1e6 * rng.uniform(0.9, 1.1, n), rng.uniform(0.9, 1.1, n)
@@ -238,8 +239,8 @@ def long_chain(n: int = 100) -> Bench:
     true = Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     modes = updyn.modes(true, n).frequency
     sensors = [f"{i}:X" for i in range(1, n + 1)]
-    forces = [f"{i}:X" for i in range(5, n + 1, 10)]
-    clean = updyn.response(true, np.linspace(modes[0], modes[-1], 24), sensors, forces)
+    forces = [f"{i}:X" for i in range(10, n, 20)]
+    clean = updyn.response(true, np.linspace(modes[0], modes[-1], 16), sensors, forces)
     near = {"stiffness": 0.1, "mass": 0.1}
     return Bench(
         Case("chain of 100", true, true, clean), springs_and_masses, spread=near, stated=True

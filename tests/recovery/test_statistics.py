@@ -294,3 +294,20 @@ def test_a_valley_that_the_data_leave_open_is_no_lack_of_steps(seed, add_noise):
         if p.quantity == "loss_factor":
             truth = true.group(p.group).loss_factor
         assert abs(result.values[p.name] - truth) <= 4.5 * result.std[p.name]
+
+
+@pytest.mark.parametrize("lines", [4, 8])
+def test_intervals_from_few_lines_cover(chain12, add_noise, lines):
+    """One channel, three unknowns; the noise is estimated from 5 and from 13 spare numbers."""
+    clean = updyn.response(chain12, np.linspace(3.0, 6.0, lines), ["12:X"], ["12:X"])
+    unknowns = updyn.parameters(chain12, stiffness="part2", mass="part2", loss_factor="part2")
+    truth = dict(zip(unknowns.names, unknowns.start, strict=True))
+    covered = []
+    for seed in range(150):
+        frf = add_noise(clean, np.random.default_rng(seed), 1e-3)
+        result = updyn.update(chain12, frf, unknowns, starts=0)
+        assert result.noise["degrees_of_freedom"] == 2 * lines - 3
+        assert "Student" in result.message
+        intervals = result.intervals()
+        covered += [low <= truth[name] <= high for name, (low, high) in intervals.items()]
+    assert 0.90 <= np.mean(covered) <= 0.99

@@ -9,6 +9,7 @@ from typing import Any
 from updyn.frf import FRF
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
+from updyn.updating.result import interval as confidence_interval
 
 __all__ = [
     "agreement_name",
@@ -45,8 +46,6 @@ _QUANTITY_WORDS = {
     "force_calibration": "calibration factor of the force",
 }
 _POWER = {"mobility": "/s", "accelerance": "/s²"}
-#: The 97.5 % quantile of the standard normal distribution.
-_NORMAL_95 = 1.959964
 #: Terms of a combination of unknowns, and entries of a list, that are written out.
 _WRITTEN_TERMS = 16
 _WRITTEN_ENTRIES = 20
@@ -162,18 +161,24 @@ def change(parameter: Parameter, value: float) -> str:
     return f"{percent:+.3g} %".replace("-", "−")
 
 
-def interval(parameter: Parameter, value: float, std: float) -> tuple[float, float] | None:
+def interval(
+    parameter: Parameter, value: float, std: float, freedom: int | None = None
+) -> tuple[float, float] | None:
     """Return the 95 % interval; None where the data do not determine the unknown.
 
-    Symmetric in the logarithm for a factor (it is estimated there, and stays positive), symmetric
-    and cut at 0 for a loss factor; 1.96 standard deviations of a Gaussian.
+    Parameters
+    ----------
+    parameter : Parameter
+        The unknown.
+    value, std : float
+        Estimate and standard deviation.
+    freedom : int, optional
+        Degrees of freedom of Student's distribution, where the noise was estimated from few
+        numbers.
     """
     if not math.isfinite(std) or not math.isfinite(value):
         return None
-    if parameter.is_factor and value > 0:
-        spread = math.exp(min(_NORMAL_95 * std / value, 50.0))
-        return value / spread, value * spread
-    return max(value - _NORMAL_95 * std, 0.0), value + _NORMAL_95 * std
+    return confidence_interval(parameter, value, std, freedom=freedom)
 
 
 def figure_of_agreement(value: float) -> str:

@@ -154,7 +154,7 @@ def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]
     quantity = quantity_words(p.quantity)
     if p.value_unit:
         quantity += f" ({p.value_unit})"
-    span = interval(p, value, std)
+    span = interval(p, value, std, result.noise.get("degrees_of_freedom"))
     spanned = "open"
     if span is not None:
         spanned = f"{estimate(span[0], std)} to {estimate(span[1], std)}"
@@ -215,12 +215,13 @@ def estimates(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | Non
     start, values, low, high = np.full((4, len(chosen)), np.nan)
     limits = np.empty((len(chosen), 2))
     bound = np.empty(len(chosen), dtype=np.bool_)
+    freedom = result.noise.get("degrees_of_freedom")
     for i, p in enumerate(chosen):
         start[i] = p.start
         values[i] = result.values[p.name]
         limits[i] = p.lower, p.upper
         bound[i] = p.name in result.at_bound
-        span = interval(p, result.values[p.name], result.std[p.name])
+        span = interval(p, result.values[p.name], result.std[p.name], freedom)
         if span is not None:
             low[i], high[i] = span
     known = ~np.isnan(low)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
@@ -16,9 +18,9 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.channels import Gains
-from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 
-__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "result_of_test"]
+__all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "interval", "result_of_test"]
 
 STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
 
@@ -66,7 +68,8 @@ class UpdateResult:
     noise : dict
         The noise model used: ``kind`` (how known), ``relative``, ``floor`` where they apply,
         ``chi_square`` (reduced; 1 where the noise explains the residual), ``inflation`` (factor on
-        the standard deviations).
+        the standard deviations), ``degrees_of_freedom`` (of the intervals, where the noise was
+        estimated from few numbers).
     correlation : dict
         ``before``, ``after`` and, where something was held out, ``validation`` (itself with
         ``before``, ``after``): each a flat dict of figures (``frac_median``, ``db_error_median``,
@@ -129,6 +132,29 @@ class UpdateResult:
         """Number of accepted steps, those of all tries of the search for a start included."""
         counted = [h.accepted and h.number > 0 and h.step > 0 for h in self.history]
         return sum(counted)
+
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return the confidence interval of each unknown that the data determine, in its unit.
+
+        Symmetric in the logarithm for a factor (it is estimated there, and stays positive),
+        symmetric and cut at 0 for a value. The quantile is Gaussian; where the noise is estimated
+        from few numbers (``noise["degrees_of_freedom"]``), it is Student's.
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval covers the true value.
+
+        Returns
+        -------
+        dict of str to (float, float)
+        """
+        freedom = self.noise.get("degrees_of_freedom")
+        return {
+            p.name: interval(p, self.values[p.name], self.std[p.name], level, freedom)
+            for p in self.parameters
+            if np.isfinite(self.std[p.name]) and np.isfinite(self.values[p.name])
+        }
 
     def __repr__(self) -> str:
         return (
@@ -246,6 +272,20 @@ class JointResult:
         """Standard deviation by unknown; inf where the data leave it open."""
         return self.first.std
 
+    def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Return the confidence interval of each unknown that the data determine, in its unit.
+
+        Parameters
+        ----------
+        level : float
+            Probability that the interval covers the true value.
+
+        Returns
+        -------
+        dict of str to (float, float)
+        """
+        return self.first.intervals(level)
+
     @property
     def identifiability(self) -> Identifiability:
         """Identifiability of the unknowns from the data of all tests together."""
@@ -271,6 +311,30 @@ class JointResult:
             for line in _residual_lines(result.adequacy, result.message):
                 lines.append(f"{name}: {line.strip()}")
         return "\n".join(lines)
+
+
+def interval(
+    parameter: Parameter, value: float, std: float, level: float = 0.95, freedom: int | None = None
+) -> tuple[float, float]:
+    """Return the confidence interval of an unknown.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        The unknown.
+    value, std : float
+        Estimate and standard deviation, both finite.
+    level : float
+        Probability that the interval covers the true value.
+    freedom : int, optional
+        Degrees of freedom of Student's distribution; Gaussian where not given.
+    """
+    upper = 0.5 * (1.0 + level)
+    wide = float(ndtri(upper) if freedom is None else stdtrit(freedom, upper))
+    if parameter.is_factor and value > 0:
+        spread = math.exp(min(wide * std / value, 50.0))
+        return value / spread, value * spread
+    return max(value - wide * std, 0.0), value + wide * std
 
 
 def _combination(direction: Mapping[str, float]) -> str:

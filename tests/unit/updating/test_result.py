@@ -11,8 +11,8 @@ from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.identifiability import Identifiability
-from updyn.updating.problem.parameters import parameters
-from updyn.updating.result import STATUSES, UpdateResult
+from updyn.updating.problem.parameters import Parameter, parameters
+from updyn.updating.result import STATUSES, UpdateResult, interval
 
 
 def step(number: int, accepted: bool) -> Iteration:
@@ -148,3 +148,15 @@ def test_a_result_cannot_be_changed(result):
         result.status = "converged"
     with pytest.raises(dataclasses.FrozenInstanceError):
         result.identifiability.rank = 4
+
+
+def test_intervals_are_gaussian_or_student_s():
+    """Quantiles of 97.5 %: 1.9600, and 2.5706 at five degrees of freedom (any table)."""
+    factor = Parameter("a", "stiffness", 1.0, 0.1, 10.0)
+    loss = Parameter("a", "loss_factor", 0.1, 0.0, 1.0)
+    for freedom, wide in ((None, 1.959964), (5, 2.570582)):
+        low, high = interval(loss, 0.1, 0.01, freedom=freedom)
+        assert (low, high) == pytest.approx((0.1 - wide * 0.01, 0.1 + wide * 0.01))
+        low, high = interval(factor, 2.0, 0.2, freedom=freedom)
+        assert low * high == pytest.approx(4.0)
+        assert np.log(high / 2.0) == pytest.approx(wide * 0.1)

@@ -82,6 +82,7 @@ def verdict(
                 message += f" Test {name!r}:"
             message += f" {found.verdict}"
             inadequate.append(found)
+        message += _few(fit)
         looked = status == "converged" or (status == "max-iterations" and not _falls(end))
         if looked and inadequate:
             remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
@@ -100,6 +101,17 @@ def _free(found: list[Adequacy]) -> str:
         if adequacy.explained_by:
             return f"Free {adequacy.explained_by[0].name} if it can be wrong, and run again."
     return ""
+
+
+def _few(fit: Fit) -> str:
+    """Return what is said of noise that was estimated from few numbers; empty where it was not."""
+    spare = fit.noise[0].get("degrees_of_freedom") if fit.noise else None
+    if spare is None:
+        return ""
+    return (
+        f" The data leave {spare} numbers to estimate the noise from: its level alone was, with the"
+        " usual share of a floor, and intervals are those of Student's distribution."
+    )
 
 
 def _excluded(pressed: Sequence[Pressed]) -> str:

@@ -110,6 +110,22 @@ def test_channels_that_symmetry_forbids_say_nothing_of_the_noise(H):
     assert np.isfinite(by_channel.variance(seen, frf(noisy))).all()
 
 
+def test_few_numbers_give_one_scale_and_say_so():
+    """Ten values and three unknowns leave 17: one level, at a fixed ratio; 40 values leave two."""
+    rng = RNG(6)
+    H = rng.standard_normal((40, 1, 1)) + 1j * rng.standard_normal((40, 1, 1))
+    noisy = H * (1 + 0.02 * circular(rng, H.shape))
+    few = Estimated().refit(H[:10], frf(noisy[:10]), 3)
+    assert few.relative / few.floor == pytest.approx(10.0)
+    assert few.figures()["degrees_of_freedom"] == 17
+    # The scale makes chi-square, over the spare numbers, one.
+    whitened = np.abs(noisy[:10] - H[:10]) ** 2 * 2.0 / few.variance(H[:10], frf(noisy[:10]))
+    assert np.sum(whitened) == pytest.approx(17.0)
+    many = few.refit(H, frf(noisy), 3)
+    assert "degrees_of_freedom" not in many.figures()
+    assert many.relative / many.floor != pytest.approx(10.0, rel=0.01)
+
+
 def test_estimate_allows_for_the_unknowns_that_were_fitted(H):
     """100 fitted unknowns take 100 of the 4800 real residuals: the estimate grows by sqrt(4800 / 4700)."""
     noisy = H * (1 + 0.05 * circular(RNG(3), H.shape))

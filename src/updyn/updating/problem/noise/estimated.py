@@ -20,6 +20,7 @@ from updyn.updating.problem.noise.known import (
 )
 
 __all__ = [
+    "FEW",
     "Estimated",
     "EstimatedByChannel",
     "two_numbers",
@@ -28,6 +29,10 @@ __all__ = [
 _Real = NDArray[np.float64]
 
 _SAMPLES = 20_000
+#: From fewer spare numbers than this, one scale is estimated.
+FEW = 30
+#: Relative noise over the floor, then.
+_FEW_RATIO = 10.0
 #: Logarithms between which relative and floor are sought. Noise as large as the response leaves
 #: nothing measured.
 _RANGE = (np.log(SMALLEST), 0.0)
@@ -44,6 +49,10 @@ class Estimated(NoiseModel):
     corrected for the unknowns that were fitted. Model error counts as noise here: nothing else is
     known.
 
+    From fewer than 30 spare numbers (real and imaginary parts of the data, less the unknowns) two
+    cannot be estimated: the likelihood then takes a chance smallness of some residuals for a lack
+    of noise. One scale is, at a fixed ratio of the two, and intervals have to be Student's.
+
     Parameters
     ----------
     relative, floor : float
@@ -51,11 +60,14 @@ class Estimated(NoiseModel):
     tails : float
         Degrees of freedom of Student's distribution, whose likelihood is used in place of the
         Gaussian one; inf: that.
+    spare : int, optional
+        Spare numbers, where they were few.
     """
 
     relative: float = np.nan
     floor: float = np.nan
     tails: float = np.inf
+    spare: int | None = None
     kind: ClassVar[str] = "estimated from the residual"
     source: ClassVar[str] = "estimated"
 
@@ -74,12 +86,16 @@ class Estimated(NoiseModel):
         freedom = 2 * residual.n_values - n_parameters
         if freedom <= 0:
             return Assumed(**ASSUMED)
+        if freedom < FEW:
+            relative, floor = residual.one_scale(freedom)
+            return replace(self, relative=relative, floor=floor, spare=freedom)
         relative, floor = residual.two_numbers(freedom, self.tails)
-        return replace(self, relative=relative, floor=floor)
+        return replace(self, relative=relative, floor=floor, spare=None)
 
     def figures(self) -> dict[str, Any]:
-        """Return relative and floor."""
-        return {"relative": self.relative, "floor": self.floor}
+        """Return relative and floor, and the degrees of freedom where they are few."""
+        few = {} if self.spare is None else {"degrees_of_freedom": self.spare}
+        return {"relative": self.relative, "floor": self.floor, **few}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +137,16 @@ class _Residual:
             return SMALLEST, SMALLEST
         squared = self.squared[self.seen] * (2 * self.n_values / freedom)
         return two_numbers(self.size[self.seen], self.level[self.seen], squared, tails)
+
+    def one_scale(self, freedom: float) -> tuple[float, float]:
+        """Return relative and floor at the ratio of `_FEW_RATIO`."""
+        if self.n_values == 0:
+            return SMALLEST, SMALLEST
+        squared = self.squared[self.seen] * (2 * self.n_values / freedom)
+        shape = (_FEW_RATIO * self.size[self.seen]) ** 2 + self.level[self.seen] ** 2
+        floor = np.sqrt(np.mean(squared / shape))
+        a, b = np.clip([_FEW_RATIO * floor, floor], *np.exp(_RANGE))
+        return float(a), float(b)
 
 
 def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
