@@ -5,7 +5,8 @@ import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search
+from updyn.updating.fit.search import Search, coarse
+from updyn.updating.problem.noise import Estimated
 from updyn.updating.problem.problem import Part, Problem
 
 
@@ -51,7 +52,8 @@ def test_fewer_tries_than_inflations(problem):
 
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
     monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
-    x = Search().run(Problem.of([problem]), monitor)
+    searched = coarse(Problem.of([problem]), [Estimated.of_data(problem.frf)])
+    (x, *_) = Search().run(searched, monitor)
     assert monitor.stopped
     assert len(monitor.history) <= 6
     lower, upper = problem.coordinates.bounds
