@@ -154,7 +154,7 @@ def two_answers():
         determined_directions=[],
         advice="",
     )
-    std = {name: 0.01 for name in result.std}
+    std = dict.fromkeys(result.std, 0.01)
     values = dict(result.values) | {"bay 2.stiffness": 1.302, "bay 11.loss_factor": 0.072}
     others = (
         Alternative(values, 1.83, "7:Z", 0.416),
