@@ -89,6 +89,29 @@ def test_a_spring_that_is_known_settles_it_too():
     assert deviations(found.values, {"right.stiffness": 0.7}, found.std) < 3.0
 
 
+def test_an_unknown_that_nothing_sees_is_said_beside_the_two_answers():
+    """A mass apart from the others, on a spring of its own: the data determine two of three unknowns."""
+    groups = {}
+    for name, group in between_walls().groups.items():
+        K, M = np.zeros((2, 4, 4))
+        K[:3, :3], M[:3, :3] = group.stiffness.toarray(), group.mass.toarray()
+        groups[name] = updyn.Group(K, M, group.loss_factor)
+    groups["aside"] = updyn.Group(np.diag([0.0, 0.0, 0.0, 3e4]), np.diag([0.0, 0.0, 0.0, 1.0]))
+    start = updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X", "4:X"])
+    unknowns = updyn.parameters(start, stiffness=["left", "right", "aside"])
+    found = updyn.update(start, measured(["2:X"], 0), unknowns)
+    assert (found.status, found.identifiability.rank) == ("not-identifiable", 2)
+    (other,) = found.alternatives
+    assert other.values["left.stiffness"] == pytest.approx(
+        found.values["right.stiffness"], rel=1e-3
+    )
+    # both causes are named, and what helps against each
+    assert "the data determine only 2 of 3 unknowns: aside.stiffness" in found.message
+    assert "2 answers fit the data equally well" in found.message
+    assert f"A sensor at {other.sensor} would tell them apart" in found.remedy
+    assert found.identifiability.advice in found.remedy
+
+
 def test_several_tests_that_leave_the_answer_open_together_say_it():
     start = between_walls()
     tests = [updyn.Test(start, measured(["2:X"], i), name) for i, name in enumerate("ab")]
