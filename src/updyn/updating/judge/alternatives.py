@@ -37,7 +37,8 @@ class Alternative:
     sensor : str
         Where a further sensor would see the largest difference; empty where none would.
     difference : float
-        Median of that difference over the lines, as a share of the level.
+        Median of that difference over lines and references, relative to the larger of the two FRFs;
+        2 where they have opposite signs.
     """
 
     values: Mapping[str, float]
