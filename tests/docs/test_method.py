@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -11,7 +12,8 @@ import updyn
 from places import ROOT
 from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
-from updyn.updating.fit import null_space, search
+from updyn.updating.fit import answers, null_space, search
+from updyn.updating.judge import alternatives
 from updyn.updating.problem import noise, problem
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 
@@ -28,6 +30,12 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
+        f"within a factor {math.exp(search.Search().spread):.1f} of the start",
+        "standard deviations {:g}, {:g} and {:g};".format(*search._WIDTHS),
+        f"with at most {search._WORTH:g} times the least cost",
+        f"with a standard deviation above {100 * answers._UNSURE:g} %,",
+        f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
+        f"differ there by {100 * alternatives._CLEARLY:g} % or more",
         (
             f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of"
             f" {100 * noise.ASSUMED['floor']:g} %"
