@@ -63,6 +63,10 @@ _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
 _HELD = 25_000_000
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
+#: A serial correlation of the residual that noise alone has.
+_UNCORRELATED = 0.1
+#: The best of the tries goes on for so many times their steps.
+_LONG = 5
 #: How often as many tries are made.
 _SEARCHES = 3
 #: Times the log error that noise explains, an error that it may explain.
@@ -123,8 +127,10 @@ class Search:
         ends: list[Outcome] = []
         with suppress(Stopped):  # the best so far
             for number in range(_SEARCHES):
-                points = self._points(problem, number)
-                if self._tried(problem, points, monitor, ends) or self._plausible(problem, ends):
+                if self._tried(problem, self._points(problem, number), monitor, ends):
+                    break
+                self._go_on(problem, monitor, ends)
+                if monitor.stopped or self._plausible(problem, ends):
                     break
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
         found = [end.x for end in _distinct(ends)] or [home]
@@ -142,6 +148,16 @@ class Search:
                 if monitor.stopped or self._believed(problem, ends):
                     return True
         return False
+
+    def _go_on(self, problem: Problem, monitor: Monitor, ends: list[Outcome]) -> None:
+        """Add where the best of the tries ends if its number of steps is not limited."""
+        best = min(ends, key=_cost, default=None)
+        if best is None or best.reason != "max-iterations":
+            return
+        longer = replace(self._settings, max_iterations=_LONG * self.max_iterations)
+        end = self._relaxed_descent(problem, log_error(problem), best.x, monitor, longer)
+        if end is not None:
+            ends.append(end)
 
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
         """Return where a try ends that begins a little beside a point, shape (n,).
@@ -307,21 +323,22 @@ class Search:
         if not ends:
             return False
         best = min(ends, key=_cost)
-        return best.local.cost <= _MARGIN * _expected(problem) or Search._is_noise(problem, best.x)
+        explained = best.local.cost <= _MARGIN * _expected(problem)
+        return explained or Search._is_noise(problem, best.x, _UNCORRELATED)
 
     @staticmethod
     def _rms(problem: Problem, x: _Vector) -> float:
         return float(np.sqrt(_power(_log_misfits(problem, x))))
 
     @staticmethod
-    def _is_noise(problem: Problem, x: _Vector) -> bool:
-        """Whether the residual looks like noise: small, and not serially correlated."""
+    def _is_noise(problem: Problem, x: _Vector, most: float = 0.3) -> bool:
+        """Whether the residual looks like noise: small, and hardly serially correlated."""
         misfits = _log_misfits(problem, x)
         power = _power(misfits)
         if min(len(r) for r in misfits) < 8 or power > 0.3**2:
             return False
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
-        return float(np.mean(products)) < 0.3 * power
+        return float(np.mean(products)) < most * power
 
 
 def _smooth_lines(problem: Problem) -> int:

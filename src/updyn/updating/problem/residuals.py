@@ -47,6 +47,8 @@ _Complex = NDArray[np.complex128]
 
 #: Noise, as a share of the level, at which a value weighs 0.7 in the search.
 _CLEAR = 0.1
+#: Times its variance, what noise adds to the square of a level, and as much for its scatter.
+_BIAS = 3.0
 #: A value below this share of the loudest of its line is rounding.
 _ROUNDING = 1e-11
 
@@ -136,7 +138,8 @@ def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
         The data, for their units.
     """
     size = np.abs(values)
-    clear = size / np.sqrt(size**2 + variance / _CLEAR**2 + np.finfo(float).tiny)
+    own = np.maximum(size**2 - _BIAS * variance, 0.0)
+    clear = np.sqrt(own / (own + variance / _CLEAR**2 + np.finfo(float).tiny))
     share = size / level_by_unit(frf)
     return np.where(share > _ROUNDING * share.max(axis=(1, 2), keepdims=True), clear, 0.0)
 
