@@ -384,8 +384,8 @@ def _fitted_from_start(
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)
-            points = strategy.search(problem, noises, monitor)
-            return problem, strategy.fit_best(problem, noises, monitor, points)
+            starts = strategy.search(problem, noises, monitor)
+            return problem, strategy.fit_best(problem, noises, monitor, starts)
         except SolverError as error:
             return problem, Fit.blind(x, "failed", str(error))
     except Stopped:

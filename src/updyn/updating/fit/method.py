@@ -25,6 +25,7 @@ __all__ = [
     "Method",
     "Pull",
     "Rival",
+    "Starts",
     "correlation_length",
     "descend",
     "descend_to_scale",
@@ -65,6 +66,22 @@ class Pull:
     within: NDArray[np.float64] | None
     note: str
     record: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starts:
+    """Where a fit begins.
+
+    Attributes
+    ----------
+    points : tuple of ndarray of float, shape (n,)
+        At least one, best first.
+    agreed : bool
+        Whether tries from different starts ended in the first of them.
+    """
+
+    points: tuple[_Vector, ...]
+    agreed: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,10 +204,8 @@ class Method(ABC):
     is_likelihood: ClassVar[bool] = False
     states_noise: ClassVar[bool] = False
 
-    def search(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[_Vector, ...]:
-        """Return where to begin, each of shape (n,), best first: by default the unknowns' start.
+    def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
+        """Return where to begin: by default the unknowns' start.
 
         Parameters
         ----------
@@ -201,25 +216,25 @@ class Method(ABC):
         monitor : Monitor
             Records the steps.
         """
-        return (problem.coordinates.to_x(problem.coordinates.parameters.start),)
+        return Starts((problem.coordinates.to_x(problem.coordinates.parameters.start),))
 
     def fit_best(
         self,
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        points: Sequence[_Vector],
+        starts: Starts,
     ) -> Fit:
-        """Fit the unknowns from the points of `search`; by default from the first.
+        """Fit the unknowns from what `search` found; by default from the first point.
 
         Parameters
         ----------
         problem, noises, monitor
             As for `fit`.
-        points : sequence of ndarray of float, shape (n,)
-            Where to begin, best first.
+        starts : Starts
+            Where to begin.
         """
-        return self.fit(problem, noises, monitor, points[0])
+        return self.fit(problem, noises, monitor, starts.points[0])
 
     @abstractmethod
     def fit(

@@ -251,7 +251,7 @@ class Reducing:
             if self._may_search(strategy):
                 with monitor.stage("reduce"):
                     around = self._around(problem)
-                x, far = strategy.search(around, noises, monitor)[0], True
+                x, far = strategy.search(around, noises, monitor).points[0], True
         except Stopped:
             return problem, Fit.blind(x, "stopped")
         return self._rounds(problem, strategy, noises, monitor, x, far=far)

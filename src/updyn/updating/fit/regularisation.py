@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
-from updyn.updating.fit.method import Fit, Method, Pull, in_units
+from updyn.updating.fit.method import Fit, Method, Pull, Starts, in_units
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
@@ -378,10 +378,8 @@ class Regularised(Method):
     max_iterations: int
     tolerance: float
 
-    def search(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[_Vector, ...]:
-        """Return where to begin, each of shape (n,): where the method begins by itself."""
+    def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
+        """Return where to begin: where the method begins by itself."""
         return self.method.search(problem, noises, monitor)
 
     def fit(

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.method import descend
+from updyn.updating.fit.method import Starts, descend
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
@@ -119,34 +119,38 @@ class Search:
     def _settings(self) -> TrustRegion:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
-    def run(self, problem: Problem, monitor: Monitor) -> tuple[_Vector, ...]:
+    def run(self, problem: Problem, monitor: Monitor) -> Starts:
         """Return where the tries ended that are worth a fit, least log error first.
 
-        Each has shape (n,) and is within the bounds; there is at least one.
+        The points are within the bounds.
         """
+        agreed = False
         ends: list[Outcome] = []
         with suppress(Stopped):  # the best so far
             for number in range(_SEARCHES):
-                if self._tried(problem, self._points(problem, number), monitor, ends):
+                agreed = self._tried(problem, self._points(problem, number), monitor, ends)
+                if agreed or monitor.stopped:
                     break
                 self._go_on(problem, monitor, ends)
-                if monitor.stopped or self._plausible(problem, ends):
+                if self._plausible(problem, ends):
                     break
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
         found = [end.x for end in _distinct(ends)] or [home]
-        return tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
+        points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
+        return Starts(points, agreed)
 
     def _tried(
         self, problem: Problem, starts: Iterator[_Start], monitor: Monitor, ends: list[Outcome]
     ) -> bool:
-        """Add where tries end; return whether one of the ends is believed, or the user stops."""
+        """Add where tries end; return whether the best end is believed."""
         with closing(self._ahead(_try, problem, starts)) as points:
             for start in points:
                 outcome = self._try_from(problem, start, monitor)
                 if outcome is not None:
                     ends.append(outcome)
-                if monitor.stopped or self._believed(problem, ends):
-                    return True
+                believed = self._believed(problem, ends)
+                if monitor.stopped or believed:
+                    return believed
         return False
 
     def _go_on(self, problem: Problem, monitor: Monitor, ends: list[Outcome]) -> None:

@@ -17,6 +17,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from updyn.updating.fit.method import (
     Fit,
     Method,
+    Starts,
     descend_to_scale,
     in_units,
     known_length,
@@ -85,10 +86,8 @@ class LogMethod(Method):
     can_regularise: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return where to begin, shape (n,): the best basin of the log error."""
+    def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
+        """Return where to begin: the best basin of the log error."""
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
@@ -100,10 +99,10 @@ class LogMethod(Method):
             continuation=self.continuation,
         )
         with monitor.stage("search", rough):
-            points = search.run(rough, monitor)
+            starts = search.run(rough, monitor)
             if monitor.stopped:
-                return points
-            return (search.escape(rough, points[0], monitor),)
+                return starts
+            return Starts((search.escape(rough, starts.points[0], monitor),), starts.agreed)
 
     def fit(
         self,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.fit.answers import Answer, elsewhere, equals, explains, preferred, weakly_held
-from updyn.updating.fit.method import Fit, Method, Rival, descend, known_length, stopped_at
+from updyn.updating.fit.method import Fit, Method, Rival, Starts, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
@@ -83,10 +83,8 @@ class MaximumLikelihood(Method):
     is_likelihood: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    def search(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
-    ) -> tuple[_Vector, ...]:
-        """Return where to begin, each of shape (n,): the best basins of the log error."""
+    def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
+        """Return where to begin: the best basins of the log error."""
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
@@ -116,17 +114,17 @@ class MaximumLikelihood(Method):
         problem: Problem,
         noises: Sequence[NoiseModel],
         monitor: Monitor,
-        points: Sequence[_Vector],
+        starts: Starts,
     ) -> Fit:
         """Fit the unknowns from all points, and look for further answers that fit as well."""
         if not self.starts:
-            return self.fit(problem, noises, monitor, points[0])
+            return self.fit(problem, noises, monitor, starts.points[0])
+        first, *others = starts.points
         with monitor.stage(self.name):
-            answers = [self._answer(problem, noises, points[0], monitor)]
-            answers += self._further(problem, noises, points[1:], monitor, answers[0])
+            answers = [self._answer(problem, noises, first, monitor)]
+            answers += self._further(problem, noises, others, monitor, answers[0])
             chosen = preferred(problem, answers)
-        beside, settled = self._beside(problem, noises, monitor, chosen)
-        answers += beside
+        answers += self._beside(problem, noises, monitor, chosen)
         chosen = preferred(problem, answers)
         with monitor.stage("elsewhere"):
             for _ in range(_HOPS):
@@ -140,21 +138,21 @@ class MaximumLikelihood(Method):
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
-        if fit.reason == "converged" and not (settled or self._explains(problem, chosen)):
+        if fit.reason == "converged" and not (starts.agreed or self._explains(problem, chosen)):
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
 
     def _beside(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, best: Answer
-    ) -> tuple[list[Answer], bool]:
-        """Return the answers of tries beside the best one, and whether it can be believed.
+    ) -> list[Answer]:
+        """Return the answers of tries beside the best one, until it explains the data.
 
-        It can where it explains the data, or two of the tries come back to it.
+        They end as well where two of them come back to it.
         """
         rough, found, back = coarse(problem, noises), list[Answer](), 0
         for number in range(_TRIES):
             if monitor.stopped or back == 2 or self._explains(problem, best):
-                return found, True
+                break
             x = None
             with monitor.stage("search", rough), suppress(Stopped):
                 x = self._tries.beside(rough, best.x, number, monitor)
@@ -167,7 +165,7 @@ class MaximumLikelihood(Method):
                 gained = best.unlikelihood - answer.unlikelihood
                 back = 0 if gained > _SAME else back + (gained > -_SAME)
                 best = min(best, answer, key=lambda a: a.unlikelihood)
-        return found, False
+        return found
 
     @staticmethod
     def _explains(problem: Problem, answer: Answer) -> bool:
