@@ -17,7 +17,7 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import LogError, Residual, is_cached, with_prior
+from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -396,11 +396,11 @@ def stopped_at(problem: Problem, x: _Vector) -> Fit:
     Parameters
     ----------
     problem : Problem
-        What the log error was evaluated on.
+        What the log error was evaluated on, with data that carry their variance.
     x : ndarray of float, shape (n,)
         The best point so far.
     """
-    residual = LogError()
+    residual = log_error(problem)
     local = residual.local(problem, x) if is_cached(residual, problem, x) else None
     if local is None or local.cost == 0.0:
         return Fit.blind(x, "stopped")

@@ -32,11 +32,11 @@ from updyn.updating.fit.trust_region import Outcome, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import EachOf, LogError, Residual, is_cached, with_prior
+from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 from updyn.updating.problem.smoothed import SmoothedLogError
 
-__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "log_error", "scattered"]
+__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
@@ -63,6 +63,8 @@ _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
 _HELD = 25_000_000
 #: Costs that differ by less than this share are those of one basin.
 _SAME = 1e-3
+#: How often as many tries are made.
+_SEARCHES = 3
 #: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
 _WORTH, _KEPT = 1.5, 4
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
@@ -90,7 +92,8 @@ class Search:
     max_iterations : int
         Steps a try.
     spread : float
-        Random tries move factors by up to this, in logarithm.
+        Random tries move factors by up to this, in logarithm; where none of them explains the data
+        and no two agree, as many more begin farther off.
     seed : int
         Of the random tries.
     inflate : bool
@@ -116,20 +119,27 @@ class Search:
         Each has shape (n,) and is within the bounds; there is at least one.
         """
         ends: list[Outcome] = []
-        try:
-            with closing(self._ahead(_try, problem, self._points(problem))) as points:
-                for start in points:
-                    outcome = self._try_from(problem, start, monitor)
-                    if outcome is None:
-                        continue
-                    ends.append(outcome)
-                    if monitor.stopped or self._believed(problem, ends):
-                        break
-        except Stopped:
-            pass  # the best so far
+        with suppress(Stopped):  # the best so far
+            for number in range(_SEARCHES):
+                points = self._points(problem, number)
+                if self._tried(problem, points, monitor, ends) or self._plausible(problem, ends):
+                    break
         home = problem.coordinates.to_x(problem.coordinates.parameters.start)
         found = [end.x for end in _distinct(ends)] or [home]
         return tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
+
+    def _tried(
+        self, problem: Problem, starts: Iterator[_Start], monitor: Monitor, ends: list[Outcome]
+    ) -> bool:
+        """Add where tries end; return whether one of the ends is believed, or the user stops."""
+        with closing(self._ahead(_try, problem, starts)) as points:
+            for start in points:
+                outcome = self._try_from(problem, start, monitor)
+                if outcome is not None:
+                    ends.append(outcome)
+                if monitor.stopped or self._believed(problem, ends):
+                    return True
+        return False
 
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
         """Return where a try ends that begins a little beside a point, shape (n,).
@@ -167,7 +177,7 @@ class Search:
             rough = problem.thinned(_smooth_lines(problem))
             outcome = self._relaxed_descent(rough, SmoothedLogError(width), x, monitor, _ROUGH)
             if outcome is None or monitor.stopped:
-                return outcome
+                return None
             x = outcome.x
         return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
 
@@ -213,19 +223,20 @@ class Search:
                     session.remember(found)
                 yield start
 
-    def _points(self, problem: Problem) -> Iterator[_Start]:
+    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.to_x(problem.coordinates.parameters.start)
         loss = ~problem.coordinates.parameters.is_factor
         inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
-        for i, level in enumerate(inflated[: self.starts]):
+        plain = inflated[: self.starts] if number == 0 else ()
+        for i, level in enumerate(plain):
             # A user's own start that is already higher is not lowered, and a user's bounds are
             # kept.
             x = np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
             yield x, self.continuation and i > 0
-        rest = self.starts - len(inflated)
+        rest, far = self.starts - len(plain), self.spread * (1 + number)
         if rest > 0:
-            for i, moved in enumerate(scattered(start, self.spread, rest, self.seed)):
+            for i, moved in enumerate(scattered(start, far, rest, self.seed + number)):
                 level = inflated[i % len(inflated)]
                 yield (
                     np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper),
@@ -278,6 +289,8 @@ class Search:
     @staticmethod
     def _believed(problem: Problem, ends: list[Outcome]) -> bool:
         """Whether the best basin was found once (exact data), twice (noise) or three times."""
+        if not ends:
+            return False
         best = min(ends, key=_cost)
         agree = sum(end.local.cost <= best.local.cost * (1.0 + _SAME) for end in ends)
         return (
@@ -285,6 +298,11 @@ class Search:
             or Search._rms(problem, best.x) < _EXACT
             or (agree == 2 and Search._is_noise(problem, best.x))
         )
+
+    @staticmethod
+    def _plausible(problem: Problem, ends: list[Outcome]) -> bool:
+        """Whether the best of the ends may be the answer: what it leaves looks like noise."""
+        return bool(ends) and Search._is_noise(problem, min(ends, key=_cost).x)
 
     @staticmethod
     def _rms(problem: Problem, x: _Vector) -> float:
@@ -342,11 +360,6 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
         frf = replace(part.frf, variance=noise.beforehand(part.frf))
         parts.append(replace(part, frf=frf).thinned(SEARCH_LINES))
     return Problem(tuple(parts))
-
-
-def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of a problem from `coarse`, weighted by what the noise leaves."""
-    return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:

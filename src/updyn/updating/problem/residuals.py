@@ -35,6 +35,7 @@ __all__ = [
     "Residual",
     "clear_of_noise",
     "is_cached",
+    "log_error",
     "solved",
     "with_prior",
 ]
@@ -151,6 +152,8 @@ class LogError(LineResidual):
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
         What the noise leaves of each value (`clear_of_noise`); 1 where it is not given.
+    name : str
+        How the report calls it.
     """
 
     weight: NDArray[np.float64] | None = None
@@ -344,6 +347,11 @@ def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
     """
     level = level_by_unit(part.frf)[0]
     return np.asarray(level / (unit * level).sum(axis=0))
+
+
+def log_error(problem: Problem) -> EachOf[LogError]:
+    """Return the log error of data that carry their variance, weighted by what the noise leaves."""
+    return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
 
 
 def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:

@@ -5,11 +5,12 @@ import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _distinct, coarse, log_error
+from updyn.updating.fit.search import Search, _distinct, coarse
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import log_error
 
 
 def far_start(chain12):
@@ -54,7 +55,8 @@ def test_fewer_tries_than_inflations(problem):
 
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
     monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
-    x = Search().run(Problem.of([problem]), monitor)
+    searched = coarse(Problem.of([problem]), [Estimated.of_data(problem.frf)])
+    (x, *_) = Search().run(searched, monitor)
     assert monitor.stopped
     assert len(monitor.history) <= 6
     lower, upper = problem.coordinates.bounds

@@ -26,7 +26,7 @@ from updyn.updating.fit.method import (
 from updyn.updating.fit.methods.linear import fit_of, local_of
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
-from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS, Search, coarse
+from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
@@ -118,7 +118,7 @@ class LogMethod(Method):
             try:
                 return _descend(problem, LogError(), x, monitor, settings, noises)
             except Stopped:
-                return stopped_at(problem.thinned(SEARCH_LINES), x)
+                return stopped_at(coarse(problem, noises), x)
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,7 +137,8 @@ class MaximumLikelihood(Method):
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
-        return replace(fit, rivals=tuple(rivals))
+        reason = "stopped" if monitor.stopped else fit.reason
+        return replace(fit, reason=reason, rivals=tuple(rivals))
 
     def _beside(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, best: Answer
