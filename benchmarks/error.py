@@ -24,13 +24,15 @@ from updyn.linalg.solver import check_backend
 SIZES = {"864": (3, 3, 18), "2025": (4, 4, 27), **models.SOLIDS}
 #: Modes in the band of the solids, of the footbridge.
 MODES, MANY = 8, 55
+#: Shares of their stiffness that two parts have left.
+SOFT = (0.1, 0.01, 0.001)
 
 
 def scaled(start: State, factor: np.ndarray) -> State:
     return State(start.factor * factor, start.loss, start.rate)
 
 
-def states(system: AffineSystem, softest: float) -> dict[str, State]:
+def states(system: AffineSystem, softened: tuple[float, ...]) -> dict[str, State]:
     """The start, and states that differ from it."""
     start, rng = system.start, np.random.default_rng(0)
     stiff = np.array([t.quantity == "stiffness" for t in system.terms])
@@ -45,14 +47,16 @@ def states(system: AffineSystem, softest: float) -> dict[str, State]:
     lossy[np.flatnonzero(lossy)[len(np.flatnonzero(lossy)) // 2]] = 0.8
     out["a loss factor of 0.8"] = State(start.factor, lossy, start.rate)
     parts = np.flatnonzero(stiff)
-    for size in (1e-1, softest):
+    for size in softened:
         soft = np.ones(len(start.factor))
         soft[parts[[len(parts) // 3, 2 * len(parts) // 3]]] = size
         out[f"two parts at {size:g} of their stiffness"] = scaled(start, soft)
     return out
 
 
-def study(model: updyn.Model, at: list[str], number: int, n_lines: int, softest: float) -> None:
+def study(
+    model: updyn.Model, at: list[str], number: int, n_lines: int, softened: tuple[float, ...]
+) -> None:
     system = AffineSystem.compile(model)
     rows = model.dofs.match(at).index
     band = updyn.modes(model, number).frequency
@@ -62,7 +66,7 @@ def study(model: updyn.Model, at: list[str], number: int, n_lines: int, softest:
         f"{'state':<36}{'basis':>16}{'stated':>9}{'true':>9}{'channel':>9}{'true':>9}"
         f"{'true/stated, median':>21}{'largest':>9}{'s':>7}"
     )
-    for name, state in states(system, softest).items():
+    for name, state in states(system, softened).items():
         c = system.coefficients(state, 2 * np.pi * freq)
         H = exact.at(exact.solve(c, rows[:3], freq), rows).transpose(1, 0, 2)
         level, rms = np.abs(H).max(axis=(1, 2)), np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
@@ -79,7 +83,7 @@ def study(model: updyn.Model, at: list[str], number: int, n_lines: int, softest:
             print(
                 f"{name:<36}{label:>16}{found.error:>9.1e}"
                 f"{(off / level[:, None, None]).max():>9.1e}{found.channel:>9.1e}"
-                f"{(off / rms).max():>9.1e}{np.median(ratio):>21.1e}{ratio.max():>9.2f}"
+                f"{min((off / rms).max(), 1.0):>9.1e}{np.median(ratio):>21.1e}{ratio.max():>9.2f}"
                 f"{seconds:>7.1f}",
                 flush=True,
             )
@@ -94,10 +98,10 @@ def main() -> None:
     args = parser.parse_args()
     solid = models.solid(SIZES[args.size], parts=6 if args.size in ("864", "2025") else 20)
     print(f"solid of {solid.n_dofs} DOFs")
-    study(solid, models.sensors(solid), MODES, args.lines, 1e-3)
+    study(solid, models.sensors(solid), MODES, args.lines, SOFT)
     bridge = models.footbridge(4, 19)
     print(f"footbridge of {bridge.n_dofs} DOFs")
-    study(bridge, models.sensors(bridge), MANY, args.lines, 3e-2)
+    study(bridge, models.sensors(bridge), MANY, args.lines, SOFT[:1])
 
 
 if __name__ == "__main__":

@@ -140,8 +140,8 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert f"above {reducing._DOFS} DOFs with {reducing._LINES} lines or more" in section
     assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
     assert "twice the difference to the answer in a larger basis" in section
-    assert "eight times r_i^T P^-1 r_j at the four lines" in section
-    assert (reduction._OF_DIFFERENCE, reduction._OF_REMAINING) == (2.0, 8.0)
+    assert "sixteen times r_i^T P^-1 r_j at the four lines" in section
+    assert (reduction._OF_DIFFERENCE, reduction._OF_REMAINING) == (2.0, 16.0)
     assert reduction._VALIDATION == 4
     assert "rounding: 2 eps" in section
     assert "0.5 eps" in section

@@ -61,7 +61,7 @@ SAFETY = 4.0
 #: Factor on the difference to a larger basis.
 _OF_DIFFERENCE = 2.0
 #: Factor on the error that residuals give of the larger basis, at other lines and near resonance.
-_OF_REMAINING = 8.0
+_OF_REMAINING = 16.0
 #: Factors on the errors of rounding in the entries of the matrices and in dense factorisations.
 _IN_ENTRIES, _IN_FACTORS = 2.0, 0.5
 #: Lines at which the error of the larger basis is computed.
@@ -100,8 +100,8 @@ class Certificate:
     error : float
         Largest of `errors` as a share of the largest |H| of its line, rounding included.
     channel : float
-        Largest error of a channel as a share of the rms |H| of the channel: what `error` does not
-        show of channels that are weak beside others.
+        Largest error of a channel as a share of the rms |H| of the channel, at most 1: what `error`
+        does not show of channels that are weak beside others.
     rounding : float
         What rounding has in `error`.
     errors : ndarray of float, shape (n_f, n_rows, n_columns)
@@ -578,7 +578,7 @@ class _Estimate:
         return Certificate(
             size,
             float((error / self.level).max()),
-            float((measured / rms).max()),
+            min(float((measured / rms).max()), 1.0),
             float((self.rounded / self.level).max()),
             measured,
             lines,

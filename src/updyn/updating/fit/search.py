@@ -65,6 +65,8 @@ _HELD = 25_000_000
 _SAME = 1e-3
 #: How often as many tries are made.
 _SEARCHES = 3
+#: Times the log error that noise explains, an error that it may explain.
+_MARGIN = 1.5
 #: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
 _WORTH, _KEPT = 1.5, 4
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
@@ -302,7 +304,10 @@ class Search:
     @staticmethod
     def _plausible(problem: Problem, ends: list[Outcome]) -> bool:
         """Whether the best of the ends may be the answer: what it leaves looks like noise."""
-        return bool(ends) and Search._is_noise(problem, min(ends, key=_cost).x)
+        if not ends:
+            return False
+        best = min(ends, key=_cost)
+        return best.local.cost <= _MARGIN * _expected(problem) or Search._is_noise(problem, best.x)
 
     @staticmethod
     def _rms(problem: Problem, x: _Vector) -> float:
@@ -323,6 +328,21 @@ def _smooth_lines(problem: Problem) -> int:
     """Return on how many lines smoothed FRFs are compared."""
     at_a_line = problem.n * max(part.sign.size for part in problem.parts)
     return max(20, _HELD // at_a_line)
+
+
+def _expected(problem: Problem) -> float:
+    """Return the log error that the noise alone leaves at the truth, about."""
+    total = 0.0
+    for part, error in zip(problem.parts, log_error(problem).errors, strict=True):
+        assert part.frf.variance is not None
+        assert error.weight is not None
+        size = np.abs(part.frf.values)
+        share = part.frf.variance / np.maximum(size**2, np.finfo(float).tiny)
+        # |ln(1 + s z)|^2 is s^2 where the noise is small; where it is large, the phase is anything
+        # from -pi to pi, with a mean square of pi^2 / 3, and the level is that of the noise.
+        most = np.pi**2 / 3.0 + 0.25 * np.log1p(share) ** 2
+        total += 0.5 * float(np.sum(error.weight**2 * share / (1.0 + share / most)))
+    return total
 
 
 def _cost(end: Outcome) -> float:
