@@ -1,11 +1,13 @@
 """Seeking the basin: tries within bounds, reproducible, and worth their cost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _distinct, coarse
+from updyn.updating.fit.search import Search, _distinct, _expected, coarse
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
@@ -130,6 +132,37 @@ def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
     weights = [error.weight for error in log_error(rough).errors]
     size = np.abs(second.frf.values)
     assert weights[1] == pytest.approx(size / np.sqrt(size**2 + (0.1 * rms) ** 2), rel=1e-9)
+
+
+def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noise):
+    """At the truth, where most values are above the noise.
+
+    Of a value far below it the measured level is that of the noise; how far below, data cannot say.
+    """
+    clean = long_test(chain12, 400)
+    truth = clean.coordinates.to_x(clean.coordinates.parameters.start)
+    truth[clean.coordinates.parameters.names.index("part1.stiffness")] = np.log(1.2)
+    for relative, floor in ((0.02, 0.0), (0.0, 0.002), (0.0, 0.02)):
+        data = add_noise(clean.frf, np.random.default_rng(0), relative, floor)
+        part = Part.build(chain12, data, clean.coordinates.parameters)
+        rough = coarse(Problem.of([part]), [Stated(relative, floor)])
+        cost = log_error(rough).local(rough, truth).cost
+        assert cost == pytest.approx(_expected(rough), rel=0.3)
+
+
+def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
+    """Accelerance in mm/s^2: zero at 0 Hz, with a variance far above 1 there."""
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    freq = np.linspace(0.0, 20.0, 50)
+    data = updyn.response(chain12, freq, ["2:X"], ["12:X"], "accelerance")
+    data = replace(data, values=1e6 * data.values)
+    part = Part.build(chain12, data, unknowns)
+    rough = coarse(Problem.of([part]), [Stated(0.0, 0.1)])
+    assert rough.parts[0].frf.variance[0, 0, 0] > 1e4
+    without = coarse(
+        Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
+    )
+    assert _expected(rough) == pytest.approx(_expected(without), rel=0.1)
 
 
 def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
