@@ -65,6 +65,8 @@ def gear_train(omega: list[float]) -> updyn.UpdateResult:
 def test_the_floor_of_lines_is_described() -> None:
     text = " ".join((ROOT / "docs" / "noise.md").read_text(encoding="utf-8").split())
     assert f"by a factor of {estimated._SHRUNK:.3f}, which is divided out" in text
+    assert estimated._FEWEST_LINES == 20
+    assert "fewer than twenty lines" in text
     assert f"E|dH|^2 ~ sum over {neighbours._WINDOW} lines" in text
 
 

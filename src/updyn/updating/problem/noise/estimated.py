@@ -212,6 +212,8 @@ _WILD = 1.0
 #: What this likelihood makes of Gaussian noise of standard deviation 1: with p = |r|^2 / s^2, of 2
 #: complex degrees of freedom, it is greatest at the s where the mean of 3 p / (1 + 2 p) is 1.
 _SHRUNK = 0.84129
+#: Fewest lines from which noise is told from the shape of resonances: four windows side by side.
+_FEWEST_LINES = 20
 
 
 def floor_of_lines(frf: FRF) -> float:
@@ -219,8 +221,11 @@ def floor_of_lines(frf: FRF) -> float:
 
     The scatter about a local polynomial is noise where lines are dense, and besides the shape of
     resonances where they are not. Both parts of the noise are fitted to it; the shape goes with the
-    level and counts as relative noise, which is left out.
+    level and counts as relative noise, which is left out. It is 0 for fewer than twenty lines, of
+    which resonances fill every window.
     """
+    if len(frf.freq) < _FEWEST_LINES:
+        return 0.0
     squared = scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     if not squared.any():
