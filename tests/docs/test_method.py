@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import numpy as np
@@ -12,6 +13,7 @@ from places import ROOT
 from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
 from updyn.updating.fit import answers, null_space, search
+from updyn.updating.judge import alternatives
 from updyn.updating.problem import noise, problem, residuals
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 from updyn.updating.problem.noise import estimated, neighbours
@@ -29,14 +31,16 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
-        f"within a factor exp({search.Search().spread:g}) of the start",
         "with d = {:g}, then {:g}, then {:g}, then".format(*search._WIDTHS),
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"below {residuals._ROUNDING:.0e} of the largest of its line",
         f"whose log error is at most {search._WORTH:g} times the least",
         "factors by up to {:.0f} or {:.0f} %".format(*(100 * far for far in search._BESIDE)),
         f"loss factors by {search._BESIDE_LOSS:g})",
-        f"differ by less than a factor of {np.exp(answers.AS_WELL):.0f} fit equally well",
+        f"within a factor {math.exp(search.Search().spread):.1f} of the start",
+        f"with a standard deviation above {100 * answers._UNSURE:g} %,",
+        f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
+        f"differ there by {100 * alternatives._CLEARLY:g} % or more",
         (
             f"noise of {100 * noise.ASSUMED['relative']:g} % and a floor of"
             f" {100 * noise.ASSUMED['floor']:g} %"

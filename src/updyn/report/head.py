@@ -218,7 +218,15 @@ def verdict(result: UpdateResult, figures: _Figures) -> Verdict:
     Verdict
     """
     badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
+    if _is_ambiguous(result):
+        badge = "Several answers fit"
     return Verdict(badge, kind, _status_sentence(result), _agreement_sentence(result, figures))
+
+
+def _is_ambiguous(result: UpdateResult) -> bool:
+    """Return whether other answers are all that keeps the fit from being a good one."""
+    determined = result.status == "not-identifiable" and result.identifiability.complete
+    return determined and bool(result.alternatives)
 
 
 def _status_sentence(result: UpdateResult) -> str:
@@ -234,6 +242,11 @@ def _status_sentence(result: UpdateResult) -> str:
         determined = f"the data determine none of the {n} unknowns"
     else:
         determined = f"the data determine only {rank} independent combinations of the {n} unknowns"
+    if _is_ambiguous(result):
+        return (
+            f"The fit settled {in_steps}, but {1 + len(result.alternatives)} answers fit the data"
+            " equally well: the values below are those of one of them."
+        )
     texts = {
         "converged": f"The fit converged {in_steps}, and {determined}.",
         "not-identifiable": (

@@ -35,6 +35,7 @@ from updyn.report.plots import (
 from updyn.report.section import Content, Section
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.alternatives import differences
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 
@@ -392,7 +393,39 @@ class IdentifiabilitySection(_OfUnknowns):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the identifiability of the unknowns."""
-        return {"ident": content.result.identifiability}
+        return {"ident": content.result.identifiability, "answers": _answers(content.result)}
+
+
+def _answers(result: UpdateResult) -> dict[str, Any] | None:
+    """Return the table of the answers that fit equally well; None where there is one only."""
+    others = result.alternatives
+    if not others:
+        return None
+    rows = []
+    for name, values in differences(result.values, result.std, others):
+        group, _, quantity = name.rpartition(".")
+        shown = [estimate(value, result.std[name]) for value in values]
+        rows.append([group, quantity_words(quantity), *shown])
+    odds = [f"{number(other.odds, 2)} to 1" for other in others]
+    sensors = [other.sensor or "none" for other in others]
+    apart = [
+        f"{number(100.0 * other.difference, 2)} %" if other.sensor else "–" for other in others
+    ]
+    return {
+        "count": 1 + len(others),
+        "head": ["group", "quantity", "this result", *_numbered(len(others))],
+        "kinds": ("", "text", *[""] * (1 + len(others))),
+        "rows": rows,
+        "about": [
+            ["odds of this result over it", "", "–", *odds],
+            ["sensor that tells it from this result", "", "–", *sensors],
+            ["typical difference of the FRFs there", "", "–", *apart],
+        ],
+    }
+
+
+def _numbered(n_others: int) -> list[str]:
+    return [f"answer {i + 2}" for i in range(n_others)]
 
 
 IDENTIFIABILITY = IdentifiabilitySection()

@@ -86,7 +86,8 @@ class UpdateResult:
         explain it; None where it was not tested: the fit did not settle, rounding dominates, or the
         record is an old one.
     alternatives : tuple of Alternative
-        Other answers that fit the data as well; empty where none was found.
+        Other answers that fit the data as well; empty where none was found, and of methods other
+        than ``"maximum-likelihood"``, which do not look for any.
     """
 
     status: str
@@ -296,6 +297,11 @@ class JointResult:
     def identifiability(self) -> Identifiability:
         """Identifiability of the unknowns from the data of all tests together."""
         return self.first.identifiability
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """Other answers that fit the data of all tests as well."""
+        return self.first.alternatives
 
     def __repr__(self) -> str:
         return f"JointResult({self.status}, {len(self.results)} tests, {len(self.values)} unknowns)"

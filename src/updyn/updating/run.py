@@ -25,7 +25,7 @@ from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
-from updyn.updating.judge.alternatives import differences
+from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.verdict import ambiguous, verdict
@@ -242,11 +242,11 @@ def _common(
     x = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     values = dict(zip(names, x.tolist(), strict=True))
     std = dict(zip(names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True))
-    different = differences(values, std, found.alternatives)
-    if different and status in ("converged", "not-identifiable"):
+    others = distinct(values, std, found.alternatives)
+    if others and status in ("converged", "not-identifiable"):
         status = "not-identifiable"
-        also, remedy = ambiguous(different, found.alternatives)
-        message = f"{message} {also}"
+        also, first = ambiguous(differences(values, std, others), others)
+        message, remedy = f"{message} {also}", f"{first} {remedy}".strip()
     notes = [message, selection.note]
     if fit.pull is not None:
         notes.append(fit.pull.note)
@@ -261,7 +261,7 @@ def _common(
         "covariance": found.covariance,
         "at_bound": found.at_bound,
         "identifiability": replace(found.analysis.report, advice=found.advice),
-        "alternatives": found.alternatives,
+        "alternatives": others,
         "history": tuple(monitor.history),
         "versions": {
             "updyn": __version__,

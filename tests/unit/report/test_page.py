@@ -20,6 +20,7 @@ from updyn.model import Group, Model
 from updyn.report.page import POLICY, render
 from updyn.report.section import SECTIONS, Content, sections_of
 from updyn.report.templates import asset
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import STATUSES
 
@@ -140,6 +141,54 @@ def test_open_and_determined_combinations_are_in_words(page):
     assert "stiffness of bay 5 up (1), mass of bay 5 down (0.62)" in page.words
     assert "1 × mass of bay 5 + 0.62 × stiffness of bay 5" in page.words
     assert "A sensor at 5:Z, or lines around 210 Hz, would determine what is open." in page.words
+
+
+def two_answers():
+    """A fit whose unknowns are all determined near each of two answers."""
+    result = realistic()
+    ident = dataclasses.replace(
+        result.identifiability,
+        rank=7,
+        condition=40.0,
+        null_directions=[],
+        determined_directions=[],
+        advice="",
+    )
+    std = dict.fromkeys(result.std, 0.01)
+    values = dict(result.values) | {"bay 2.stiffness": 1.302, "bay 11.loss_factor": 0.072}
+    others = (
+        Alternative(values, 1.83, "7:Z", 0.416),
+        Alternative(dict(result.values) | {"bay 5.mass": 1.4}, 0.9),
+    )
+    return realistic(identifiability=ident, std=std, alternatives=others)
+
+
+def test_answers_that_fit_equally_well_are_a_table():
+    page = Page(render(two_answers()))
+    assert "Several answers fit" in page.words
+    assert "Not all unknowns determined" not in page.words
+    assert (
+        "The fit settled after 6 iterations, but 3 answers fit the data equally well: the values"
+        " below are those of one of them." in page.words
+    )
+    assert (
+        "Near each of 3 answers that fit equally well, the data determine all of the 7 unknowns"
+        in page.words
+    )
+    assert "group quantity this result answer 2 answer 3" in page.words
+    # what differs most, in its standard deviations, comes first; what does not differ is left out
+    first, second, third = (
+        "bay 2 stiffness 0.720 1.302 0.720",
+        "bay 5 mass 1.100 1.100 1.400",
+        "bay 11 loss factor 0.022 0.072 0.022",
+    )
+    assert f"{first} {second} {third} odds of this result over it – 1.8 to 1 0.9 to 1" in page.words
+    assert "sensor that tells it from this result – 7:Z none" in page.words
+    assert "typical difference of the FRFs there – 42 % –" in page.words
+
+
+def test_of_one_answer_no_others_are_shown(page):
+    assert "answers" not in page.words
 
 
 def test_units_follow_the_kind_of_each_dof():

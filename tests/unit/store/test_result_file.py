@@ -19,6 +19,7 @@ from updyn.store.result import read_result, result_to_json, write_result, write_
 from updyn.store.values import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
@@ -51,6 +52,14 @@ def adequacy() -> Adequacy:
         whiteness_p=np.array([[[1e-300, 1.0]]]),
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
         explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3),),
+    )
+
+
+def others() -> tuple[Alternative, ...]:
+    """Two answers that fit as well; no sensor tells the second apart."""
+    return (
+        Alternative(dict(zip(NAMES, [2.0 / 3.0, 0.5, 0.05], strict=True)), 1.25, "2:Z", 0.37),
+        Alternative(dict(zip(NAMES, [0.1, 1.0, 0.0], strict=True)), 1e-9, "", 0.0),
     )
 
 
@@ -144,6 +153,7 @@ def sample(**changes: object) -> UpdateResult:
         "versions": {"updyn": "0.1.0", "Python": "3.11"},
         "title": "Prüfstand 3",
         "adequacy": adequacy(),
+        "alternatives": others(),
     }
     return UpdateResult(**(everything | changes))
 
@@ -202,8 +212,9 @@ def assert_same(found: object, expected: object, where: str) -> None:
             "covariance": np.full((3, 3), NAN),
         },
         {"adequacy": None},
+        {"alternatives": ()},
     ],
-    ids=["full", "no history", "no figures", "failed", "residual not tested"],
+    ids=["full", "no history", "no figures", "failed", "residual not tested", "one answer"],
 )
 def test_every_field_comes_back(tmp_path, changes):
     expected = sample(**changes)
@@ -218,11 +229,13 @@ def test_no_field_is_forgotten():
             "status message remedy method options start model frf lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
+            " alternatives"
         ),
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"
             " alike chi_square_p whiteness_p worst explained_by"
         ),
+        Alternative: "values odds sensor difference",
         Misfit: "response reference low high near misfit alike chi_square_p whiteness_p kind",
         Suspect: "group quantity explains change energy",
         Iteration: "stage number cost step condition accepted values",
@@ -294,6 +307,8 @@ def change(name, value):
         (change("identifiability", '{"rank": 1}'), "identifiability: "),
         (change("timing_s", None), "no variable 'timing_s'"),
         (change("adequacy", '{"outcome": "noise"}'), "adequacy: not what a run records"),
+        (change("alternatives", '[{"odds": 2}]'), "alternatives: not what a run records"),
+        (change("alternatives", "2"), "alternatives: not what a run records"),
         (change("residual_alike", None), "no variable 'residual_alike'"),
     ],
 )
@@ -397,6 +412,31 @@ def test_json_has_the_agreed_structure(tmp_path):
     assert found["history"][1]["cost"] is None
     assert found["timing_s"] == {"fit": 0.1, "total": 0.3}
     assert found["versions"] == {"updyn": "0.1.0", "Python": "3.11"}
+
+
+def test_json_has_the_other_answers():
+    assert result_to_json(sample())["alternatives"] == [
+        {
+            "values": {"arm.stiffness": 2.0 / 3.0, "foot.stiffness": 0.5, "foot.loss_factor": 0.05},
+            "odds": 1.25,
+            "sensor": "2:Z",
+            "difference": 0.37,
+        },
+        {
+            "values": {"arm.stiffness": 0.1, "foot.stiffness": 1.0, "foot.loss_factor": 0.0},
+            "odds": 1e-9,
+            "sensor": "",
+            "difference": 0.0,
+        },
+    ]
+    assert result_to_json(sample(alternatives=()))["alternatives"] == []
+
+
+def test_a_record_from_before_other_answers_were_looked_for_has_none(tmp_path):
+    write_result(sample(), tmp_path / "run.nc")
+    with h5py.File(tmp_path / "run.nc", "r+") as file:
+        del file["alternatives"]
+    assert read_result(tmp_path / "run.nc").alternatives == ()
 
 
 def test_json_says_what_is_left():

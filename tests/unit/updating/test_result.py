@@ -10,6 +10,7 @@ import pytest
 from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.fit.monitor import Iteration
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import Parameter, parameters
 from updyn.updating.result import STATUSES, UpdateResult, interval
@@ -122,6 +123,20 @@ def test_a_summary_without_trouble(result):
     assert lines[1] == "The fit converged."
     assert lines[-1] == "The data determine 4 of 4 unknowns."
     assert "not determined" not in calm.summary()
+
+
+def test_other_answers_are_listed_with_what_they_have_different(result):
+    first = dict(result.values) | {"shaft.stiffness": 2.5}
+    second = dict(result.values) | {"shaft.stiffness": 0.5, "shaft.loss_factor": 0.1}
+    found = dataclasses.replace(
+        result, alternatives=(Alternative(first, 1.0), Alternative(second, 2.0))
+    )
+    # the loss factor differs by 75 standard deviations, the stiffness by 60
+    assert found.summary() == SUMMARY.replace(
+        "\nfitted, before",
+        "\n  answer 2 fits as well: shaft.stiffness 2.5"
+        "\n  answer 3 fits as well: shaft.loss_factor 0.1, shaft.stiffness 0.5\nfitted, before",
+    )
 
 
 def test_iterations_counts_accepted_steps_after_the_start(result):

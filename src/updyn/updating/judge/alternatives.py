@@ -13,7 +13,7 @@ from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit
 from updyn.updating.problem.problem import Part, Problem
 
-__all__ = ["Alternative", "alternatives", "differences"]
+__all__ = ["Alternative", "alternatives", "differences", "distinct"]
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -37,7 +37,8 @@ class Alternative:
     sensor : str
         Where a further sensor would see the largest difference; empty where none would.
     difference : float
-        Median of that difference over the lines, as a share of the level.
+        Median of that difference over lines and references, relative to the larger of the two FRFs;
+        2 where they have opposite signs.
     """
 
     values: Mapping[str, float]
@@ -91,6 +92,22 @@ def differences(
             found.append((apart, name, all_values))
     found.sort(key=lambda item: -item[0])
     return [(name, all_values) for _, name, all_values in found]
+
+
+def distinct(
+    values: Mapping[str, float], std: Mapping[str, float], others: Sequence[Alternative]
+) -> tuple[Alternative, ...]:
+    """Return the answers that differ from the result by more than its standard deviations.
+
+    Those are widened where the model does not explain the data, so that answers which a fit told
+    apart may be one.
+
+    Parameters
+    ----------
+    values, std, others
+        As for `differences`.
+    """
+    return tuple(other for other in others if differences(values, std, [other]))
 
 
 def _clearest(part: Part, x: _Vector, other: _Vector) -> tuple[float, str]:

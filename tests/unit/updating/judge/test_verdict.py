@@ -6,9 +6,10 @@ import pytest
 import updyn
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Suspect, assess, blamed
+from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse
-from updyn.updating.judge.verdict import verdict
+from updyn.updating.judge.verdict import ambiguous, verdict
 
 NAMES = ["a.stiffness", "b.stiffness"]
 SURE, UNSURE = np.diag([1000.0, 1000.0]), np.diag([1000.0, 2.0])
@@ -83,6 +84,29 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
     assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
+
+
+def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them_apart():
+    others = [Alternative({}, 1.8, "3:X", 0.314), Alternative({}, 0.4, "1:X", 0.52)]
+    different = [("a.stiffness", [1.5, 0.7, 1.5]), ("b.stiffness", [0.7, 1.5, 1.0])]
+    message, remedy = ambiguous(different, others)
+    assert message == (
+        "But 3 answers fit the data equally well (odds within 1.8 to 1); they differ in"
+        " a.stiffness (1.5, 0.7 or 1.5), b.stiffness (0.7, 1.5 or 1)."
+    )
+    assert remedy == (
+        "A sensor at 3:X or 1:X would tell them apart: there they differ by 31 % typically. Fix"
+        " one of these unknowns where it is known."
+    )
+
+
+def test_of_many_unknowns_in_which_answers_differ_three_are_named():
+    different = [(f"{name}.mass", [1.0, 2.0]) for name in "abcde"]
+    message, remedy = ambiguous(different, [Alternative({}, 1.0)])
+    assert message.endswith("a.mass (1 or 2), b.mass (1 or 2), c.mass (1 or 2) and 2 more.")
+    assert remedy == (
+        "Fix one of these unknowns where it is known, or measure more of the band with less noise."
+    )
 
 
 def test_a_force_calibrated_wrongly_by_five_is_no_good_fit(chain12):

@@ -1,0 +1,232 @@
+"""Answers of a fit: where others are looked for, which is taken, and which count as different ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.fit.answers import (
+    AS_WELL,
+    Answer,
+    elsewhere,
+    equals,
+    explains,
+    preferred,
+    weakly_held,
+)
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import Stated
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import Each, OutputError
+
+FREQ = np.linspace(1.0, 45.0, 40)
+
+
+def spring(n: int, i: int, j: int | None, k: float) -> updyn.Group:
+    """A spring between two masses, or from one to the ground."""
+    K = np.zeros((n, n))
+    if j is None:
+        K[i, i] = k
+    else:
+        K[np.ix_([i, j], [i, j])] = [[k, -k], [-k, k]]
+    return updyn.Group(K, np.zeros((n, n)), loss_factor=0.02)
+
+
+def row_of_masses(springs: dict[str, tuple[int, int | None, float]], n: int) -> updyn.Model:
+    """Equal masses, and springs by name: between which, and how stiff."""
+    groups = {name: spring(n, *about) for name, about in springs.items()}
+    groups["masses"] = updyn.Group(np.zeros((n, n)), np.eye(n))
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def symmetric_three() -> updyn.Model:
+    """Three masses between two walls; nominal stiffness of the outer springs is not the same."""
+    return row_of_masses(
+        {
+            "left": (0, None, 2e4),
+            "first": (0, 1, 4e4),
+            "second": (1, 2, 4e4),
+            "right": (2, None, 5e4),
+        },
+        3,
+    )
+
+
+def problem_of(model: updyn.Model, frf: updyn.FRF, unknowns: object) -> Problem:
+    return Problem.of([Part.build(model, frf, unknowns)])
+
+
+def answer_at(x: np.ndarray, unlikelihood: float = 0.0, std: object = 0.01) -> Answer:
+    """A converged answer whose unknowns have these standard deviations, independent of each other."""
+    R = np.diag(1.0 / np.broadcast_to(std, len(x)))
+    return Answer(np.asarray(x), "converged", unlikelihood, (), Each(()), Local(0.0, R, R[0] * 0))
+
+
+def misfit(problem: Problem):
+    """Half the sum of squares against the data, each value with 1 % noise."""
+    part = problem.parts[0]
+
+    def cost(x: np.ndarray) -> float:
+        e = (part.responses(x) - part.frf.values) / (0.01 * np.abs(part.frf.values))
+        return 0.5 * float(np.sum(np.abs(e) ** 2))
+
+    return cost
+
+
+# -- where to look ------------------------------------------------------------------------------
+def test_stiffnesses_are_exchanged_and_not_their_factors():
+    """Seen from the middle, 30 and 35 kN/m at the ends are 35 and 30: factors 1.75 and 0.6."""
+    start = symmetric_three()
+    factors = {"left.stiffness": 1.5, "right.stiffness": 0.7}
+    true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
+    mirrored = start.scaled({"left": {"stiffness": 1.75}, "right": {"stiffness": 0.6}})
+    frf = updyn.response(true, FREQ, ["2:X"], ["2:X"])
+    seen = updyn.response(mirrored, FREQ, ["2:X"], ["2:X"])
+    np.testing.assert_allclose(seen.values, frf.values, rtol=1e-12)
+    unknowns = updyn.parameters(start, stiffness=["left", "right"])
+    problem = problem_of(start, frf, unknowns)
+    x = np.log([factors[name] for name in unknowns.names])
+    found = elsewhere(problem, answer_at(x), misfit(problem), 100)
+    np.testing.assert_allclose(np.exp(found[0]), [1.75, 0.6], rtol=1e-12)
+
+
+def test_like_groups_change_places_all_at_once_where_the_structure_is_mirrored():
+    """Of four springs the outer two are alike and the inner two: the image exchanges both pairs."""
+    start = symmetric_three()
+    true = start.scaled(
+        {
+            "left": {"stiffness": 1.5},
+            "first": {"stiffness": 0.8},
+            "second": {"stiffness": 1.3},
+            "right": {"stiffness": 0.7},
+        }
+    )
+    frf = updyn.response(true, FREQ, ["2:X"], ["2:X"])
+    unknowns = updyn.parameters(start, stiffness=["left", "first", "second", "right"])
+    problem = problem_of(start, frf, unknowns)
+    cost = misfit(problem)
+    x = np.log([1.5, 0.8, 1.3, 0.7])
+    image = np.log([1.75, 1.3, 0.8, 0.6])
+    assert cost(image) == pytest.approx(0.0, abs=1e-12)
+    best = elsewhere(problem, answer_at(x), cost, 100)[0]
+    np.testing.assert_allclose(best, image, atol=1e-12)
+    for only in ([1.75, 0.8, 1.3, 0.6], [1.5, 1.3, 0.8, 0.7]):  # one pair alone fits badly
+        assert cost(np.log(only)) > 1e3
+
+
+def test_points_that_fit_badly_as_they_stand_are_left_out():
+    """From another sensor the exchanged springs are seen."""
+    start = symmetric_three()
+    true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
+    frf = updyn.response(true, FREQ, ["1:X"], ["2:X"])
+    problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
+    found = elsewhere(problem, answer_at(np.log([1.5, 0.7])), misfit(problem), 100)
+    assert not any(np.allclose(np.exp(x), [1.75, 0.6]) for x in found)
+
+
+def test_exchanged_unknowns_stay_within_their_bounds():
+    start = symmetric_three()
+    true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
+    frf = updyn.response(true, FREQ, ["2:X"], ["2:X"])
+    unknowns = updyn.parameters(
+        start, stiffness=["left", "right"], bounds={"left.stiffness": (0.5, 1.6)}
+    )
+    problem = problem_of(start, frf, unknowns)
+    found = elsewhere(problem, answer_at(np.log([1.5, 0.7])), lambda x: 0.0, 100)
+    assert len(found) == 4
+    lower, upper = problem.coordinates.bounds
+    assert all(((x >= lower) & (x <= upper)).all() for x in found)
+
+
+def test_only_unknowns_that_the_data_hardly_hold_are_moved():
+    start = symmetric_three()
+    frf = updyn.response(start, FREQ, ["2:X"], ["2:X"])
+    unknowns = updyn.parameters(start, stiffness=["left", "first", "right"])
+    problem = problem_of(start, frf, unknowns)
+    x = np.log([1.5, 1.2, 0.7])
+    assert list(weakly_held(problem, answer_at(x, std=[0.01, 0.02, 0.03]))) == []
+    moved = list(weakly_held(problem, answer_at(x, std=[0.01, 0.1, 0.03])))
+    # back to its start, and to either side by eight standard deviations
+    np.testing.assert_allclose([at[1] for at in moved], [0.0, x[1] - 0.8, x[1] + 0.8])
+    assert all(at[0] == x[0] and at[2] == x[2] for at in moved)
+
+
+# -- which is taken -----------------------------------------------------------------------------
+@pytest.fixture
+def two_factors() -> Problem:
+    """Two factors that start at 1: at the origin of x."""
+    start = symmetric_three()
+    frf = updyn.response(start, FREQ, ["2:X"], ["2:X"])
+    return problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
+
+
+def test_the_better_likelihood_is_taken_however_far_it_is(two_factors):
+    far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.zeros(2), 1.01 * AS_WELL)
+    assert preferred(two_factors, [near, far]) is far
+
+
+def test_of_answers_that_fit_equally_well_the_one_nearest_to_the_start_is_taken(two_factors):
+    far, near = answer_at(np.array([2.0, 2.0])), answer_at(np.array([0.1, 0.0]), 0.9 * AS_WELL)
+    assert preferred(two_factors, [far, near]) is far  # 2^2 / 2 twice is 4: less than 4.1
+    nearer = answer_at(np.array([0.1, 0.0]), 0.5 * AS_WELL)
+    assert preferred(two_factors, [far, near, nearer]) is nearer
+
+
+# -- which are others ---------------------------------------------------------------------------
+def test_distinct_answers_that_fit_as_well_are_kept():
+    chosen = answer_at(np.zeros(2))
+    same = answer_at(np.array([0.02, 0.0]))  # two standard deviations away
+    image = answer_at(np.array([0.3, -0.3]), 1.0)
+    image_again = answer_at(np.array([0.31, -0.3]), 1.5)
+    third = answer_at(np.array([-0.3, 0.0]), 0.5)
+    worse = answer_at(np.array([0.8, 0.0]), 1.01 * AS_WELL)
+    found = equals(chosen, [chosen, same, image_again, worse, image, third])
+    assert [id(one) for one in found] == [id(third), id(image)]
+
+
+def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
+    """The first unknown is not determined: its standard deviation is above 1."""
+    chosen, other = (answer_at(np.array([x, 0.0]), std=[30.0, 0.01]) for x in (0.0, 2.0))
+    assert equals(chosen, [other]) == []
+
+
+def test_an_answer_whose_descent_did_not_end_is_none():
+    chosen, other = answer_at(np.zeros(2)), answer_at(np.ones(2))
+    cut = Answer(other.x, "max-iterations", 0.0, (), Each(()), other.local)
+    lost = Answer(other.x, "converged", 0.0, (), Each(()), None)
+    assert equals(chosen, [cut, lost]) == []
+
+
+# -- whether an answer explains the data --------------------------------------------------------
+def looked_at(added: np.ndarray, relative: float = 0.01) -> bool:
+    """Whether the true model explains its FRF with something added, in shares of |H|."""
+    start = symmetric_three()
+    clean = updyn.response(start, FREQ, ["1:X", "2:X"], ["2:X"])
+    values = clean.values + np.abs(clean.values) * added[:, None, None]
+    frf = updyn.FRF(clean.freq, values, clean.responses, clean.references, clean.quantity)
+    problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
+    noise = Stated(relative, 0.0)
+    weight = np.sqrt(2.0 / noise.variance(clean.values, frf))
+    residual = Each((OutputError(weight),))
+    return explains(problem, Answer(np.zeros(2), "converged", 0.0, (noise,), residual, None))
+
+
+def white(size: float) -> np.ndarray:
+    """Independent circular noise of a size; its sign alternates, so no correlation is by chance."""
+    phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(FREQ) // 2)
+    pairs = np.stack([np.exp(1j * phase), -np.exp(1j * phase)], axis=1)
+    return size * pairs.ravel()
+
+
+def test_a_residual_like_noise_is_explained():
+    assert looked_at(white(0.01))
+
+
+def test_a_serially_correlated_residual_is_not():
+    assert not looked_at(0.01 * np.exp(2j * np.pi * FREQ / 40.0))
+
+
+def test_a_residual_above_noise_that_is_known_is_not():
+    assert looked_at(white(0.012))
+    assert not looked_at(white(0.013))  # 1.3^2 > 1.5
