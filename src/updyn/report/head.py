@@ -256,8 +256,8 @@ def _status_sentence(result: UpdateResult) -> str:
             f"The fit was still moving when it reached its limit {in_steps}; {determined}."
         ),
         "stalled": (
-            f"The fit stalled {in_steps}: no step lowered the misfit further though it had not"
-            f" converged; {determined}."
+            f"The fit did not settle {in_steps}: no step lowered the misfit further, or the search"
+            f" found no answer that it could believe; {determined}."
         ),
         "stopped": (
             f"The fit was stopped by the user {in_steps}; the values are those of its best step."

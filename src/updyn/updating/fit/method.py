@@ -91,8 +91,9 @@ class Fit:
     ----------
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
-    reason : {"converged", "stalled", "max-iterations", "stopped"}
-        Why it ended.
+    reason : {"converged", "unsettled", "stalled", "max-iterations", "stopped", "failed"}
+        Why it ended; unsettled where a search found no answer that explains the data, and none
+        twice.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
         the noise.

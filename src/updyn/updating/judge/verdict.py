@@ -207,6 +207,12 @@ def _ended(
         return "max-iterations", f"{message} Besides, {_undetermined(analysis, names)}", advice
     if not analysis.report.complete:
         return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
+    if fit.reason == "unsettled":
+        message = (
+            "The search did not settle: what its best answer leaves of the data is not noise, and"
+            " no other try came back to it. A better answer may exist."
+        )
+        return "stalled", message, "Raise starts, start closer, or fix what is known."
     if fit.reason == "stalled":
         message = "No step lowers the misfit although its gradient is not zero."
         return "stalled", message, "Start elsewhere or loosen bounds."

@@ -125,7 +125,8 @@ class MaximumLikelihood(Method):
             answers = [self._answer(problem, noises, points[0], monitor)]
             answers += self._further(problem, noises, points[1:], monitor, answers[0])
             chosen = preferred(problem, answers)
-        answers += self._beside(problem, noises, monitor, chosen)
+        beside, settled = self._beside(problem, noises, monitor, chosen)
+        answers += beside
         chosen = preferred(problem, answers)
         with monitor.stage("elsewhere"):
             for _ in range(_HOPS):
@@ -137,20 +138,24 @@ class MaximumLikelihood(Method):
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
-        reason = "stopped" if monitor.stopped else fit.reason
-        return replace(fit, reason=reason, rivals=tuple(rivals))
+        if monitor.stopped:
+            return replace(fit, reason="stopped", rivals=tuple(rivals))
+        if fit.reason == "converged" and not (settled or self._explains(problem, chosen)):
+            return replace(fit, reason="unsettled", rivals=tuple(rivals))
+        return replace(fit, rivals=tuple(rivals))
 
     def _beside(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, best: Answer
-    ) -> list[Answer]:
-        """Return the answers of tries beside the best one, until it explains the data.
+    ) -> tuple[list[Answer], bool]:
+        """Return the answers of tries beside the best one, and whether it can be believed.
 
-        They end as well where two of them come back to it.
+        It can where it explains the data, or two of the tries come back to it.
         """
         rough, found, back = coarse(problem, noises), list[Answer](), 0
         for number in range(_TRIES):
             if monitor.stopped or back == 2 or self._explains(problem, best):
-                break
+                return found, True
+            x = None
             with monitor.stage("search", rough), suppress(Stopped):
                 x = self._tries.beside(rough, best.x, number, monitor)
             if x is None:
@@ -159,9 +164,10 @@ class MaximumLikelihood(Method):
                 near = self._further(problem, noises, [x], monitor, best)
             found += near
             for answer in near:
-                back += abs(answer.unlikelihood - best.unlikelihood) < _SAME
+                gained = best.unlikelihood - answer.unlikelihood
+                back = 0 if gained > _SAME else back + (gained > -_SAME)
                 best = min(best, answer, key=lambda a: a.unlikelihood)
-        return found
+        return found, False
 
     @staticmethod
     def _explains(problem: Problem, answer: Answer) -> bool:
