@@ -36,7 +36,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"below {residuals._ROUNDING:.0e} of the largest of its line",
         f"whose log error is at most {search._WORTH:g} times the least",
         "factors by up to {:.0f} or {:.0f} %".format(*(100 * far for far in search._BESIDE)),
-        f"loss factors by {search._BESIDE_LOSS:g})",
+        f"loss factors by {search._BESIDE_LOSS:g},",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
         f"with a standard deviation above {100 * answers._UNSURE:g} %,",
         f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
