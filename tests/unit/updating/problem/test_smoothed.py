@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import _CLEAR
+from updyn.updating.problem.residuals import _BIAS, _CLEAR
 from updyn.updating.problem.smoothed import SmoothedLogError, _window
 
 FREQ = np.array([0.0, 1.5, 2.0, 3.0, 4.5, 5.0, 8.0, 11.0, 18.0])
@@ -52,8 +52,8 @@ def by_hand(part, x, width):
     S, data = smoothing(part.frf.freq, width), part.frf
     H, measured = (np.einsum("fg,gij->fij", S, v) for v in (part.responses(x), data.values))
     variance = np.einsum("fg,gij->fij", S**2, data.variance)
-    share = np.sqrt(variance) / np.abs(measured)  # noise over signal
-    weight = 1.0 / np.sqrt(1.0 + (share / _CLEAR) ** 2)
+    own = np.maximum(np.abs(measured) ** 2 - _BIAS * variance, 0.0)  # without what noise adds
+    weight = np.sqrt(own / (own + variance / _CLEAR**2))
     return weight * (np.log(np.abs(H / measured)) + 1j * np.angle(H / measured))
 
 
