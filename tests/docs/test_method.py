@@ -14,8 +14,9 @@ from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
 from updyn.updating.fit import answers, null_space, search
 from updyn.updating.judge import alternatives
-from updyn.updating.problem import noise, problem
+from updyn.updating.problem import noise, problem, residuals
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
+from updyn.updating.problem.noise import estimated, neighbours
 
 TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split())
 
@@ -30,9 +31,14 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
+        "with d = {:g}, then {:g}, then {:g}, then".format(*search._WIDTHS),
+        f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
+        f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
+        f"below {residuals._ROUNDING:.0e} of the largest of its line",
+        f"whose log error is at most {search._WORTH:g} times the least",
+        "factors by up to {:.0f} or {:.0f} %".format(*(100 * far for far in search._BESIDE)),
+        f"loss factors by {search._BESIDE_LOSS:g},",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
-        "standard deviations {:g}, {:g} and {:g};".format(*search._WIDTHS),
-        f"with at most {search._WORTH:g} times the least cost",
         f"with a standard deviation above {100 * answers._UNSURE:g} %,",
         f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
         f"differ there by {100 * alternatives._CLEARLY:g} % or more",
@@ -59,6 +65,14 @@ def gear_train(omega: list[float]) -> updyn.UpdateResult:
     )
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
     return updyn.update(start, test, unknowns, method="equation-error")
+
+
+def test_the_floor_of_lines_is_described() -> None:
+    text = " ".join((ROOT / "docs" / "noise.md").read_text(encoding="utf-8").split())
+    assert f"by a factor of {estimated._SHRUNK:.3f}, which is divided out" in text
+    assert estimated._FEWEST_LINES == 20
+    assert "fewer than twenty lines" in text
+    assert f"E|dH|^2 ~ sum over {neighbours._WINDOW} lines" in text
 
 
 def test_the_paper_determines_17_of_18() -> None:

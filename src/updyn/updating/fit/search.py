@@ -357,8 +357,8 @@ def _expected(problem: Problem) -> float:
     for part, error in zip(problem.parts, log_error(problem).errors, strict=True):
         assert part.frf.variance is not None
         assert error.weight is not None
-        size = np.abs(part.frf.values)
-        share = part.frf.variance / np.maximum(size**2, np.finfo(float).tiny)
+        power = np.where(error.weight > 0.0, np.abs(part.frf.values) ** 2, 1.0)
+        share = np.where(error.weight > 0.0, part.frf.variance / power, 0.0)
         # |ln(1 + s z)|^2 is s^2 where the noise is small; where it is large, the phase is anything
         # from -pi to pi, with a mean square of pi^2 / 3, and the level is that of the noise.
         most = np.pi**2 / 3.0 + 0.25 * np.log1p(share) ** 2

@@ -1,13 +1,18 @@
 """Seeking the basin: tries within bounds, reproducible, and worth their cost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, coarse
-from updyn.updating.problem.noise import Estimated
+from updyn.updating.fit.search import Search, _distinct, _expected, coarse
+from updyn.updating.fit.trust_region import Outcome
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import Estimated, Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import _BIAS, log_error
 
 
 def far_start(chain12):
@@ -100,3 +105,158 @@ def test_search_finds_what_a_single_descent_misses(gear_train, seed):
     assert worst_stiffness(updyn.update(start, data, unknowns, method="log"), gear_train) < 1e-6
     again = updyn.update(start, data, unknowns, method="log")
     assert again.values == updyn.update(start, data, unknowns, method="log").values
+
+
+# -- the problem that is searched, and the ends of its tries ---------------------------------------
+def long_test(chain12, lines, **kwargs):
+    unknowns = updyn.parameters(chain12, stiffness="all", loss_factor="all")
+    true = chain12.scaled({"part1": {"stiffness": 1.2}})
+    data = updyn.response(true, np.linspace(0.5, 20.0, lines), ["2:X", "12:X"], ["12:X"])
+    data = updyn.FRF(
+        data.freq, data.values, data.responses, data.references, data.quantity, **kwargs
+    )
+    return Part.build(chain12, data, unknowns)
+
+
+def test_coarse_problem_carries_the_noise_of_the_lines_that_it_keeps(chain12):
+    variance = np.random.default_rng(0).uniform(1.0, 2.0, (900, 2, 1)) * 1e-12
+    parts = (long_test(chain12, 900, variance=variance), long_test(chain12, 300))
+    rough = coarse(Problem(parts), [Variance(), Stated(0.0, 0.01)])
+    first, second = rough.parts
+    assert len(first.frf.freq) == 300  # every third
+    assert (first.frf.freq == parts[0].frf.freq[::3]).all()
+    assert first.frf.variance == pytest.approx(variance[::3])
+    rms = np.sqrt(np.mean(np.abs(parts[1].frf.values) ** 2))
+    assert second.frf.variance == pytest.approx(np.full((300, 2, 1), (0.01 * rms) ** 2))
+    assert (second.frf.values == parts[1].frf.values).all()
+    weights = [error.weight for error in log_error(rough).errors]
+    size = np.abs(second.frf.values)
+    own = np.maximum(size**2 - _BIAS * (0.01 * rms) ** 2, 0.0)
+    assert weights[1] == pytest.approx(np.sqrt(own / (own + (0.1 * rms) ** 2)), rel=1e-9)
+
+
+def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noise):
+    """At the truth, where most values are above the noise.
+
+    Of a value far below it the measured level is that of the noise; how far below, data cannot say.
+    """
+    clean = long_test(chain12, 400)
+    truth = clean.coordinates.to_x(clean.coordinates.parameters.start)
+    truth[clean.coordinates.parameters.names.index("part1.stiffness")] = np.log(1.2)
+    for relative, floor in ((0.02, 0.0), (0.0, 0.002), (0.0, 0.02)):
+        data = add_noise(clean.frf, np.random.default_rng(0), relative, floor)
+        part = Part.build(chain12, data, clean.coordinates.parameters)
+        rough = coarse(Problem.of([part]), [Stated(relative, floor)])
+        cost = log_error(rough).local(rough, truth).cost
+        assert cost == pytest.approx(_expected(rough), rel=0.3)
+
+
+def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
+    """Accelerance in mm/s^2: zero at 0 Hz, with a variance far above 1 there."""
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    freq = np.linspace(0.0, 20.0, 50)
+    data = updyn.response(chain12, freq, ["2:X"], ["12:X"], "accelerance")
+    data = replace(data, values=1e6 * data.values)
+    part = Part.build(chain12, data, unknowns)
+    rough = coarse(Problem.of([part]), [Stated(0.0, 0.1)])
+    assert rough.parts[0].frf.variance[0, 0, 0] > 1e4
+    without = coarse(
+        Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
+    )
+    assert _expected(rough) == pytest.approx(_expected(without), rel=0.1)
+
+
+def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
+    """A floor of 1 % is seen where lines are dense, before three of four are left out."""
+    part = long_test(chain12, 1600)
+    data = add_noise(part.frf, np.random.default_rng(0), 0.0, 0.01)
+    part = Part.build(chain12, data, part.coordinates.parameters)
+    rough = coarse(Problem.of([part]), [Estimated.of_data(data)])
+    level = np.sqrt(np.mean(np.abs(data.values) ** 2))
+    assert np.sqrt(rough.parts[0].frf.variance) == pytest.approx(
+        np.full((400, 2, 1), 0.01 * level), rel=0.2
+    )
+
+
+def end(cost, x):
+    """An end in whose basin the cost grows by half the square of the distance."""
+    x = np.asarray(x, dtype=float)
+    return Outcome(x, Local(cost, np.eye(len(x)), np.zeros(len(x))), "converged")
+
+
+def test_ends_are_told_apart_and_the_hopeless_left_out():
+    ends = [
+        end(9.0, [5.0, 0.0]),  # more than 1.5 times the best
+        end(1.2, [3.0, 0.0]),
+        end(1.0, [0.0, 0.0]),
+        end(1.0 + 1e-6, [1e-4, 0.0]),  # the best once more
+        end(1.4, [0.0, 2.0]),
+    ]
+    found = [tuple(one.x) for one in _distinct(ends)]
+    assert found == [(0.0, 0.0), (3.0, 0.0), (0.0, 2.0)]
+    assert _distinct([]) == []
+
+
+def test_no_more_than_four_ends_are_kept():
+    ends = [end(1.0 + 0.01 * i, [float(i), 0.0]) for i in (5, 3, 0, 4, 1, 2)]
+    assert [one.x[0] for one in _distinct(ends)] == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_ends_of_exact_data_are_one():
+    """Costs of rounding: a point that fits 1e6 times worse is another basin's, however small."""
+    ends = [end(1e-26, [0.0, 0.0]), end(1e-20, [1.0, 0.0])]
+    assert [tuple(one.x) for one in _distinct(ends)] == [(0.0, 0.0)]
+
+
+def test_end_points_are_distinct_and_within_bounds(problem):
+    whole = Problem.of([problem])
+    rough = coarse(whole, [Stated(0.01, 0.0)])
+    found = Search(starts=4).run(rough, Monitor(rough))
+    lower, upper = whole.coordinates.bounds
+    for x in found:
+        assert ((x >= lower) & (x <= upper)).all()
+    assert 1 <= len(found) <= 4
+    for i in range(len(found)):
+        for j in range(i):
+            assert np.abs(found[i] - found[j]).max() > 1e-6
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_tries_beside_a_point_stay_within_bounds(problem, number):
+    """The point stands on the bound of two unknowns; steps are recorded, and tries differ."""
+    rough = coarse(Problem.of([problem]), [Stated(0.01, 0.0)])
+    lower, upper = rough.coordinates.bounds
+    x = rough.coordinates.to_x(rough.coordinates.parameters.start)
+    loss = np.flatnonzero(~rough.coordinates.parameters.is_factor)
+    x[loss[0]], x[loss[1]] = lower[loss[0]], upper[loss[1]]
+    monitor = Monitor(rough)
+    found = Search(max_iterations=3).beside(rough, x, number, monitor)
+    assert ((found >= lower) & (found <= upper)).all()
+    assert len(monitor.history) > 0
+    again = Search(max_iterations=3).beside(rough, x, number, Monitor(rough))
+    other = Search(max_iterations=3).beside(rough, x, number + 1, Monitor(rough))
+    assert np.array_equal(found, again)
+    assert not np.array_equal(found, other)
+
+
+def test_tries_beside_the_truth_come_back_to_it(chain12_task):
+    start, data, unknowns, truth = chain12_task
+    rough = coarse(Problem.of([Part.build(start, data, unknowns)]), [Stated(0.01, 0.0)])
+    x = rough.coordinates.to_x(truth)
+    for number in range(2):
+        found = Search().beside(rough, x, number, Monitor(rough))
+        assert found == pytest.approx(x, abs=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_smoothed_descents_lead_where_sharp_ones_do_not(chain12, factor):
+    """All springs off by a factor of two: every resonance is off by many times its width."""
+    start = chain12.scaled({f"part{i}": {"stiffness": factor} for i in range(1, 5)})
+    unknowns = updyn.parameters(start, stiffness="all")
+    data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
+    rough = coarse(Problem.of([Part.build(start, data, unknowns)]), [Stated(0.001, 0.0)])
+    home, monitor = np.zeros(4), Monitor(rough)
+    gradual = Search()._try_from(rough, (home, True), monitor)
+    assert gradual.x == pytest.approx(np.full(4, -np.log(factor)), abs=1e-6)
+    sharp = Search()._try_from(rough, (home, False), monitor)
+    assert sharp.local.cost > 10.0

@@ -1,5 +1,7 @@
 """Residuals by their definitions, their reduction by QR, and priors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +12,14 @@ from updyn.dynamics import fields
 from updyn.errors import DataError
 from updyn.updating.problem.local import reduce
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import EquationError, LogError, OutputError, with_prior
+from updyn.updating.problem.residuals import (
+    _BIAS,
+    EquationError,
+    LogError,
+    OutputError,
+    clear_of_noise,
+    with_prior,
+)
 
 FREQ = np.linspace(1.5, 18.0, 7)
 
@@ -185,3 +194,100 @@ def test_prior_adds_its_residual_to_cost_gradient_and_information(chain12, true)
     )
     without = Part.build(chain12, data, bare)
     assert with_prior(local, Problem.of([without]), x) is local
+
+
+# -- weights of the log error ----------------------------------------------------------------------
+def with_variance(part, variance):
+    data = part.frf
+    frf = updyn.FRF(
+        data.freq,
+        data.values,
+        data.responses,
+        data.references,
+        data.quantity,
+        variance=np.broadcast_to(variance, data.values.shape),
+    )
+    return replace(part, frf=frf)
+
+
+@pytest.mark.parametrize(
+    ("share", "weight"),
+    [(0.0, 1.0), (0.01, 0.99504), (0.1, 2**-0.5), (1.0, 0.0), (100.0, 0.0)],
+)
+def test_weight_by_noise_over_level(problem, share, weight):
+    """About 1 / sqrt(1 + (s / 0.1)^2): a value of 10 % noise weighs 0.7, one at its noise nothing."""
+    noisy = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
+    found = LogError.clear_of_noise(noisy).weight
+    assert found == pytest.approx(np.full(found.shape, weight), rel=0.01)
+
+
+def test_weights_are_those_of_each_value(problem):
+    variance = np.random.default_rng(0).uniform(0.0, 4.0, problem.frf.values.shape)
+    variance *= np.abs(problem.frf.values[3, 1, 0]) ** 2
+    found = clear_of_noise(problem.frf.values, variance, problem.frf)
+    for at in np.ndindex(found.shape):
+        size = abs(problem.frf.values[at])
+        own = max(size**2 - _BIAS * variance[at], 0.0)
+        assert found[at] == pytest.approx(np.sqrt(own / (own + 100.0 * variance[at])))
+
+
+def test_rounding_and_zero_weigh_nothing_even_without_noise():
+    """Below 1e-11 of the largest of its line, each channel as a share of its unit."""
+    values = np.ones((3, 2, 2), dtype=complex)
+    values[0] = [[5.0, 1e-17], [1e-10, 0.0]]
+    values[1] = 0.0
+    values[2] = [[2e-16, 1e-16], [3e-28, 1e-16]]  # a faint line, all of it real but one value
+    frf = updyn.FRF([1.0, 2.0, 3.0], values, ["1:X", "2:X"], ["1:X", "2:X"], "receptance")
+    found = clear_of_noise(values, np.zeros(values.shape), frf)
+    expected = [[[1, 0], [1, 0]], [[0, 0], [0, 0]], [[1, 1], [0, 1]]]
+    assert found == pytest.approx(np.array(expected, dtype=float), abs=1e-12)
+
+
+def test_small_units_are_not_rounding():
+    """Rotations of 1e-15 rad/N beside translations of 1 m/N are 1 of their own unit."""
+    values = np.array([1.0, 1e-15])[None, :, None] * (1.0 + np.arange(4.0))[:, None, None]
+    frf = updyn.FRF(1.0 + np.arange(4.0), values, ["1:X", "1:RZ"], ["1:X"], "receptance")
+    found = clear_of_noise(values, np.zeros(values.shape), frf)
+    assert found == pytest.approx(np.ones(values.shape))
+
+
+def test_weighted_log_error_by_its_definition_and_central_differences(problem, monkeypatch):
+    """With one value zero and one at rounding; over all lines at once and in blocks."""
+    values = problem.frf.values.copy()
+    values[2, 1, 0] = 0.0
+    values[4, 0, 1] *= 1e-14
+    level = np.sqrt(np.mean(np.abs(values) ** 2))
+    holed = replace(problem, frf=replace(problem.frf, values=values))
+    part = with_variance(holed, (0.05 * level) ** 2)
+    size = np.abs(values)
+    own = np.maximum(size**2 - _BIAS * (0.05 * level) ** 2, 0.0)
+    weight = np.sqrt(own / (own + (0.5 * level) ** 2))
+    weight[4, 0, 1] = 0.0
+    error, x, step = LogError.clear_of_noise(part), np.array([0.1, 0.06, -0.2, 0.15]), 1e-6
+
+    def by_hand(x):
+        ratio = part.responses(x) / np.where(values == 0.0, 1.0, values)
+        return weight * (np.log(np.abs(ratio)) + 1j * np.angle(ratio))
+
+    r, J = error.block(part, x, slice(0, len(FREQ)))
+    assert r == pytest.approx(by_hand(x), rel=1e-9, abs=1e-12)
+    for i in range(4):
+        e = step * np.eye(4)[i]
+        expected = (by_hand(x + e) - by_hand(x - e)) / (2 * step)
+        assert J[i] == pytest.approx(expected, rel=1e-5, abs=1e-7)
+    expected = 0.5 * np.sum(np.abs(by_hand(x)) ** 2)
+    assert error.local(Problem.of([part]), x).cost == pytest.approx(expected, rel=1e-10)
+    monkeypatch.setattr(fields, "_BLOCK_BYTES", 16 * 12 * 12 * 5)
+    assert error.local(Problem.of([part]), x).cost == pytest.approx(expected, rel=1e-10)
+
+
+def test_noise_below_a_value_changes_little_and_above_it_nearly_all(problem):
+    """Two tries of unlike noise are not taken for one another in memory."""
+    x, costs = np.array([0.1, 0.06, -0.2, 0.15]), []
+    for share in (0.0, 0.01, 10.0):
+        part = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
+        costs.append(LogError.clear_of_noise(part).local(Problem.of([part]), x).cost)
+    assert costs[0] == pytest.approx(LogError().local(Problem.of([problem]), x).cost, rel=1e-12)
+    own = 1.0 - _BIAS * 1e-4
+    assert costs[1] == pytest.approx(costs[0] * own / (own + 0.01), rel=1e-10)
+    assert costs[2] == 0.0

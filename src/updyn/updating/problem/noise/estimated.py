@@ -209,6 +209,11 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
 #: Degrees of freedom of Student's distribution for the scatter between lines, a third of which may
 #: be the shape of the resonances.
 _WILD = 1.0
+#: What this likelihood makes of Gaussian noise of standard deviation 1: with p = |r|^2 / s^2, of 2
+#: complex degrees of freedom, it is greatest at the s where the mean of 3 p / (1 + 2 p) is 1.
+_SHRUNK = 0.84129
+#: Fewest lines from which noise is told from the shape of resonances: four windows side by side.
+_FEWEST_LINES = 20
 
 
 def floor_of_lines(frf: FRF) -> float:
@@ -216,13 +221,16 @@ def floor_of_lines(frf: FRF) -> float:
 
     The scatter about a local polynomial is noise where lines are dense, and besides the shape of
     resonances where they are not. Both parts of the noise are fitted to it; the shape goes with the
-    level and counts as relative noise, which is left out.
+    level and counts as relative noise, which is left out. It is 0 for fewer than twenty lines, of
+    which resonances fill every window.
     """
+    if len(frf.freq) < _FEWEST_LINES:
+        return 0.0
     squared = scatter(frf)
     level = np.broadcast_to(level_by_unit(frf), squared.shape)
     if not squared.any():
         return 0.0
-    return two_numbers(np.abs(frf.values), level, squared, _WILD)[1]
+    return two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
 
 
 def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:

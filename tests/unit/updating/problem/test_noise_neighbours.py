@@ -1,0 +1,110 @@
+"""Noise from the scatter of neighbouring lines, before any fit."""
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.problem.noise.estimated import floor_of_lines
+from updyn.updating.problem.noise.neighbours import scatter
+
+
+def circular(seed, shape):
+    """Complex Gaussian with E|z|^2 = 1."""
+    rng = np.random.default_rng(seed)
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def frf(freq, values):
+    values = np.asarray(values, dtype=complex)
+    rows, columns = ([f"{i + 1}:X" for i in range(n)] for n in values.shape[1:])
+    return updyn.FRF(freq, values, rows, columns, "receptance")
+
+
+def uneven(n):
+    return 5.0 + np.cumsum(np.random.default_rng(2).uniform(0.2, 1.0, n))
+
+
+def test_a_parabola_in_frequency_has_no_scatter():
+    """On uneven lines, too, and at the ends of the band."""
+    f = uneven(30)
+    shape = (1.0 + 2.0j) - 0.3 * f + (0.02 - 0.01j) * f**2
+    values = shape[:, None, None] * np.array([[1.0, 1j], [0.1, 3.0]])
+    found = scatter(frf(f, values))
+    assert found.shape == values.shape
+    assert found.max() < 1e-24 * np.abs(values).max() ** 2
+
+
+@pytest.mark.parametrize("freq", [uneven(6000), np.arange(1.0, 6001.0)], ids=["uneven", "even"])
+def test_mean_scatter_of_white_noise_is_its_variance(freq):
+    """Five values less three coefficients are 2 complex degrees of freedom: spread 1 / sqrt(2)."""
+    found = scatter(frf(freq, 3.0 * circular(0, (6000, 2, 1))))
+    assert found.mean() == pytest.approx(9.0, rel=0.05)
+    assert found.std() / found.mean() == pytest.approx(2**-0.5, rel=0.1)
+
+
+def test_scatter_of_a_window_by_numpy():
+    f, values = uneven(9), circular(1, (9, 1, 1))
+    found = scatter(frf(f, values))[:, 0, 0]
+    for middle in range(2, 7):
+        lines = slice(middle - 2, middle + 3)
+        V = np.vander(f[lines], 3)
+        left = values[lines, 0, 0] - V @ np.linalg.lstsq(V, values[lines, 0, 0], rcond=None)[0]
+        assert found[middle] == pytest.approx(np.sum(np.abs(left) ** 2) / 2, rel=1e-8)
+    assert found[:2].tolist() == [found[2]] * 2
+    assert found[-2:].tolist() == [found[-3]] * 2
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_fewer_than_five_lines_say_nothing(n):
+    data = frf(1.0 + np.arange(n), circular(2, (n, 2, 3)))
+    assert (scatter(data) == np.zeros((n, 2, 3))).all()
+    assert floor_of_lines(data) == 0.0
+
+
+def test_few_lines_over_many_resonances_are_no_noise(gear_train):
+    """The paper's eight lines, exact: the floor seemed to be a tenth of the rms."""
+    freq = np.array([5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0]) / (2 * np.pi)
+    data = updyn.response(gear_train, freq, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
+    assert floor_of_lines(data) == 0.0
+
+
+def smooth(n=600):
+    """Four oscillators with loss factors of 5 to 10 %, at two sensors, over 1.2 decades."""
+    f = np.linspace(2.0, 30.0, n)
+    values = np.zeros((n, 2, 1), dtype=complex)
+    for at, eta, shape in (
+        (4.0, 0.1, (1.0, 0.5)),
+        (9.0, 0.08, (0.7, -0.6)),
+        (15.0, 0.06, (0.5, 0.9)),
+        (24.0, 0.05, (0.4, -0.3)),
+    ):
+        values[:, :, 0] += np.array(shape) / (at**2 * (1 + 1j * eta) - f**2)[:, None]
+    return f, values
+
+
+@pytest.mark.parametrize("floor", [0.03, 0.01, 0.001])
+@pytest.mark.parametrize("relative", [0.0, 0.01])
+def test_floor_is_found_without_a_model(floor, relative):
+    f, values = smooth()
+    level = np.sqrt(np.mean(np.abs(values) ** 2))
+    found = []
+    for seed in range(5):
+        noise = floor * level * circular(seed, values.shape)
+        noise += relative * np.abs(values) * circular(seed + 100, values.shape)
+        found.append(floor_of_lines(frf(f, values + noise)))
+    assert found == pytest.approx([floor] * 5, rel=0.2)
+    assert np.mean(found) == pytest.approx(floor, rel=0.08)
+
+
+def test_smooth_data_without_a_floor_have_a_tiny_one():
+    """A hundredth of the relative noise, and of exact data next to nothing."""
+    f, values = smooth()
+    assert floor_of_lines(frf(f, values)) < 1e-5
+    noisy = values * (1 + 0.01 * circular(0, values.shape))
+    assert floor_of_lines(frf(f, noisy)) < 3e-4
+
+
+def test_resonances_of_sparse_lines_are_no_floor():
+    """Lines as far apart as resonances are wide scatter about any curve, but with the level."""
+    f, values = smooth(60)
+    assert floor_of_lines(frf(f, values)) < 3e-3
