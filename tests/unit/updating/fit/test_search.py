@@ -58,7 +58,7 @@ def test_fewer_tries_than_inflations(problem):
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
     monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
     searched = coarse(Problem.of([problem]), [Estimated.of_data(problem.frf)])
-    (x, *_) = Search().run(searched, monitor)
+    (x, *_) = Search().run(searched, monitor).points
     assert monitor.stopped
     assert len(monitor.history) <= 6
     lower, upper = problem.coordinates.bounds
@@ -211,7 +211,7 @@ def test_ends_of_exact_data_are_one():
 def test_end_points_are_distinct_and_within_bounds(problem):
     whole = Problem.of([problem])
     rough = coarse(whole, [Stated(0.01, 0.0)])
-    found = Search(starts=4).run(rough, Monitor(rough))
+    found = Search(starts=4).run(rough, Monitor(rough)).points
     lower, upper = whole.coordinates.bounds
     for x in found:
         assert ((x >= lower) & (x <= upper)).all()
