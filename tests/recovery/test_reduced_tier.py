@@ -131,16 +131,19 @@ def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch)
     start = far_off(0)
     frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
-    labels = []
+    labels, added = [], []
     search = MaximumLikelihood.search
 
-    def noted(self, problem, *given):
+    def noted(self, problem, noises, monitor):
         labels.append(problem.parts[0].solver.label)
-        return search(self, problem, *given)
+        data = problem.parts[0].frf
+        added.append(noises[0].beforehand(data) - noises[0].base.beforehand(data))
+        return search(self, problem, noises, monitor)
 
     monkeypatch.setattr(MaximumLikelihood, "search", noted)
     updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
     assert labels == ["reduced, around the start"]
+    assert (added[0] > 0.0).all()  # the search knows that its basis is not exact
     updyn.update(start, frf, unknowns, tier="reduced", backend="superlu", starts=0)
     assert labels == ["reduced, around the start"]  # without a search its basis is not made
 

@@ -28,7 +28,7 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy.linalg
@@ -55,6 +55,8 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+#: Coefficients of the terms, lines in Hz, and receptances of shape (n_rows, n_lines, n_columns).
+_Answer: TypeAlias = "tuple[_Complex, _Real, _Complex]"
 
 #: Factor on the error that residuals give while a basis is enriched.
 SAFETY = 4.0
@@ -362,7 +364,7 @@ class Reduction:
         # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
         self._truncate(state, gram, 0.01 * self.accuracy)
 
-    def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> None:
+    def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
         """Reduce the basis to that of the references' fields at many states, for a search.
 
         Beside each field of a reference stands one of a random combination of the sensors, for
@@ -376,11 +378,17 @@ class Reduction:
             Lines in Hz; each state takes every n-th of them, from another one on.
         share : float
             Root of the share of the energy of all fields that may be dropped.
+
+        Returns
+        -------
+        ndarray of float, shape (n_rows, n_columns)
+            What the receptance of each channel changed by (rms), over the largest of its line.
         """
         rng = np.random.default_rng(len(states))
         metric = self.basis.combined(self._weights(states[0], -self._top))
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
+        before: list[_Answer] = []
         stride = -(-len(freq) // _LINES_A_STATE)
         for number, state in enumerate(states):
             lines = freq[number % stride :: stride]
@@ -389,6 +397,7 @@ class Reduction:
                 q = solver.solve(c, self._loaded, lines)
             except SolverError:  # one state less
                 continue
+            before.append((c, lines, solver.at(q, self.rows)[:, :, self._channels.forced]))
             mixed = q @ rng.standard_normal((len(self._loaded), _COMBINATIONS))
             q = np.concatenate([q[:, :, np.unique(self._channels.forced)], mixed], axis=2)
             q = q.reshape(len(q), -1)
@@ -397,6 +406,21 @@ class Reduction:
             total += q.shape[1]
             self.poll()
         self._truncate(states[0], gram, share**2 * total)
+        return self._changes(before)
+
+    def _changes(self, before: Sequence[_Answer]) -> _Real:
+        """Return by how much receptances changed (rms), shape (n_rows, n_columns).
+
+        Over the largest of a line.
+        """
+        solver = self.solver()
+        found = [np.zeros((len(self.rows), 0, len(self.columns)))]
+        for c, lines, H in before:
+            with suppress(SolverError):
+                change = np.abs(solver.at(solver.solve(c, self.columns, lines), self.rows) - H)
+                found.append(change / np.abs(H).max(axis=(0, 2), keepdims=True))
+        shares = np.concatenate(found, axis=1)
+        return np.asarray(np.sqrt((shares**2).sum(axis=1) / max(shares.shape[1], 1)))
 
     def _truncate(self, state: State, gram: _Real, allowed: float) -> None:
         """Drop the directions of least energy in P of fields with a Gram matrix, up to a sum."""

@@ -243,16 +243,36 @@ def test_a_basis_of_many_states_holds_roughly_between_them(options: dict) -> Non
     system = AffineSystem.compile(plate(**options))
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     between = moved(system, 0.3)
-    before = true_error(system, between, reduction, BAND)
+    near = true_error(system, between, reduction, BAND)
     states = [system.start, *(moved(system, 0.4, seed) for seed in range(2, 14))]
     reduction.build_around(states)
     wide = reduction.basis.size
     error = true_error(system, between, reduction, BAND)
-    assert error < min(0.1 * before, 1e-3)
+    assert error < min(0.1 * near, 1e-3)
     samples = [system.start, *(moved(system, 0.4, seed) for seed in range(20, 40))]
     reduction.compress_around(samples, BAND, 1e-3)
     assert reduction.basis.size < 0.8 * wide
     assert true_error(system, between, reduction, BAND) < 0.01
+
+
+def test_compressing_tells_what_each_channel_lost() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = Reduction(system, SENSORS, FORCES, (BAND[0], BAND[-1]), "superlu")
+    states = [system.start, *(moved(system, 0.4, seed) for seed in range(2, 8))]
+    reduction.build_around(states)
+    full, lines = reduction.solver(), BAND[:: -(-len(BAND) // 10)]
+    lost = reduction.compress_around(states, lines, 3e-3)
+    fewer, squares = reduction.solver(), []
+    for state in states:
+        c = system.coefficients(state, 2 * np.pi * lines)
+        before, after = (
+            solver.at(solver.solve(c, FORCES, lines), SENSORS) for solver in (full, fewer)
+        )
+        level = np.abs(before).max(axis=(0, 2), keepdims=True)
+        squares.append((np.abs(after - before) / level) ** 2)
+    expected = np.sqrt(np.concatenate(squares, axis=1).mean(axis=1))
+    assert expected.min() > 1e-9
+    np.testing.assert_allclose(lost, expected, rtol=1e-3)
 
 
 def test_many_references_take_no_more_vectors_than_a_few() -> None:

@@ -27,7 +27,7 @@ from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import scattered
-from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.noise import Approximate, NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 from updyn.updating.problem.session import Stopped
@@ -60,7 +60,9 @@ _AWAY = 1.0
 #: Largest loss factor of theirs.
 _LOSSY = 0.3
 #: Root of the share of the energy of these fields that may be dropped.
-_DROPPED = 1e-3
+_DROPPED = 1e-4
+#: Times the error of these fields, what a search is told of it: it is not noise, whose mean is 0.
+_MARGIN = 10.0
 #: Largest number of lines of a search.
 _SEARCHED = 200
 #: Number of DOFs without a sensor whose error counts too, for the experiment advice.
@@ -128,6 +130,7 @@ class _Part:
     solver: FieldSolver | None = None
     first: FieldSolver | None = None
     certificate: Certificate | None = None
+    lost: NDArray[np.float64] | None = None
 
     @classmethod
     def of(cls, part: Part, accuracy: float) -> _Part:
@@ -144,7 +147,8 @@ class _Part:
     def build_around(self, points: Sequence[_Vector], samples: Sequence[_Vector]) -> None:
         self.reduction.build_around([self.exact.state(x) for x in points])
         freq = self.exact.frf.freq
-        self.reduction.compress_around([self.exact.state(x) for x in samples], freq, _DROPPED)
+        states = [self.exact.state(x) for x in samples]
+        self.lost = self.reduction.compress_around(states, freq, _DROPPED)
         self.solver = self.reduction.solver("reduced, around the start")
 
     def certify(self, x: _Vector, *, enrich: bool) -> None:
@@ -251,7 +255,8 @@ class Reducing:
             if self._may_search(strategy):
                 with monitor.stage("reduce"):
                     around = self._around(problem)
-                x, far = strategy.search(around, noises, monitor).points[0], True
+                starts = strategy.search(around, self._rough(noises), monitor)
+                x, far = starts.points[0], True
         except Stopped:
             return problem, Fit.blind(x, "stopped")
         return self._rounds(problem, strategy, noises, monitor, x, far=far)
@@ -275,6 +280,14 @@ class Reducing:
         for part in self._parts:
             part.build_around([self._home, *points], [self._home, *samples])
         return self.inside(problem).thinned(_SEARCHED)
+
+    def _rough(self, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
+        """Return noise models that add what the basis of the search lacks in each channel."""
+        out: list[NoiseModel] = []
+        for part, noise in zip(self._parts, noises, strict=True):
+            assert part.lost is not None
+            out.append(Approximate(noise, _MARGIN * part.lost))
+        return out
 
     def _rounds(
         self,

@@ -19,6 +19,7 @@ import numpy as np
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.registry import Registry
+from updyn.updating.problem.noise.approximate import Approximate
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
 from updyn.updating.problem.noise.known import (
     ASSUMED,
@@ -35,6 +36,7 @@ from updyn.updating.problem.noise.robust import FREEDOM, Robust
 __all__ = [
     "ASSUMED",
     "NOISE_MODELS",
+    "Approximate",
     "Assumed",
     "Coherence",
     "Estimated",
