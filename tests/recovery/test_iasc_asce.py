@@ -97,8 +97,8 @@ def test_missing_braces_are_found(pattern: str) -> None:
             assert result.std[f"storey {s} {d}.stiffness"] < 0.01
 
 
-def test_going_up_in_frequency_finds_a_building_that_is_far_off():
-    """Storeys up to eight times too stiff or too soft: one of the starts that only this part of the search recovers."""
+def test_a_building_that_is_far_off_is_found():
+    """Storeys up to eight times too stiff or too soft, in a start whose first tries agree on a wrong answer."""
     true = damaged({1})
     chosen = ["storey ? x", "storey ? y"]
     clean = updyn.response(
@@ -116,5 +116,3 @@ def test_going_up_in_frequency_finds_a_building_that_is_far_off():
     unknowns = updyn.parameters(start, stiffness=chosen, loss_factor=chosen)
     found = updyn.update(start, clean, unknowns)
     assert [found.values[f"{n}.stiffness"] for n in names] == pytest.approx(1.0 / factors, rel=1e-6)
-    without = updyn.update(start, clean, unknowns, continuation=False)
-    assert np.abs(np.log([without.values[f"{n}.stiffness"] for n in names] * factors)).max() > 0.1

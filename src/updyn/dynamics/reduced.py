@@ -475,14 +475,46 @@ class Reduction:
             if self.basis.size > size:
                 lines = _some_lines(freq, level, count, number)
                 continue
-            self.basis.append(np.hstack(lacking))
-            estimate = self._estimate(definite, state, freq, size)
+            self.basis.extend(self._orthonormal(np.hstack(lacking), state))
+            estimate = self._estimate_within(definite, state, freq, size)
             if not growing or estimate.reduction <= self.accuracy:
                 break
             lines = _worst_lines(freq, estimate.shares, count)
         self.basis = self.basis.leading(size)
         self._sparse.release()
         return estimate.certificate(size, tuple(lines), self.factorisations)
+
+    def _orthonormal(self, W: _Real, state: State) -> _Real:
+        """Return what spans the columns of W, shape (N, k), orthonormal in K + omega_max^2 M.
+
+        The weakest directions, which rounding makes, are left out.
+        """
+        alone = Basis(self.system, self.basis.weight)
+        alone.extend(W)
+        gram = alone.combined(self._weights(state, -self._top))
+        if not gram.size:
+            return W
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
+        size, axes = np.linalg.eigh(scale[:, None] * gram * scale)
+        kept = np.flatnonzero(size > _INDEPENDENT * size[-1])[::-1]
+        return np.asarray(W @ (scale[:, None] * axes[:, kept] / np.sqrt(size[kept])))
+
+    def _estimate_within(
+        self, definite: Factorised, state: State, freq: _Real, size: int
+    ) -> _Estimate:
+        """Return the estimate beside as many of the vectors after the first `size` as it can.
+
+        They come in the order of what they add. Where those that add least make the larger model
+        singular by rounding, they are left out.
+        """
+        while True:
+            try:
+                return self._estimate(definite, state, freq, size)
+            except SolverError:
+                added = self.basis.size - size
+                if added == 0:
+                    raise
+                self.basis = self.basis.leading(size + added // 2)
 
     def _estimate(self, definite: Factorised, state: State, freq: _Real, size: int) -> _Estimate:
         """Return the error at all lines of the first `size` basis vectors, beside all of them."""
@@ -642,6 +674,8 @@ def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[floa
     return freq[sorted(picked)].tolist()  # type: ignore[no-any-return]
 
 
+#: Directions of a larger basis with a smaller share of the largest square are rounding.
+_INDEPENDENT = 1e-10
 #: Norm of a unit column after orthogonalisation below which it is rounding.
 _NEW = 1e-9
 _ROWS = 1 << 16
@@ -682,11 +716,11 @@ class Basis:
         return np.hstack([b[dofs] for b in self._blocks])
 
     def leading(self, size: int) -> Basis:
-        """Return the first vectors as a basis: those of a size that it had before it grew."""
+        """Return the first vectors as a basis."""
         out = Basis(self.system, self.weight)
         for block in self._blocks:
             if out.size < size:
-                out._blocks.append(block)
+                out._blocks.append(block[:, : size - out.size])
         out.terms = [np.ascontiguousarray(A[:size, :size]) for A in self.terms]
         return out
 

@@ -73,6 +73,8 @@ _SEARCHES = 3
 _MARGIN = 1.5
 #: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
 _WORTH, _KEPT = 1.5, 4
+#: A log misfit above this (rms) is no noise: an answer there is found so often to be believed.
+_GROSS, _OFTEN = 0.3, 6
 #: A log misfit below this (rms) is exact data; there is nothing better to find.
 _EXACT = 1e-7
 #: Unknowns with a larger standard deviation than this are moved.
@@ -98,8 +100,8 @@ class Search:
     max_iterations : int
         Steps a try.
     spread : float
-        Random tries move factors by up to this, in logarithm; where none of them explains the data
-        and no two agree, as many more begin farther off.
+        Random tries move factors by up to this, in logarithm, and by twice as much; where none of
+        them explains the data and no two agree, as many more begin farther off.
     seed : int
         Of the random tries.
     inflate : bool
@@ -258,7 +260,9 @@ class Search:
             yield x, self.continuation and i > 0
         rest, far = self.starts - len(plain), self.spread * (1 + number)
         if rest > 0:
-            for i, moved in enumerate(scattered(start, far, rest, self.seed + number)):
+            draws = scattered(start, 1.0, rest, self.seed + number)
+            for i, draw in enumerate(draws):
+                moved = start + far * (1 + i % 2) * (draw - start)
                 level = inflated[i % len(inflated)]
                 yield (
                     np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper),
@@ -310,14 +314,19 @@ class Search:
 
     @staticmethod
     def _believed(problem: Problem, ends: list[Outcome]) -> bool:
-        """Whether the best basin was found once (exact data), twice (noise) or three times."""
+        """Whether the best basin was found once (exact data), twice (noise) or three times.
+
+        Where it is far from the data, it takes as many as the first round has random tries: the
+        tries before them begin with the same stiffnesses and masses.
+        """
         if not ends:
             return False
         best = min(ends, key=_cost)
         agree = sum(end.local.cost <= best.local.cost * (1.0 + _SAME) for end in ends)
+        rms = Search._rms(problem, best.x)
         return (
-            agree >= 3
-            or Search._rms(problem, best.x) < _EXACT
+            agree >= (3 if rms < _GROSS else _OFTEN)
+            or rms < _EXACT
             or (agree == 2 and Search._is_noise(problem, best.x))
         )
 
@@ -339,7 +348,7 @@ class Search:
         """Whether the residual looks like noise: small, and hardly serially correlated."""
         misfits = _log_misfits(problem, x)
         power = _power(misfits)
-        if min(len(r) for r in misfits) < 8 or power > 0.3**2:
+        if min(len(r) for r in misfits) < 8 or power > _GROSS**2:
             return False
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < most * power
