@@ -32,6 +32,8 @@ _FALL = 5e-5
 #: A first descent from a further point: at most so many steps, to a fall of half the chi-square
 #: below this; it is worth a fit if it ends with a log-likelihood at most so much lower.
 _GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
+#: Tries that a search needs for some of them to agree.
+_AGREE = 3
 #: Largest number of tries beside an answer that does not explain the data; log-likelihoods that
 #: differ by less are those of one answer.
 _TRIES, _SAME = 16, 0.5
@@ -138,7 +140,8 @@ class MaximumLikelihood(Method):
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
-        if fit.reason == "converged" and not (starts.agreed or self._explains(problem, chosen)):
+        settled = self.starts < _AGREE or starts.agreed or self._explains(problem, chosen)
+        if fit.reason == "converged" and not settled:
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
 
