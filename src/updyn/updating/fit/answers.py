@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.group import MATRICES
+from updyn.updating.fit.method import serial_correlation
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
@@ -86,8 +87,7 @@ def explains(problem: Problem, answer: Answer) -> bool:
         known = answer.noises[i].scale_known and answer.noises[i].source in ("data", "stated")
         if known and power > 2.0 * _EXCESS:
             return False
-        product = float(np.mean((e[1:] * e[:-1].conj()).real)) if len(e) > 1 else 0.0
-        if len(e) >= _ENOUGH_LINES and product > _CORRELATED * power:
+        if len(e) >= _ENOUGH_LINES and serial_correlation(e) > _CORRELATED:
             return False
     return True
 
@@ -140,7 +140,6 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     """
     if answer.local is None:
         return
-    lower, upper = problem.coordinates.bounds
     home = problem.coordinates.to_x(problem.coordinates.parameters.start)
     std = _std(answer.local)
     for i in np.argsort(-std)[:_HOPS]:
@@ -148,9 +147,7 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
             return
         step = min(_FAR * std[i], 1.0)
         for value in (home[i], answer.x[i] - step, answer.x[i] + step):
-            moved = answer.x.copy()
-            moved[i] = value
-            moved = np.clip(moved, lower, upper)
+            moved = problem.coordinates.with_one(answer.x, i, value)
             if abs(moved[i] - answer.x[i]) > 1e-3 * step:
                 yield moved
 
@@ -182,13 +179,11 @@ def elsewhere(
 
 
 def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    lower, upper = problem.coordinates.bounds
     home = problem.coordinates.to_x(problem.coordinates.parameters.start)
     far = np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
     for i in range(len(x)):
         for value in (home[i], x[i] - far[i], x[i] + far[i]):
-            moved = x.copy()
-            moved[i] = np.clip(value, lower[i], upper[i])
+            moved = problem.coordinates.with_one(x, i, value)
             if abs(moved[i] - x[i]) > _UNSURE * far[i]:
                 yield moved
 

@@ -31,6 +31,7 @@ __all__ = [
     "descend_to_scale",
     "in_units",
     "known_length",
+    "serial_correlation",
     "spread_of",
     "stopped_at",
 ]
@@ -459,6 +460,22 @@ def known_length(
     }
 
 
+def serial_correlation(whitened: NDArray[np.complex128], lag: int = 1) -> float:
+    """Return the correlation of a residual with itself some lines on; 0 of a residual of zeros.
+
+    Parameters
+    ----------
+    whitened : ndarray of complex, shape (n_f, ...)
+        Residual over its standard deviation.
+    lag : int
+        How many lines.
+    """
+    power = float(np.mean(np.abs(whitened) ** 2))
+    if power == 0.0:
+        return 0.0
+    return float(np.mean((whitened[lag:] * whitened[:-lag].conj()).real)) / power
+
+
 def correlation_length(whitened: NDArray[np.complex128]) -> float:
     """Return the correlation length of a residual in lines: 1 + 2 sum of its autocorrelation.
 
@@ -479,14 +496,10 @@ def correlation_length(whitened: NDArray[np.complex128]) -> float:
     Standard deviations that take the lines as independent are too small by its square root
     (Priestley, Spectral Analysis and Time Series, 1981, section 5.3).
     """
-    power = float(np.mean(np.abs(whitened) ** 2))
-    if power == 0.0:
-        return 1.0
     total = 1.0
     for lag in range(1, len(whitened) // 2):
-        product = whitened[lag:] * whitened[:-lag].conj()
-        rho = float(np.mean(product.real)) / power
-        if rho < 2.0 / np.sqrt(2.0 * product.size):
+        rho = serial_correlation(whitened, lag)
+        if rho < 2.0 / np.sqrt(2.0 * whitened[lag:].size):
             break
         total += 2.0 * rho
     return total

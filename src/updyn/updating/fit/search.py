@@ -231,11 +231,11 @@ class Search:
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
             yield from points
             return
-        points = list(points)
+        points, error = list(points), log_error(problem)
         known, items = [], []
         for start in points:
             x, gradual = start
-            cached = not gradual and is_cached(log_error(problem), problem, x)
+            cached = not gradual and is_cached(error, problem, x)
             known.append(cached)
             if not cached:
                 items.append((self, start))
@@ -301,16 +301,14 @@ class Search:
 
     @staticmethod
     def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Start]:
-        lower, upper = problem.coordinates.bounds
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
         std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
         for i in np.argsort(-std)[:_HOPS]:
             if std[i] > _UNSURE:
                 for sign in (1.0, -1.0):
-                    moved = at.x.copy()
-                    moved[i] += sign * min(_FAR * std[i], 1.0)
-                    yield np.clip(moved, lower, upper), False
+                    value = at.x[i] + sign * min(_FAR * std[i], 1.0)
+                    yield problem.coordinates.with_one(at.x, i, value), False
 
     @staticmethod
     def _believed(problem: Problem, ends: list[Outcome]) -> bool:
@@ -382,11 +380,11 @@ def _cost(end: Outcome) -> float:
 def _distinct(ends: list[Outcome]) -> list[Outcome]:
     """Return the ends of tries that are not much worse than the best, one of each basin."""
     found: list[Outcome] = []
+    most = _WORTH * min(map(_cost, ends), default=0.0)
     for end in sorted(ends, key=_cost):
-        worth = end.local.cost <= _WORTH * min(map(_cost, ends))
-        if worth and len(found) < _KEPT and not any(_is_same(end, other) for other in found):
+        if end.local.cost <= most and not any(_is_same(end, other) for other in found):
             found.append(end)
-    return found
+    return found[:_KEPT]
 
 
 def _is_same(a: Outcome, b: Outcome) -> bool:

@@ -126,6 +126,12 @@ class Coordinates:
         centre = self.to_x(self.parameters.start) if self.centre is None else self.centre
         return centre, np.array(weight) * self._unit
 
+    def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
+        """Return x with unknown `i` at `value`, a coordinate as in x, within the bounds."""
+        moved = x.copy()
+        moved[i] = value
+        return np.clip(moved, *self.bounds)
+
     def moved(self, x: _Vector) -> Coordinates:
         """Return a copy whose unknowns start at x; priors stay where they are."""
         own = self.parameters

@@ -186,11 +186,14 @@ class MaximumLikelihood(Method):
             except SolverError:
                 return np.inf
 
-        try:
+        points: list[_Vector] = []
+        with suppress(Stopped):
+            points += weakly_held(problem, at)
             most = 2 * len(monitor.history)  # no more work than the fit was
-            return [*weakly_held(problem, at), *elsewhere(problem, at, unlikelihood, most)]
-        except Stopped:
-            return []
+            for x in elsewhere(problem, at, unlikelihood, most):
+                if not any(np.array_equal(x, point) for point in points):
+                    points.append(x)
+        return points
 
     def _further(
         self,
@@ -225,7 +228,7 @@ class MaximumLikelihood(Method):
     ) -> Answer:
         """Return where the descent from x ends, its weights renewed until it stays."""
         left, reason = self.max_iterations, "converged"
-        residual, local, number = Each(()), None, 0
+        residual, local = Each(()), None
         try:
             for number in range(_ROUNDS):
                 noises, residual = _weigh(problem, noises, x)

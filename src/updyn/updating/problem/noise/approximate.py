@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.known import NoiseModel
+from updyn.updating.problem.noise.known import NoiseModel, Wrapping
 
 __all__ = ["Approximate"]
 
@@ -18,7 +18,7 @@ _Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Approximate(NoiseModel):
+class Approximate(Wrapping):
     """Noise to which the error of an approximate model is added, as far as it is known beforehand.
 
     What a search weighs by it counts as far as the model resolves it. The noise itself, which a fit
@@ -34,16 +34,6 @@ class Approximate(NoiseModel):
 
     base: NoiseModel
     share: NDArray[np.float64]
-
-    @property
-    def kind(self) -> str:
-        """How the noise is known."""
-        return self.base.kind
-
-    @property
-    def source(self) -> str:
-        """Where it is known from."""
-        return self.base.source
 
     @property
     def scale_known(self) -> bool:

@@ -21,6 +21,7 @@ __all__ = [
     "Stated",
     "Steady",
     "Variance",
+    "Wrapping",
     "level_by_unit",
     "steady",
     "two_part",
@@ -112,6 +113,34 @@ class NoiseModel(ABC):
     def figures(self) -> dict[str, Any]:
         """Return the stated or estimated numbers for the record; empty where data hold them."""
         return {}
+
+
+class Wrapping(NoiseModel):
+    """Base of the noise models that are another one with something added.
+
+    Attributes
+    ----------
+    base : NoiseModel
+        The other.
+    """
+
+    __slots__ = ()
+
+    base: NoiseModel
+
+    @property
+    def kind(self) -> str:
+        """How the noise is known."""
+        return self.base.kind
+
+    @property
+    def source(self) -> str:
+        """Where the other is known from."""
+        return self.base.source
+
+    def beforehand(self, frf: FRF) -> _Real:
+        """Return that of the other, shape (n_f, n_i, n_j)."""
+        return self.base.beforehand(frf)
 
 
 def level_by_unit(frf: FRF) -> _Real:

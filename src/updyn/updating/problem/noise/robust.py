@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.problem.noise.known import NoiseModel
+from updyn.updating.problem.noise.known import NoiseModel, Wrapping
 
 __all__ = ["FREEDOM", "Robust"]
 
@@ -25,7 +25,7 @@ _SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robust(NoiseModel):
+class Robust(Wrapping):
     """Another noise model, with the tails of Student's distribution instead of the Gaussian ones.
 
     A complex residual r of variance v has the density ~ (1 + 2 |r|^2 / (nu v))^(-(nu + 2) / 2) / v,
@@ -55,23 +55,9 @@ class Robust(NoiseModel):
     name: ClassVar[str] = "student-t"
 
     @property
-    def kind(self) -> str:
-        """How the noise is known."""
-        return self.base.kind
-
-    @property
-    def source(self) -> str:
-        """Where the noise without its outliers is known from."""
-        return self.base.source
-
-    @property
     def scale_known(self) -> bool:
         """Whether the variance is known absolutely: it is, once it has been refitted."""
         return True
-
-    def beforehand(self, frf: FRF) -> _Real:
-        """Return that of the noise without its outliers, shape (n_f, n_i, n_j)."""
-        return self.base.beforehand(frf)
 
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
