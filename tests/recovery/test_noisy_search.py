@@ -5,26 +5,11 @@ The bound is that of Cramer and Rao for the true noise, from central differences
 
 import numpy as np
 import pytest
+from tests.support.bounds import cramer_rao
 
 import updyn
 
 FLOOR, RELATIVE = 0.01, 0.01
-
-
-def bound(unknowns, start, data, exact, variance):
-    """Standard deviations for complex Gaussian noise: information 2 Re(J^H J / E|dH|^2)."""
-    J = []
-    for i in range(len(exact)):
-        step = 1e-5 * np.eye(len(exact))[i]
-        up, down = (
-            updyn.response(
-                unknowns.apply(start, exact + s * step), data.freq, data.responses, data.references
-            ).values
-            for s in (1, -1)
-        )
-        J.append(((up - down) / 2e-5 / np.sqrt(variance)).ravel())
-    J = np.array(J)
-    return np.sqrt(np.diag(np.linalg.solve(2.0 * (J @ J.conj().T).real, np.eye(len(exact)))))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -38,7 +23,7 @@ def test_chain_below_a_floor_that_nobody_stated(chain12_task, add_noise, seed):
     data = add_noise(clean, np.random.default_rng(seed), RELATIVE, FLOOR)
     found = updyn.update(start, data, unknowns)
     variance = (RELATIVE * size) ** 2 + (FLOOR * level) ** 2
-    std = bound(unknowns, start, clean, exact, variance)
+    std = cramer_rao(unknowns, start, clean, exact, variance)
     off = np.array(list(found.values.values())) - exact
     assert found.status == "converged"
     assert (np.abs(off) < 4.0 * std).all()
@@ -84,3 +69,36 @@ def test_a_channel_of_rounding_does_not_disturb_exact_recovery():
     assert values == pytest.approx(expected, abs=1e-9)
     along = updyn.update(start, data.select(responses=sensors[:2]), unknowns)
     assert values == pytest.approx(list(along.values.values()), abs=1e-9)
+
+
+def ring(factors):
+    """Blades on a disc that couples each to the next: eight frequencies close together."""
+    n, groups = len(factors), {}
+    for i, factor in enumerate(factors):
+        blade = np.zeros((n, n))
+        blade[i, i] = 1.0
+        groups[f"blade {i + 1}"] = updyn.Group(4e4 * factor * blade, blade, loss_factor=0.003)
+    K = 400.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[0, -1] = K[-1, 0] = -400.0
+    groups["disc"] = updyn.Group(K, np.zeros((n, n)), loss_factor=0.003)
+    return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_mistuned_blades_below_a_floor(add_noise, seed):
+    """Each may take another's resonance: the right order is found step by step, from minima beside
+    minima, and not from starts farther away."""
+    factors = np.random.default_rng(seed).uniform(0.8, 1.2, 8)
+    true, start = ring(factors), ring(np.ones(8))
+    freq, sensors = np.linspace(27.0, 37.5, 150), ["1:Z", "3:Z", "5:Z", "7:Z"]
+    clean = updyn.response(true, freq, sensors, ["1:Z", "5:Z"])
+    data = add_noise(clean, np.random.default_rng(seed), RELATIVE, FLOOR)
+    unknowns = updyn.parameters(start, stiffness="all", loss_factor=["disc"])
+    found = updyn.update(start, data, unknowns)
+    size = np.abs(clean.values)
+    variance = (RELATIVE * size) ** 2 + FLOOR**2 * np.mean(size**2)
+    exact = np.array([*factors, 1.0, 0.003])
+    std = cramer_rao(unknowns, start, clean, exact, variance)
+    off = np.array(list(found.values.values())) - exact
+    assert found.status == "converged"
+    assert (np.abs(off) < 4.0 * std).all()

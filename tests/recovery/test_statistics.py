@@ -6,6 +6,7 @@ standard deviation estimated from them scatters by 9 %, a coverage of 0.95 by 0.
 
 import numpy as np
 import pytest
+from tests.support.bounds import cramer_rao
 
 import updyn
 from updyn.demos.gear_train import true_model
@@ -22,22 +23,6 @@ def exact_values(unknowns, start, true):
         else:
             out.append(abs(getattr(a, p.quantity)).sum() / abs(getattr(b, p.quantity)).sum())
     return np.array(out)
-
-
-def cramer_rao(unknowns, start, data, exact, variance):
-    """Standard deviations for complex Gaussian noise of known variance: information 2 Re(J^H J / E|dH|^2)."""
-    J = []
-    for i in range(len(exact)):
-        step = 1e-5 * np.eye(len(exact))[i]
-        up, down = (
-            updyn.response(
-                unknowns.apply(start, exact + s * step), data.freq, data.responses, data.references
-            )
-            for s in (1, -1)
-        )
-        J.append(((up.values - down.values) / 2e-5 / np.sqrt(variance)).ravel())
-    J = np.array(J)
-    return np.sqrt(np.diag(np.linalg.solve(2.0 * (J @ J.conj().T).real, np.eye(len(exact)))))
 
 
 def study(start, clean, unknowns, make, draws=DRAWS, **options):

@@ -347,7 +347,7 @@ def _beside_start(whole: Problem) -> Problem:
     Stiffnesses go up and masses down, so that natural frequencies change; damping goes up.
     """
     coordinates = whole.coordinates
-    x, (lower, upper) = coordinates.to_x(coordinates.parameters.start), coordinates.bounds
+    x, (lower, upper) = coordinates.home, coordinates.bounds
     share = 0.5 + 0.5 * np.random.default_rng(0).random(len(x))
     is_mass = np.array([p.quantity == "mass" for p in coordinates.parameters])
     step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
@@ -371,7 +371,7 @@ def _fitted_from_start(
     SolverError
         If the model cannot be solved at a line where it starts.
     """
-    x, problem = whole.coordinates.to_x(whole.coordinates.parameters.start), whole
+    x, problem = whole.coordinates.home, whole
     try:
         with monitor.stage("start"):
             if reduced is not None:

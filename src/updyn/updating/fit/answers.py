@@ -2,7 +2,7 @@
 
 A minimum of the misfit is an answer; whether it is the only one, its curvature cannot say. Further
 answers are looked for where they are known to hide: at the other ends of the search, along unknowns
-that the data hardly hold, where an unknown is put back to its start, and where parts of the
+that the data hardly hold, where unknowns are put back to their start, and where parts of the
 structure are exchanged, as in the mirror image of a symmetric one.
 """
 
@@ -23,7 +23,16 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each
 
-__all__ = ["AS_WELL", "Answer", "elsewhere", "equals", "explains", "preferred", "weakly_held"]
+__all__ = [
+    "AS_WELL",
+    "Answer",
+    "elsewhere",
+    "equals",
+    "explains",
+    "preferred",
+    "put_back",
+    "weakly_held",
+]
 
 _Vector = NDArray[np.float64]
 
@@ -84,8 +93,7 @@ def explains(problem: Problem, answer: Answer) -> bool:
     for i, part in enumerate(problem.parts):
         e = answer.residual.of(i).weight * (part.responses(answer.x) - part.frf.values)
         power = float(np.mean(np.abs(e) ** 2))
-        known = answer.noises[i].scale_known and answer.noises[i].source in ("data", "stated")
-        if known and power > 2.0 * _EXCESS:
+        if answer.noises[i].size_known and power > 2.0 * _EXCESS:
             return False
         if len(e) >= _ENOUGH_LINES and serial_correlation(e) > _CORRELATED:
             return False
@@ -96,12 +104,9 @@ def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
     """Return the best answer; of those that fit equally well, the one nearest to the start."""
     best = min(answer.unlikelihood for answer in answers)
     equal = [answer for answer in answers if answer.unlikelihood <= best + AS_WELL]
-    coordinates = problem.coordinates
-    home = coordinates.to_x(coordinates.parameters.start)
-    usual = np.where(coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
 
     def implausible(answer: Answer) -> float:
-        far = (answer.x - home) / usual
+        far = (answer.x - problem.coordinates.home) / _usual(problem)
         return answer.unlikelihood + 0.5 * float(far @ far)
 
     return min(equal, key=implausible)
@@ -126,6 +131,11 @@ def _differ(a: Answer, b: Answer) -> bool:
     return bool((np.abs(a.x - b.x) > _APART * std + 1e-6).any())
 
 
+def _usual(problem: Problem) -> _Vector:
+    """Return the usual spread of the unknowns about their start, shape (n,)."""
+    return np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
+
+
 def _std(local: Local) -> _Vector:
     """Return the standard deviations of the unknowns; inf for those that the data leave open."""
     found = resolve(local.R)
@@ -140,7 +150,7 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     """
     if answer.local is None:
         return
-    home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    home = problem.coordinates.home
     std = _std(answer.local)
     for i in np.argsort(-std)[:_HOPS]:
         if std[i] <= _UNSURE:
@@ -150,6 +160,22 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
             moved = problem.coordinates.with_one(answer.x, i, value)
             if abs(moved[i] - answer.x[i]) > 1e-3 * step:
                 yield moved
+
+
+def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
+    """Yield points, shape (n,), with the unknowns farthest from their start put back to it.
+
+    One, two, four, eight: those that the data hardly hold may have gone far together, each making
+    up for the others. Where the data hold all unknowns, there are none.
+    """
+    if answer.local is None or _std(answer.local).max() <= _UNSURE:
+        return
+    coordinates = problem.coordinates
+    far = np.abs(answer.x - coordinates.home) / _usual(problem)
+    order, number = np.argsort(-far), 1
+    while number <= np.count_nonzero(far > _UNSURE):
+        yield np.where(np.isin(range(len(far)), order[:number]), coordinates.home, answer.x)
+        number *= 2
 
 
 def elsewhere(
@@ -179,8 +205,8 @@ def elsewhere(
 
 
 def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
-    home = problem.coordinates.to_x(problem.coordinates.parameters.start)
-    far = np.where(problem.coordinates.parameters.is_factor, _USUAL_FACTOR, _USUAL_LOSS)
+    home = problem.coordinates.home
+    far = _usual(problem)
     for i in range(len(x)):
         for value in (home[i], x[i] - far[i], x[i] + far[i]):
             moved = problem.coordinates.with_one(x, i, value)

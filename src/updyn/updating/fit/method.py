@@ -217,7 +217,7 @@ class Method(ABC):
         monitor : Monitor
             Records the steps.
         """
-        return Starts((problem.coordinates.to_x(problem.coordinates.parameters.start),))
+        return Starts((problem.coordinates.home,))
 
     def fit_best(
         self,
@@ -315,7 +315,7 @@ def descend(
         if outcome.reason == "stopped":
             return Outcome(inside, local, "stopped")
         outcome = settings.minimise(evaluate, inside, lower, upper, monitor.step)
-    home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    home = problem.coordinates.home
     for _ in range(_PULLS):
         free = null_space(outcome.local.R)
         if outcome.reason != "converged" or free.shape[1] == 0:

@@ -191,7 +191,7 @@ class Reducing:
 
     @property
     def _home(self) -> _Vector:
-        return self.exact.coordinates.to_x(self.exact.coordinates.parameters.start)
+        return self.exact.coordinates.home
 
     @property
     def error(self) -> float | None:

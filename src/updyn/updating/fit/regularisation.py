@@ -478,7 +478,7 @@ class _Run:
         """Fit with a prior of standard deviation 1 / strength on each unknown without one."""
         coordinates = self.problem.coordinates
         # Of a value the prior is in its own unit, which need not be that of x.
-        start = coordinates.to_x(coordinates.parameters.start)
+        start = coordinates.home
         units = np.where(coordinates.parameters.is_factor, 1.0, coordinates.slope(start))
         items = []
         for p, unit in zip(coordinates.parameters, units, strict=True):
@@ -535,7 +535,7 @@ class _Run:
     # -- truncated singular values -----------------------------------------------------------------
     def truncated(self, noises: Sequence[NoiseModel], x: _Vector, number: int | None) -> Fit:
         """Fit along the leading singular vectors at the end of the fit, from the start."""
-        home = self.problem.coordinates.to_x(self.problem.coordinates.parameters.start)
+        home = self.problem.coordinates.home
         fit = self._pulled(noises, x, WEAKEST)
         noises, run = self._held(noises, fit), self._after(fit)
         within: NDArray[np.float64] | None = None

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.updating.fit.belief import SAME, Belief
 from updyn.updating.fit.method import Starts, descend
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import resolve
@@ -59,24 +60,18 @@ _WIDTHS = (0.5, 0.15, 0.05)
 _ROUGH = TrustRegion(30, 1e-9, radius=0.3, relative_fall=1e-3)
 #: How far tries beside a point begin from it, in turn: in logarithms of factors; loss factors.
 _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
+#: Every so many of them begin with one unknown put back to its start.
+_BY_TURNS = 3
+#: So many for each of the tries are enough, where they find nothing better.
+_HOPS_A_TRY = 2
 #: Largest number of complex derivatives of smoothed FRFs, all of which are held: 400 MB.
 _HELD = 25_000_000
-#: Costs that differ by less than this share are those of one basin.
-_SAME = 1e-3
-#: A serial correlation of the residual that noise alone has.
-_UNCORRELATED = 0.1
 #: The best of the tries goes on for so many times their steps.
 _LONG = 5
 #: How often as many tries are made.
 _SEARCHES = 3
-#: Times the log error that noise explains, an error that it may explain.
-_MARGIN = 1.5
 #: The ends of tries that are fitted: those within this factor of the least cost, at most so many.
 _WORTH, _KEPT = 1.5, 4
-#: A log misfit above this (rms) is no noise: an answer there is found so often to be believed.
-_GROSS, _OFTEN = 0.3, 6
-#: A log misfit below this (rms) is exact data; there is nothing better to find.
-_EXACT = 1e-7
 #: Unknowns with a larger standard deviation than this are moved.
 _UNSURE = 0.01
 #: Largest number of unknowns that are moved.
@@ -121,28 +116,46 @@ class Search:
     def _settings(self) -> TrustRegion:
         return TrustRegion(self.max_iterations, 1e-9, radius=0.3, relative_fall=_ENOUGH)
 
-    def run(self, problem: Problem, monitor: Monitor) -> Starts:
+    def run(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where the tries ended that are worth a fit, least log error first.
 
         The points are within the bounds.
+
+        Parameters
+        ----------
+        problem : Problem
+            From `coarse`.
+        noises : sequence of NoiseModel
+            How uncertain the data of each part are.
+        monitor : Monitor
+            Records the steps.
         """
-        agreed = False
+        belief = Belief(problem, all(noise.size_known for noise in noises))
+        agreed, settled = False, None
         ends: list[Outcome] = []
         with suppress(Stopped):  # the best so far
             for number in range(_SEARCHES):
-                agreed = self._tried(problem, self._points(problem, number), monitor, ends)
+                agreed = self._tried(problem, self._points(problem, number), belief, monitor, ends)
                 if agreed or monitor.stopped:
                     break
                 self._go_on(problem, monitor, ends)
-                if self._plausible(problem, ends):
+                best = min(ends, key=_cost, default=None)
+                if best is not settled and best is not None:
+                    settled = best = self._hop(problem, best, belief, monitor, ends)
+                if best is not None and belief.plausible(best):
                     break
-        home = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        home = problem.coordinates.home
         found = [end.x for end in _distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
         return Starts(points, agreed)
 
     def _tried(
-        self, problem: Problem, starts: Iterator[_Start], monitor: Monitor, ends: list[Outcome]
+        self,
+        problem: Problem,
+        starts: Iterator[_Start],
+        belief: Belief,
+        monitor: Monitor,
+        ends: list[Outcome],
     ) -> bool:
         """Add where tries end; return whether the best end is believed."""
         with closing(self._ahead(_try, problem, starts)) as points:
@@ -150,7 +163,7 @@ class Search:
                 outcome = self._try_from(problem, start, monitor)
                 if outcome is not None:
                     ends.append(outcome)
-                believed = self._believed(problem, ends)
+                believed = belief.believed(ends)
                 if monitor.stopped or believed:
                     return believed
         return False
@@ -165,11 +178,37 @@ class Search:
         if end is not None:
             ends.append(end)
 
+    def _hop(
+        self,
+        problem: Problem,
+        best: Outcome,
+        belief: Belief,
+        monitor: Monitor,
+        ends: list[Outcome],
+    ) -> Outcome:
+        """Return the best end of tries beside the best one, and beside each better one, adding it.
+
+        They go on until it may be the answer, or so many have not found a better one. That others
+        come back to it is no sign that tries from elsewhere would; only better ones are added.
+        """
+        number = last = 0
+        while number - last < _HOPS_A_TRY * self.starts and not (
+            monitor.stopped or belief.plausible(best)
+        ):
+            end = self._try_beside(problem, best.x, number, monitor)
+            number += 1
+            if end is not None and end.local.cost < best.local.cost * (1.0 - SAME):
+                best, last = end, number
+                ends.append(best)
+        return best
+
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
-        """Return where a try ends that begins a little beside a point, shape (n,).
+        """Return where a try ends that begins beside a point, shape (n,).
 
         Minima of the misfit stand in groups; a short way off, the next is more likely in reach than
-        from a start far from all of them.
+        from a start far from all of them. Every third begins with one unknown put back to its
+        start, by turns those that are far from theirs: a part whose resonance has been taken for
+        another's.
 
         Parameters
         ----------
@@ -178,7 +217,7 @@ class Search:
         x : ndarray of float, shape (n,)
             The point.
         number : int
-            Which of the random tries.
+            Which of the tries.
         monitor : Monitor
             Records the steps.
 
@@ -187,12 +226,21 @@ class Search:
         ndarray or None
             None where the model cannot be solved on the way.
         """
-        far = _BESIDE[number % len(_BESIDE)]
-        is_factor = problem.coordinates.parameters.is_factor
-        (moved,) = scattered(x, np.where(is_factor, far, _BESIDE_LOSS), 1, self.seed + number)
-        bounds = problem.coordinates.bounds
-        end = self._try_from(problem, (np.clip(moved, *bounds), False), monitor)
-        return None if end is None else np.clip(end.x, *bounds)
+        end = self._try_beside(problem, x, number, monitor)
+        return None if end is None else np.clip(end.x, *problem.coordinates.bounds)
+
+    def _try_beside(
+        self, problem: Problem, x: _Vector, number: int, monitor: Monitor
+    ) -> Outcome | None:
+        put_back = list(_put_back(problem, x)) if number % _BY_TURNS == _BY_TURNS - 1 else []
+        if put_back:
+            moved = put_back[number // _BY_TURNS % len(put_back)]
+        else:
+            is_factor = problem.coordinates.parameters.is_factor
+            far = np.where(is_factor, _BESIDE[number % len(_BESIDE)], _BESIDE_LOSS)
+            (moved,) = scattered(x, far, 1, self.seed + number)
+        moved = np.clip(moved, *problem.coordinates.bounds)
+        return self._try_from(problem, (moved, False), monitor)
 
     def _try_from(self, problem: Problem, start: _Start, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
@@ -249,7 +297,7 @@ class Search:
 
     def _points(self, problem: Problem, number: int = 0) -> Iterator[_Start]:
         lower, upper = problem.coordinates.bounds
-        start = problem.coordinates.to_x(problem.coordinates.parameters.start)
+        start = problem.coordinates.home
         loss = ~problem.coordinates.parameters.is_factor
         inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
         plain = inflated[: self.starts] if number == 0 else ()
@@ -279,7 +327,7 @@ class Search:
         """
         best: Outcome | None = None
         try:
-            if not self._is_noise(problem, x):
+            if not Belief(problem).is_noise(x):
                 return x
             best = self._descend(problem, x, monitor)
             for _ in range(_ROUNDS):
@@ -291,7 +339,7 @@ class Search:
                         if monitor.stopped:
                             return best.x
                         other = self._descend(problem, start, monitor)
-                        if other.local.cost < best.local.cost * (1.0 - _SAME):
+                        if other.local.cost < best.local.cost * (1.0 - SAME):
                             best = other
                 if best.local.cost == before:
                     break
@@ -310,67 +358,21 @@ class Search:
                     value = at.x[i] + sign * min(_FAR * std[i], 1.0)
                     yield problem.coordinates.with_one(at.x, i, value), False
 
-    @staticmethod
-    def _believed(problem: Problem, ends: list[Outcome]) -> bool:
-        """Whether the best basin was found once (exact data), twice (noise) or three times.
 
-        Where it is far from the data, it takes as many as the first round has random tries: the
-        tries before them begin with the same stiffnesses and masses.
-        """
-        if not ends:
-            return False
-        best = min(ends, key=_cost)
-        agree = sum(end.local.cost <= best.local.cost * (1.0 + _SAME) for end in ends)
-        rms = Search._rms(problem, best.x)
-        return (
-            agree >= (3 if rms < _GROSS else _OFTEN)
-            or rms < _EXACT
-            or (agree == 2 and Search._is_noise(problem, best.x))
-        )
-
-    @staticmethod
-    def _plausible(problem: Problem, ends: list[Outcome]) -> bool:
-        """Whether the best of the ends may be the answer: what it leaves looks like noise."""
-        if not ends:
-            return False
-        best = min(ends, key=_cost)
-        explained = best.local.cost <= _MARGIN * _expected(problem)
-        return explained or Search._is_noise(problem, best.x, _UNCORRELATED)
-
-    @staticmethod
-    def _rms(problem: Problem, x: _Vector) -> float:
-        return float(np.sqrt(_power(_log_misfits(problem, x))))
-
-    @staticmethod
-    def _is_noise(problem: Problem, x: _Vector, most: float = 0.3) -> bool:
-        """Whether the residual looks like noise: small, and hardly serially correlated."""
-        misfits = _log_misfits(problem, x)
-        power = _power(misfits)
-        if min(len(r) for r in misfits) < 8 or power > _GROSS**2:
-            return False
-        products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
-        return float(np.mean(products)) < most * power
+def _put_back(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+    """Yield points with one unknown of x put back to its start, the farthest from it first."""
+    coordinates = problem.coordinates
+    home = coordinates.home
+    far = np.abs(x - home) / np.where(coordinates.parameters.is_factor, _BESIDE[0], _BESIDE_LOSS)
+    for i in np.argsort(-far):
+        if far[i] > 1.0:
+            yield coordinates.with_one(x, i, home[i])
 
 
 def _smooth_lines(problem: Problem) -> int:
     """Return on how many lines smoothed FRFs are compared."""
     at_a_line = problem.n * max(part.sign.size for part in problem.parts)
     return max(20, _HELD // at_a_line)
-
-
-def _expected(problem: Problem) -> float:
-    """Return the log error that the noise alone leaves at the truth, about."""
-    total = 0.0
-    for part, error in zip(problem.parts, log_error(problem).errors, strict=True):
-        assert part.frf.variance is not None
-        assert error.weight is not None
-        power = np.where(error.weight > 0.0, np.abs(part.frf.values) ** 2, 1.0)
-        share = np.where(error.weight > 0.0, part.frf.variance / power, 0.0)
-        # |ln(1 + s z)|^2 is s^2 where the noise is small; where it is large, the phase is anything
-        # from -pi to pi, with a mean square of pi^2 / 3, and the level is that of the noise.
-        most = np.pi**2 / 3.0 + 0.25 * np.log1p(share) ** 2
-        total += 0.5 * float(np.sum(error.weight**2 * share / (1.0 + share / most)))
-    return total
 
 
 def _cost(end: Outcome) -> float:
@@ -390,7 +392,7 @@ def _distinct(ends: list[Outcome]) -> list[Outcome]:
 def _is_same(a: Outcome, b: Outcome) -> bool:
     """Whether a step from one to the other changes the residual by next to nothing."""
     moved = b.local.R @ (a.x - b.x)
-    return bool(moved @ moved <= _SAME * b.local.cost)
+    return bool(moved @ moved <= SAME * b.local.cost)
 
 
 def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
@@ -435,19 +437,3 @@ def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
     with suppress(SolverError):  # to be met again when its turn comes
         work(problem.with_session(Session(memory=memory)))
     return memory.items
-
-
-def _log_misfits(problem: Problem, x: _Vector) -> list[NDArray[np.complex128]]:
-    """Return w ln(H_A / H_X) of each part, 0 where either is zero."""
-    out = []
-    for part, error in zip(problem.parts, log_error(problem).errors, strict=True):
-        H, measured = part.responses(x), part.frf.values
-        usable = (H != 0) & (measured != 0)
-        ratio = np.where(usable, H, 1.0) / np.where(usable, measured, 1.0)
-        assert error.weight is not None
-        out.append(np.where(usable, error.weight * np.log(ratio), 0.0))
-    return out
-
-
-def _power(misfits: list[NDArray[np.complex128]]) -> float:
-    return float(np.mean(np.concatenate([np.abs(r).ravel() for r in misfits]) ** 2))

@@ -176,7 +176,7 @@ def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, 
     """
     local, share = local_at_start(problem, noises)
     analysis = analyse(local.R, problem.coordinates.parameters.names)
-    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    x = problem.coordinates.home
     return analysis, advise(analysis, problem, x, share)
 
 
@@ -193,7 +193,7 @@ def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Loca
     SolverError
         If the model cannot be solved there.
     """
-    x = problem.coordinates.to_x(problem.coordinates.parameters.start)
+    x = problem.coordinates.home
     errors, shares = [], []
     for part, given in zip(problem.parts, noises, strict=True):
         noise = choose_noise(ASSUMED, part.frf) if given.kind == Estimated.kind else given
@@ -245,7 +245,7 @@ def _correlation(
 ) -> dict[str, Any]:
     whole = part.with_data(split.whole)
     untouched = replace(whole, solver=first)
-    start = part.coordinates.to_x(part.coordinates.parameters.start)
+    start = part.coordinates.home
     # Only the unbounded plain iteration can leave a loss factor below zero; the updated model has
     # none.
     end = np.where(part.coordinates.parameters.is_factor, x, np.maximum(x, 0.0))

@@ -236,7 +236,7 @@ def _scaled(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDAr
 
 def _start(part: Part) -> NDArray[np.float64]:
     coordinates = part.coordinates
-    x = coordinates.to_x(coordinates.parameters.start)
+    x = coordinates.home
     highest = coordinates.to_x(coordinates.parameters.upper)
     return np.where(coordinates.parameters.is_factor, x, np.maximum(x, np.minimum(0.02, highest)))
 

@@ -45,10 +45,10 @@ _Matrix = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-#: Noise, as a share of the level, at which a value weighs 0.7 in the search.
+#: Noise, as a share of the level, at which a value weighs 0.7 in the search, about.
 _CLEAR = 0.1
-#: Times its variance, what noise adds to the square of a level, and as much for its scatter.
-_BIAS = 3.0
+#: Times its variance, a square of a level that noise alone hardly has.
+_BIAS = 9.0
 #: A value below this share of the loudest of its line is rounding.
 _ROUNDING = 1e-11
 
@@ -124,9 +124,11 @@ class LineResidual(ABC):
 def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     """Return what the noise leaves of measured values, from 0 to 1, shape (n_f, n_i, n_j).
 
-    It is 1 / sqrt(1 + (s / 0.1)^2) with the noise s as a share of the measured level: a value below
-    the noise has no phase, and the logarithm of its level is that of the noise. Far from the truth
-    a smaller noise makes no difference. Of values that are rounding, nothing is left.
+    It is sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no
+    phase, and the logarithm of its level is that of the noise. Noise alone exceeds three of its
+    standard deviations once in 8,000 values; where the model says that there is nothing, those that
+    do would have the largest logarithms of all. Far from the truth a noise below a tenth of the
+    level makes little difference. Of values that are rounding, nothing is left.
 
     Parameters
     ----------

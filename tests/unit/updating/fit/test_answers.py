@@ -13,6 +13,7 @@ from updyn.updating.fit.answers import (
     equals,
     explains,
     preferred,
+    put_back,
     weakly_held,
 )
 from updyn.updating.problem.local import Local
@@ -150,6 +151,18 @@ def test_only_unknowns_that_the_data_hardly_hold_are_moved():
     # back to its start, and to either side by eight standard deviations
     np.testing.assert_allclose([at[1] for at in moved], [0.0, x[1] - 0.8, x[1] + 0.8])
     assert all(at[0] == x[0] and at[2] == x[2] for at in moved)
+
+
+def test_unknowns_are_put_back_the_farthest_first_where_one_is_hardly_held():
+    """One, two and four of four, of which one has not moved: one and two."""
+    start = symmetric_three()
+    frf = updyn.response(start, FREQ, ["2:X"], ["2:X"])
+    springs = ["left", "first", "second", "right"]
+    problem = problem_of(start, frf, updyn.parameters(start, stiffness=springs))
+    x = np.array([0.3, -1.0, 0.0, 0.6])
+    assert list(put_back(problem, answer_at(x, std=[0.01, 0.02, 0.04, 0.04]))) == []
+    found = list(put_back(problem, answer_at(x, std=[0.01, 0.02, 0.06, 0.04])))
+    np.testing.assert_array_equal(found, [[0.3, 0.0, 0.0, 0.6], [0.3, 0.0, 0.0, 0.0]])
 
 
 # -- which is taken -----------------------------------------------------------------------------

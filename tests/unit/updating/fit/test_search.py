@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _distinct, _expected, coarse
+from updyn.updating.fit.search import Search, _distinct, coarse
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
@@ -57,8 +58,9 @@ def test_fewer_tries_than_inflations(problem):
 
 def test_search_that_is_stopped_returns_the_best_so_far(problem):
     monitor = Monitor(Problem.of([problem]), lambda progress: progress.iteration >= 3)
-    searched = coarse(Problem.of([problem]), [Estimated.of_data(problem.frf)])
-    (x, *_) = Search().run(searched, monitor).points
+    noises = [Estimated.of_data(problem.frf)]
+    searched = coarse(Problem.of([problem]), noises)
+    (x, *_) = Search().run(searched, noises, monitor).points
     assert monitor.stopped
     assert len(monitor.history) <= 6
     lower, upper = problem.coordinates.bounds
@@ -148,7 +150,7 @@ def test_log_error_that_noise_leaves_is_that_of_simulated_noise(chain12, add_noi
         part = Part.build(chain12, data, clean.coordinates.parameters)
         rough = coarse(Problem.of([part]), [Stated(relative, floor)])
         cost = log_error(rough).local(rough, truth).cost
-        assert cost == pytest.approx(_expected(rough), rel=0.3)
+        assert cost == pytest.approx(Belief(rough).expected(), rel=0.3)
 
 
 def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
@@ -163,7 +165,7 @@ def test_log_error_that_noise_leaves_of_no_motion_is_none(chain12):
     without = coarse(
         Problem.of([Part.build(chain12, data.select(lines=freq[1:]), unknowns)]), [Stated(0.0, 0.1)]
     )
-    assert _expected(rough) == pytest.approx(_expected(without), rel=0.1)
+    assert Belief(rough).expected() == pytest.approx(Belief(without).expected(), rel=0.1)
 
 
 def test_noise_of_the_search_is_that_of_all_lines(chain12, add_noise):
@@ -210,8 +212,9 @@ def test_ends_of_exact_data_are_one():
 
 def test_end_points_are_distinct_and_within_bounds(problem):
     whole = Problem.of([problem])
-    rough = coarse(whole, [Stated(0.01, 0.0)])
-    found = Search(starts=4).run(rough, Monitor(rough)).points
+    noises = [Stated(0.01, 0.0)]
+    rough = coarse(whole, noises)
+    found = Search(starts=4).run(rough, noises, Monitor(rough)).points
     lower, upper = whole.coordinates.bounds
     for x in found:
         assert ((x >= lower) & (x <= upper)).all()

@@ -212,13 +212,20 @@ def with_variance(part, variance):
 
 @pytest.mark.parametrize(
     ("share", "weight"),
-    [(0.0, 1.0), (0.01, 0.99504), (0.1, 2**-0.5), (1.0, 0.0), (100.0, 0.0)],
+    [
+        (0.0, 1.0),
+        (0.01, (0.9991 / 1.0091) ** 0.5),
+        (0.1, (0.91 / 1.91) ** 0.5),
+        (0.3, (0.19 / 9.19) ** 0.5),
+        (0.34, 0.0),
+        (100.0, 0.0),
+    ],
 )
 def test_weight_by_noise_over_level(problem, share, weight):
-    """About 1 / sqrt(1 + (s / 0.1)^2): a value of 10 % noise weighs 0.7, one at its noise nothing."""
+    """The square of a level, less nine variances, over that and 100 variances."""
     noisy = with_variance(problem, (share * np.abs(problem.frf.values)) ** 2)
     found = LogError.clear_of_noise(noisy).weight
-    assert found == pytest.approx(np.full(found.shape, weight), rel=0.01)
+    assert found == pytest.approx(np.full(found.shape, weight), rel=1e-9)
 
 
 def test_weights_are_those_of_each_value(problem):

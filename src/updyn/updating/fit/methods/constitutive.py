@@ -281,7 +281,7 @@ def _at_start(part: Part, weight: float) -> ConstitutiveError:
 
 
 def _diagonal(part: Part, item: tuple[slice]) -> _Vector:
-    x = part.coordinates.to_x(part.coordinates.parameters.start)
+    x = part.coordinates.home
     S = adjoint_fields(part, part.state(x), part.frf.freq[item[0]])[2]
     return np.asarray(np.einsum("fii->fi", S).real)
 

@@ -99,7 +99,7 @@ class LogMethod(Method):
             continuation=self.continuation,
         )
         with monitor.stage("search", rough):
-            starts = search.run(rough, monitor)
+            starts = search.run(rough, noises, monitor)
             if monitor.stopped:
                 return starts
             return Starts((search.escape(rough, starts.points[0], monitor),), starts.agreed)

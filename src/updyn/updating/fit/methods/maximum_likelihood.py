@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.updating.fit.answers import Answer, elsewhere, equals, explains, preferred, weakly_held
+from updyn.updating.fit.answers import (
+    Answer,
+    elsewhere,
+    equals,
+    explains,
+    preferred,
+    put_back,
+    weakly_held,
+)
 from updyn.updating.fit.method import Fit, Method, Rival, Starts, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
@@ -34,9 +43,11 @@ _FALL = 5e-5
 _GLANCE, _NEAR, _WORTH = 40, 0.1, 15.0
 #: Tries that a search needs for some of them to agree.
 _AGREE = 3
-#: Largest number of tries beside an answer that does not explain the data; log-likelihoods that
-#: differ by less are those of one answer.
-_TRIES, _SAME = 16, 0.5
+#: Tries beside an answer for each of those of the search, and largest number in all;
+#: log-likelihoods that differ by less are those of one answer.
+_A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
+#: How often they come back to it, until it is taken: where it leaves more than noise, and not.
+_BACK = (6, 2)
 #: How often further answers are looked for about a better one.
 _HOPS = 2
 
@@ -91,7 +102,7 @@ class MaximumLikelihood(Method):
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
         with monitor.stage("search", rough):
-            return self._tries.run(rough, monitor)
+            return self._tries.run(rough, noises, monitor)
 
     @property
     def _tries(self) -> Search:
@@ -126,7 +137,7 @@ class MaximumLikelihood(Method):
             answers = [self._answer(problem, noises, first, monitor)]
             answers += self._further(problem, noises, others, monitor, answers[0])
             chosen = preferred(problem, answers)
-        answers += self._beside(problem, noises, monitor, chosen)
+        answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         with monitor.stage("elsewhere"):
             for _ in range(_HOPS):
@@ -146,15 +157,25 @@ class MaximumLikelihood(Method):
         return replace(fit, rivals=tuple(rivals))
 
     def _beside(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, best: Answer
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        best: Answer,
+        agreed: bool,
     ) -> list[Answer]:
-        """Return the answers of tries beside the best one, until it explains the data.
+        """Return the answers of tries beside the best one, until some of them come back to it.
 
-        They end as well where two of them come back to it.
+        Where the search agreed on it, they end as soon as it explains the data; and where none of
+        so many has found a better one.
         """
-        rough, found, back = coarse(problem, noises), list[Answer](), 0
-        for number in range(_TRIES):
-            if monitor.stopped or back == 2 or self._explains(problem, best):
+        rough, found = coarse(problem, noises), list[Answer]()
+        back = last = 0
+        for number in range(_MOST_TRIES):
+            if monitor.stopped or number - last == _A_TRY * self.starts:
+                break
+            explained = self._explains(problem, best)
+            if back >= _BACK[explained] or (explained and agreed):
                 break
             x = None
             with monitor.stage("search", rough), suppress(Stopped):
@@ -166,7 +187,10 @@ class MaximumLikelihood(Method):
             found += near
             for answer in near:
                 gained = best.unlikelihood - answer.unlikelihood
-                back = 0 if gained > _SAME else back + (gained > -_SAME)
+                if gained > _SAME:
+                    back, last = 0, number + 1
+                elif gained > -_SAME:
+                    back += 1
                 best = min(best, answer, key=lambda a: a.unlikelihood)
         return found
 
@@ -188,9 +212,9 @@ class MaximumLikelihood(Method):
 
         points: list[_Vector] = []
         with suppress(Stopped):
-            points += weakly_held(problem, at)
             most = 2 * len(monitor.history)  # no more work than the fit was
-            for x in elsewhere(problem, at, unlikelihood, most):
+            further = elsewhere(problem, at, unlikelihood, most)
+            for x in chain(weakly_held(problem, at), put_back(problem, at), further):
                 if not any(np.array_equal(x, point) for point in points):
                     points.append(x)
         return points

@@ -79,6 +79,11 @@ class NoiseModel(ABC):
         """Whether the variance is known absolutely, or only up to one factor."""
         return True
 
+    @property
+    def size_known(self) -> bool:
+        """Whether the variance is known absolutely, and not from a fit."""
+        return self.scale_known and self.source in ("data", "stated")
+
     @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
