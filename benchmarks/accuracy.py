@@ -87,13 +87,17 @@ class Task:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a fit says: values and standard deviations by unknown, and how it ended."""
+    """What a fit says: values and standard deviations by unknown, and how it ended.
+
+    `others` are the values of other answers that it says to fit as well.
+    """
 
     values: dict[str, float]
     std: dict[str, float]
     status: str
     complete: bool
     steps: int
+    others: tuple[dict[str, float], ...] = ()
 
 
 def by_updyn(task: Task, start: Model, frf: FRF, sought: ParameterSet) -> Estimate:
@@ -107,6 +111,7 @@ def by_updyn(task: Task, start: Model, frf: FRF, sought: ParameterSet) -> Estima
         result.status,
         result.identifiability.complete,
         len(result.history),
+        tuple(dict(other.values) for other in result.alternatives),
     )
 
 
@@ -147,9 +152,13 @@ def fitted(task: Task) -> dict[str, Any]:
         warnings.simplefilter("ignore")
         found = (by_peer if task.method == PEER else by_updyn)(task, start, frf, sought)
     seconds = time.process_time() - begun
-    values = np.array([found.values.get(p.name, p.start) for p in whole])
+
+    def errors(values: dict[str, float]) -> list[float]:
+        return [_error(made, start, p, values.get(p.name, p.start)) for p in whole]
+
     out: dict[str, Any] = {
-        "error": [_error(made, start, p, v) for p, v in zip(whole, values, strict=True)],
+        "error": errors(found.values),
+        "others": [errors(values) for values in found.others],
         "std": [_std(made, start, p, found.std.get(p.name, 0.0)) for p in whole],
         "seen": seen,
         "status": found.status,
@@ -158,6 +167,7 @@ def fitted(task: Task) -> dict[str, Any]:
         "seconds": seconds,
     }
     if task.noise:
+        values = np.array([found.values.get(p.name, p.start) for p in whole])
         out["misfit"] = misfit(start, frf, whole, values, task.noise.variance(made.case.clean))
     return out
 

@@ -9,6 +9,8 @@ from truth
     The same of fits by the default method that begin at the truth.
 of these
     Of the draws that are recovered from the truth, how many the search recovers.
+told
+    The same, where another answer that the fit says to fit as well counts too.
 RMS/bound
     RMS error over the bound, median and largest of the unknowns; over what the fits call determined
     (converged, or not in the null space) and the data know well (bound below 5 %).
@@ -33,7 +35,7 @@ fit as well
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -57,8 +59,8 @@ ALIKE = 4.0
 DEFAULT = "maximum-likelihood"
 
 _COLUMNS = (
-    "noise", "floor", "method", "recovered", "from truth", "of these", "RMS/bound", "covered",
-    "known well", "ended", "falsely sure", "two answers", "fit as well", "steps", "s",
+    "noise", "floor", "method", "recovered", "from truth", "of these", "told", "RMS/bound",
+    "covered", "known well", "ended", "falsely sure", "two answers", "fit as well", "steps", "s",
 )  # fmt: skip
 
 
@@ -104,9 +106,14 @@ class Cell:
         return np.where(self.bound > UNKNOWN, np.inf, SURE * self.bound)
 
     def is_recovered(self, fit: dict[str, Any]) -> bool:
-        if "refused" in fit:
-            return False
-        error = np.array(fit["error"])
+        return "refused" not in fit and self._is_true(fit["error"])
+
+    def is_told(self, fit: dict[str, Any]) -> bool:
+        """Whether the answer of a fit, or one that it says to fit as well, is right."""
+        return self.is_recovered(fit) or any(map(self._is_true, fit.get("others", ())))
+
+    def _is_true(self, errors: Sequence[float]) -> bool:
+        error = np.array(errors)
         return any(
             bool((np.abs(e) <= self.largest).all()) for e in (error, self.bench.in_mirror(error))
         )
@@ -114,6 +121,10 @@ class Cell:
     @cached_property
     def recovered(self) -> np.ndarray:
         return np.array([self.is_recovered(fit) for fit in self.found])
+
+    @cached_property
+    def told(self) -> np.ndarray:
+        return np.array([self.is_told(fit) for fit in self.found])
 
     @cached_property
     def from_truth(self) -> np.ndarray:
@@ -223,6 +234,7 @@ def row(cell: Cell) -> list[str]:
         f"{100 * cell.recovered.mean():.1f} %",
         f"{100 * cell.from_truth.mean():.1f} %",
         f"{both} of {cell.from_truth.sum()}",
+        f"{(cell.told & cell.from_truth).sum()} of {cell.from_truth.sum()}",
         f"{np.median(ratio):.2f} - {ratio.max():.2f}" if ratio.size else "-",
         f"{100 * covered.mean():.1f} - {100 * covered.min():.1f} %" if covered.size else "-",
         "-" if cell.bound is None else f"{(cell.bound < WELL_KNOWN).sum()} of {len(cell.bound)}",
@@ -254,27 +266,36 @@ def print_better(cells: Sequence[Cell]) -> None:
             )
 
 
+def _lowest(cells: Sequence[Cell], which: Callable[[Cell], np.ndarray]) -> str:
+    """Lowest share of the draws that the truth recovers, over the cells."""
+    shares = [
+        (which(cell) & cell.from_truth).sum() / cell.from_truth.sum()
+        for cell in cells
+        if cell.from_truth.any()
+    ]
+    return f"{100 * min(shares):.0f} %" if shares else "-"
+
+
 def print_total(cells: Sequence[Cell]) -> None:
     """Print what the cells of each method add up to."""
-    columns = ("method", "cells", "fits", "recovered", "of these", "lowest cell", "converged",
-               "falsely sure", "two answers", "fit as well", "s")  # fmt: skip
+    columns = ("method", "cells", "fits", "recovered", "of these", "lowest cell", "told",
+               "lowest cell", "converged", "falsely sure", "two answers", "fit as well",
+               "s")  # fmt: skip
     print(f"\n| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
     for method in dict.fromkeys(cell.method for cell in cells):
         own = [cell for cell in cells if cell.method == method]
         found = sum(int((cell.recovered & cell.from_truth).sum()) for cell in own)
         could = sum(int(cell.from_truth.sum()) for cell in own)
-        shares = [
-            (cell.recovered & cell.from_truth).sum() / cell.from_truth.sum()
-            for cell in own
-            if cell.from_truth.any()
-        ]
+        told = sum(int((cell.told & cell.from_truth).sum()) for cell in own)
         words = [
             method,
             len(own),
             sum(len(cell.found) for cell in own),
             sum(int(cell.recovered.sum()) for cell in own),
             f"{found} of {could}",
-            f"{100 * min(shares):.0f} %" if shares else "-",
+            _lowest(own, lambda cell: cell.recovered),
+            f"{told} of {could}",
+            _lowest(own, lambda cell: cell.told),
             sum(cell.count(lambda fit: fit["status"] == "converged") for cell in own),
             sum(cell.count(_falsely_sure) for cell in own),
             f"{sum(cell.count(cell.is_right) for cell in own)} /"
