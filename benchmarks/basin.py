@@ -32,9 +32,7 @@ METHODS = {
 }
 SEARCHES = {
     "default": {},
-    "without going from smooth to sharp": {"continuation": False},
     "without inflated loss factors": {"inflate": False},
-    "without either": {"continuation": False, "inflate": False},
     "one try": {"starts": 1},
     "no search": {"starts": 0},
 }

@@ -31,13 +31,15 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
         f"values down to {problem._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
-        "with d = {:g}, then {:g}, then {:g}, then".format(*search._WIDTHS),
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
         f"below {residuals._ROUNDING:.0e} of the largest of its line",
         f"whose log error is at most {search._WORTH:g} times the least",
-        "factors by up to {:.0f} or {:.0f} %".format(*(100 * far for far in search._BESIDE)),
-        f"loss factors by {search._BESIDE_LOSS:g},",
+        "Factors are moved by up to {:.0f} or {:.0f} %".format(
+            *(100 * far for far in search._BESIDE)
+        ),
+        f"loss factors by {search._BESIDE_LOSS:g}; every",
+        f"or {search._HOPS_A_TRY * search.Search().starts} have found nothing better",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
         f"with a standard deviation above {100 * answers._UNSURE:g} %,",
         f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",

@@ -1,13 +1,13 @@
 """Multi-start search for the basin of attraction in which a local fit starts.
 
 The log error has the widest basin of all residuals (measured: benchmarks/basin.py). It is widened
-by two things. Loss factors start inflated, so that the model's resonances are broad enough to
+by three things. Loss factors start inflated, so that the model's resonances are broad enough to
 overlap the measured ones, and may pass through negative values on the way: a bound at zero stops
 most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
-when further tries, with other inflations and then from random points, end in it too. All but the
-first go from smooth FRFs to sharp ones (`SmoothedLogError`). (Measured and left out: going up in
-frequency, where the few low lines let the unknowns run away; a common factor on all stiffnesses,
-chosen beforehand so that the frequency axes agree, finds no more.)
+when further tries, with other inflations and then from random points, end in it too. Where they do
+not, tries go on beside the best end. (Measured and left out: going up in frequency, where the few
+low lines let the unknowns run away; going from smoothed FRFs to sharp ones, and a common factor on
+all stiffnesses, chosen beforehand so that the frequency axes agree, find no more.)
 
 Where there are several workers and the lines of one evaluation are too few to be worth spreading,
 whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are
@@ -35,16 +35,13 @@ from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
-from updyn.updating.problem.smoothed import SmoothedLogError
 
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "list[tuple[bytes, Record]]"
-#: Where a try begins, and whether it goes from smooth FRFs to sharp ones.
-_Start: TypeAlias = "tuple[_Vector, bool]"
-_Points: TypeAlias = "Generator[_Start, None, None]"
-_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Start]], _Found]"
+_Points: TypeAlias = "Generator[_Vector, None, None]"
+_Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
 #: is sought.
@@ -54,18 +51,12 @@ SEARCH_STEPS = 60
 
 #: Loss factors of the first tries. 0.3 is best on average, the others reach part of what it misses.
 _INFLATED = (0.3, 0.1, 1.0)
-#: Widths of smoothing, in the logarithm of frequency, that a try with continuation descends with
-#: before it takes the FRFs as they are; and how.
-_WIDTHS = (0.5, 0.15, 0.05)
-_ROUGH = TrustRegion(30, 1e-9, radius=0.3, relative_fall=1e-3)
 #: How far tries beside a point begin from it, in turn: in logarithms of factors; loss factors.
 _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
 #: Every so many of them begin with one unknown put back to its start.
 _BY_TURNS = 3
 #: So many for each of the tries are enough, where they find nothing better.
 _HOPS_A_TRY = 2
-#: Largest number of complex derivatives of smoothed FRFs, all of which are held: 400 MB.
-_HELD = 25_000_000
 #: The best of the tries goes on for so many times their steps.
 _LONG = 5
 #: How often as many tries are made.
@@ -101,8 +92,6 @@ class Search:
         Of the random tries.
     inflate : bool
         Whether loss factors start inflated; else every try begins with those of the start.
-    continuation : bool
-        Whether all tries but the first go from smooth FRFs to sharp ones.
     """
 
     starts: int = 8
@@ -110,7 +99,6 @@ class Search:
     spread: float = 0.5
     seed: int = 0
     inflate: bool = True
-    continuation: bool = True
 
     @property
     def _settings(self) -> TrustRegion:
@@ -152,7 +140,7 @@ class Search:
     def _tried(
         self,
         problem: Problem,
-        starts: Iterator[_Start],
+        starts: Iterator[_Vector],
         belief: Belief,
         monitor: Monitor,
         ends: list[Outcome],
@@ -240,17 +228,10 @@ class Search:
             far = np.where(is_factor, _BESIDE[number % len(_BESIDE)], _BESIDE_LOSS)
             (moved,) = scattered(x, far, 1, self.seed + number)
         moved = np.clip(moved, *problem.coordinates.bounds)
-        return self._try_from(problem, (moved, False), monitor)
+        return self._try_from(problem, moved, monitor)
 
-    def _try_from(self, problem: Problem, start: _Start, monitor: Monitor) -> Outcome | None:
+    def _try_from(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
-        x, gradual = start
-        for width in _WIDTHS if gradual else ():
-            rough = problem.thinned(_smooth_lines(problem))
-            outcome = self._relaxed_descent(rough, SmoothedLogError(width), x, monitor, _ROUGH)
-            if outcome is None or monitor.stopped:
-                return None
-            x = outcome.x
         return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
 
     @staticmethod
@@ -273,7 +254,7 @@ class Search:
     def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, log_error(problem), x, monitor, self._settings)
 
-    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Start]) -> _Points:
+    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector]) -> _Points:
         """Yield starts; with several workers, the attempts from them are evaluated ahead."""
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
@@ -282,8 +263,7 @@ class Search:
         points, error = list(points), log_error(problem)
         known, items = [], []
         for start in points:
-            x, gradual = start
-            cached = not gradual and is_cached(error, problem, x)
+            cached = is_cached(error, problem, start)
             known.append(cached)
             if not cached:
                 items.append((self, start))
@@ -295,27 +275,23 @@ class Search:
                     session.remember(found)
                 yield start
 
-    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Start]:
+    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
         lower, upper = problem.coordinates.bounds
         start = problem.coordinates.home
         loss = ~problem.coordinates.parameters.is_factor
         inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
         plain = inflated[: self.starts] if number == 0 else ()
-        for i, level in enumerate(plain):
+        for level in plain:
             # A user's own start that is already higher is not lowered, and a user's bounds are
             # kept.
-            x = np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
-            yield x, self.continuation and i > 0
+            yield np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
         rest, far = self.starts - len(plain), self.spread * (1 + number)
         if rest > 0:
             draws = scattered(start, 1.0, rest, self.seed + number)
             for i, draw in enumerate(draws):
                 moved = start + far * (1 + i % 2) * (draw - start)
                 level = inflated[i % len(inflated)]
-                yield (
-                    np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper),
-                    self.continuation,
-                )
+                yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
 
     def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
@@ -335,7 +311,7 @@ class Search:
                 with closing(
                     self._ahead(_descend, problem, self._neighbours(problem, best))
                 ) as points:
-                    for start, _ in points:
+                    for start in points:
                         if monitor.stopped:
                             return best.x
                         other = self._descend(problem, start, monitor)
@@ -348,7 +324,7 @@ class Search:
         return x if best is None else best.x
 
     @staticmethod
-    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Start]:
+    def _neighbours(problem: Problem, at: Outcome) -> Iterator[_Vector]:
         unit = np.sqrt(2.0 * at.local.cost / max(2 * problem.n_values - problem.n, 1))
         found = resolve(at.local.R / unit)
         std = np.where(found.involved, 0.0, np.sqrt(np.diag(found.covariance)))
@@ -356,7 +332,7 @@ class Search:
             if std[i] > _UNSURE:
                 for sign in (1.0, -1.0):
                     value = at.x[i] + sign * min(_FAR * std[i], 1.0)
-                    yield problem.coordinates.with_one(at.x, i, value), False
+                    yield problem.coordinates.with_one(at.x, i, value)
 
 
 def _put_back(problem: Problem, x: _Vector) -> Iterator[_Vector]:
@@ -367,12 +343,6 @@ def _put_back(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     for i in np.argsort(-far):
         if far[i] > 1.0:
             yield coordinates.with_one(x, i, home[i])
-
-
-def _smooth_lines(problem: Problem) -> int:
-    """Return on how many lines smoothed FRFs are compared."""
-    at_a_line = problem.n * max(part.sign.size for part in problem.parts)
-    return max(20, _HELD // at_a_line)
 
 
 def _cost(end: Outcome) -> float:
@@ -420,15 +390,15 @@ def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArr
     return np.asarray(x + far * (2.0 * draws - 1.0))
 
 
-def _try(problem: Problem, item: tuple[Search, _Start]) -> _Found:
+def _try(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     """Make a try elsewhere; return all that it evaluated."""
     search, start = item
     return _recorded(problem, lambda alone: search._try_from(alone, start, Monitor(alone)))
 
 
-def _descend(problem: Problem, item: tuple[Search, _Start]) -> _Found:
+def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
     """Descend elsewhere; return all that it evaluated."""
-    search, (x, _) = item
+    search, x = item
     return _recorded(problem, lambda alone: search._descend(alone, x, Monitor(alone)))
 
 

@@ -296,7 +296,7 @@ def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns
         ({"seed": 1}, r"the options differ \(seed\)"),
         (
             {"method": "output-error"},
-            r"the options differ \(continuation, inflate, method, seed, starts\)",
+            r"the options differ \(inflate, method, seed, starts\)",
         ),
         ({"lines": data.freq[::2]}, r"the options differ \(lines\)"),
         ({"noise": {"relative": 0.1}}, r"the options differ \(noise\)"),

@@ -68,8 +68,6 @@ class LogMethod(Method):
         Of the search's random tries.
     inflate : bool
         Whether the loss factors of the search start inflated.
-    continuation : bool
-        Whether the tries of the search, but the first, go from smooth FRFs to sharp ones.
     """
 
     max_iterations: int = 100
@@ -77,7 +75,6 @@ class LogMethod(Method):
     starts: int = 8
     seed: int = 0
     inflate: bool = True
-    continuation: bool = True
 
     name: ClassVar[str] = "log"
     label: ClassVar[str] = "fit of logarithmic level and phase"
@@ -96,7 +93,6 @@ class LogMethod(Method):
             min(self.max_iterations, SEARCH_STEPS),
             seed=self.seed,
             inflate=self.inflate,
-            continuation=self.continuation,
         )
         with monitor.stage("search", rough):
             starts = search.run(rough, noises, monitor)

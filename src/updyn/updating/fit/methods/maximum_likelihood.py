@@ -77,8 +77,6 @@ class MaximumLikelihood(Method):
         Of the search's random tries.
     inflate : bool
         Whether the loss factors of the search start inflated.
-    continuation : bool
-        Whether the tries of the search, but the first, go from smooth FRFs to sharp ones.
     """
 
     max_iterations: int = 100
@@ -86,7 +84,6 @@ class MaximumLikelihood(Method):
     starts: int = 8
     seed: int = 0
     inflate: bool = True
-    continuation: bool = True
 
     name: ClassVar[str] = "maximum-likelihood"
     label: ClassVar[str] = "fit weighted with the noise"
@@ -111,7 +108,6 @@ class MaximumLikelihood(Method):
             min(self.max_iterations, SEARCH_STEPS),
             seed=self.seed,
             inflate=self.inflate,
-            continuation=self.continuation,
         )
 
     def fit(
