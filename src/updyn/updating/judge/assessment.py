@@ -42,6 +42,9 @@ __all__ = [
 
 T = TypeVar("T")
 
+#: A level that noise alone hardly has, in its standard deviations.
+_CLEAR = 3.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
@@ -58,7 +61,8 @@ class Judgement:
     advice : str
         Experiment advice on undetermined unknowns.
     misfit : float
-        Median of |H - H_X| / |H_X|: what noise and model error leave. 0 where it is not known.
+        Median of |H - H_X| / |H_X| over values that are clear of the noise as far as it is known
+        before a fit: what noise and model error leave. 0 where it is not known.
     at_bound : dict of str to str
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
     correlation : tuple of dict
@@ -128,7 +132,7 @@ def judge(
         misfit = 0.0
     else:
         analysis = analyse(fit.R, problem.coordinates.parameters.names)
-        misfit = unless_stopped(lambda: _typical_misfit(problem, fit.x), 0.0)
+        misfit = unless_stopped(lambda: _typical_misfit(problem, noises, fit.x), 0.0)
         if fit.advice and not analysis.report.complete:
             advice = fit.advice
         else:
@@ -222,12 +226,16 @@ def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
     return np.asarray(out)
 
 
-def _typical_misfit(problem: Problem, x: NDArray[np.float64]) -> float:
+def _typical_misfit(
+    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
+) -> float:
+    """Return the median of |H - H_X| / |H_X|, over values that are clear of the noise."""
     misfits = []
-    for part in problem.parts:
+    for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
-        seen = np.abs(measured) > 0
-        misfits.append(np.abs(part.responses(x) - measured)[seen] / np.abs(measured)[seen])
+        size = np.abs(measured)
+        seen = size > _CLEAR * np.sqrt(noise.beforehand(part.frf))
+        misfits.append(np.abs(part.responses(x) - measured)[seen] / size[seen])
     misfit = np.concatenate(misfits)
     return float(np.median(misfit)) if misfit.size else 0.0
 
