@@ -28,6 +28,9 @@ RANK_TOLERANCE = 1e-8
 #: undetermined.
 WIDEST = 1.0
 
+#: One over a standard deviation that says nothing.
+_BLIND = 1e-9
+
 #: Weights of an unknown in a direction below this count as zero.
 VISIBLE = 1e-3
 
@@ -59,7 +62,7 @@ class Resolution:
     involved: NDArray[np.bool_]
 
 
-def resolve(R: _Matrix, inflation: float = 1.0) -> Resolution:
+def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> Resolution:
     """Return what a reduced Jacobian determines.
 
     Parameters
@@ -68,14 +71,22 @@ def resolve(R: _Matrix, inflation: float = 1.0) -> Resolution:
         Reduced Jacobian, in units of one standard deviation of the noise.
     inflation : float
         Factor on the standard deviations.
+    even : ndarray of float, shape (n, n), optional
+        One of the same null space, whose rows are of one size: arithmetic rank is told from it, and
+        singular values are its own.
     """
-    scale, s, Vt = _scaled_svd(R)
+    scale, s, Vt = _scaled_svd(R if even is None else even)
     seen = s > RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)
-    # Columns of one standard deviation each.
-    spread = inflation * (Vt[seen].T / s[seen]) / scale[:, None]
-    axes, std, _ = np.linalg.svd(spread, full_matrices=False)
-    known = std <= WIDEST
     unseen = _orthonormal(Vt[~seen].T / scale[:, None])
+    # Columns of one standard deviation each.
+    if even is None:
+        spread = (Vt[seen].T / s[seen]) / scale[:, None]
+    else:
+        within = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(scale))
+        _, size, turn = np.linalg.svd(R @ within)
+        spread = within @ (turn.T / np.maximum(size, _BLIND))
+    axes, std, _ = np.linalg.svd(inflation * spread, full_matrices=False)
+    known = std <= WIDEST
     blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
     covariance = (axes * std**2) @ axes.T
     involved = (np.linalg.norm(unseen, axis=1) > VISIBLE) | _led(axes[:, ~known], std[~known])

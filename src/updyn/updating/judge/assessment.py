@@ -18,7 +18,7 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.null_space import covariance_within
+from updyn.updating.fit.null_space import covariance_within, null_space
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
@@ -26,6 +26,7 @@ from updyn.updating.judge.identifiability import Analysis, analyse
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.rounding import Rounding, worst_rounding
 from updyn.updating.problem.data import Split
+from updyn.updating.problem.levelled import levelled
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
 from updyn.updating.problem.problem import Part, Problem
@@ -125,13 +126,16 @@ def judge(
             cut_short = True
             return otherwise
 
+    names, even = problem.coordinates.parameters.names, None
     if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
         fit = Fit.blind(fit.x, fit.reason, fit.note)
-        blind = analyse(fit.R, problem.coordinates.parameters.names)
+        blind = analyse(fit.R, names)
         analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
         misfit = 0.0
     else:
-        analysis = analyse(fit.R, problem.coordinates.parameters.names)
+        if not fit.advice:
+            even = unless_stopped(lambda: _even(problem, noises, fit.x, fit.R), even)
+        analysis = analyse(fit.R, names, even=even)
         misfit = unless_stopped(lambda: _typical_misfit(problem, noises, fit.x), 0.0)
         if fit.advice and not analysis.report.complete:
             advice = fit.advice
@@ -156,7 +160,7 @@ def judge(
         others = unless_stopped(lambda: alternatives(problem, fit), others)
     if cut_short:
         fit = replace(fit, reason="stopped")
-    covariance, at_bound = _covariance(problem, fit), _at_bound(problem, fit.x)
+    covariance, at_bound = _covariance(problem, fit, even), _at_bound(problem, fit.x)
     return Judgement(
         fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding, others
     )
@@ -179,8 +183,9 @@ def at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Analysis, 
         If the model cannot be solved there.
     """
     local, share = local_at_start(problem, noises)
-    analysis = analyse(local.R, problem.coordinates.parameters.names)
     x = problem.coordinates.home
+    even = _even(problem, noises, x, local.R)
+    analysis = analyse(local.R, problem.coordinates.parameters.names, even=even)
     return analysis, advise(analysis, problem, x, share)
 
 
@@ -211,7 +216,23 @@ def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Loca
     return local, float(np.median(np.concatenate(shares)))
 
 
-def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
+def _even(
+    problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64], R: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Return a reduced Jacobian in which no value outweighs the others, where rank is lost by that.
+
+    None where R has full rank, or as much of it.
+    """
+    short = null_space(R).shape[1]
+    if short == 0 or not R.any():
+        return None
+    local = levelled(problem, noises).local(problem, x)
+    return local.R if local is not None and null_space(local.R).shape[1] < short else None
+
+
+def _covariance(
+    problem: Problem, fit: Fit, even: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
     slope = problem.coordinates.slope(fit.x)
     weight = problem.coordinates.prior[1]
     if fit.pull is not None and fit.pull.within is not None:
@@ -219,7 +240,12 @@ def _covariance(problem: Problem, fit: Fit) -> NDArray[np.float64]:
         return np.asarray(known * slope[:, None] * slope)
     if fit.pull is not None:
         weight = weight + fit.pull.weight
-    analysis = analyse(np.vstack([fit.R, np.diag(weight)]), problem.coordinates.parameters.names)
+    rows = np.diag(weight)
+    analysis = analyse(
+        np.vstack([fit.R, rows]),
+        problem.coordinates.parameters.names,
+        even=None if even is None else np.vstack([even, np.sign(rows)]),
+    )
     out = analysis.covariance * slope[:, None] * slope
     out[analysis.involved] = np.inf
     out[:, analysis.involved] = np.inf

@@ -42,7 +42,14 @@ class Analysis:
     involved: NDArray[np.bool_]
 
 
-def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str = "") -> Analysis:
+def analyse(
+    R: _Matrix,
+    names: list[str],
+    *,
+    inflation: float = 1.0,
+    advice: str = "",
+    even: _Matrix | None = None,
+) -> Analysis:
     """Analyse a reduced Jacobian whose residuals have unit variance.
 
     Parameters
@@ -55,6 +62,8 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
         Factor on the standard deviations.
     advice : str
         What to say if all is well.
+    even : ndarray of float, shape (k, n), optional
+        One of the same null space, whose rows are of one size (`Levelled`).
 
     Returns
     -------
@@ -67,7 +76,7 @@ def analyse(R: _Matrix, names: list[str], *, inflation: float = 1.0, advice: str
     collinearity index is that of Brun, Reichert & Kuensch, Water Resour. Res. 37 (2001) 1015, for
     all unknowns together.
     """
-    found = resolve(R, inflation)
+    found = resolve(R, inflation, even)
     n, s = R.shape[1], found.singular_values
     smallest = float(s[-1] / s[0]) if s[0] > 0 else 0.0
     report = Identifiability(

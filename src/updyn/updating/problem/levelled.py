@@ -1,0 +1,73 @@
+"""Derivatives of FRFs in which no value outweighs the others: what rank is told from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import EachOf, LineResidual, clear_of_noise
+
+__all__ = ["Levelled", "levelled"]
+
+_Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levelled(LineResidual):
+    """d ln H / dx of each value, of those with a norm above 1 the direction; the residual is 0.
+
+    On a resonance of loss factor eta, d ln H / dx is as large as 1 / eta. Beside one such line all
+    others are lost to a test of rank, which compares singular values, though they may determine
+    what it leaves open. A row that is scaled has the same null space.
+
+    Parameters
+    ----------
+    weight : ndarray of float, shape (n_f, n_i, n_j)
+        1 for the values that count, else 0.
+    name : str
+        How the report calls it.
+    """
+
+    weight: NDArray[np.float64]
+    name: str = "levelled"
+
+    @property
+    def cache_key(self) -> object:
+        """The weights."""
+        return self.weight
+
+    def on(self, part: Part, lines: slice) -> Self:
+        """Return it with the weights of a block of lines."""
+        return replace(self, weight=self.weight[lines])
+
+    def block(self, part: Part, x: NDArray[np.float64], lines: slice) -> tuple[_Complex, _Complex]:
+        """Return zeros and derivatives at a block of lines, whose weights these are."""
+        block = part.block(x, lines)
+        assert block.dH is not None
+        weight = np.where(block.H != 0.0, self.weight, 0.0)
+        slope = block.dH / np.where(block.H != 0.0, block.H, 1.0)
+        norm = np.sqrt(np.sum(np.abs(slope) ** 2, axis=0))
+        return np.zeros_like(block.H), slope * (weight / np.maximum(norm, 1.0))
+
+
+def levelled(problem: Problem, noises: Sequence[NoiseModel]) -> EachOf[Levelled]:
+    """Return the derivatives of all values that count: neither rounding nor of infinite variance.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, data and unknowns.
+    noises : sequence of NoiseModel
+        How uncertain the data of each part are.
+    """
+    errors = []
+    for part, noise in zip(problem.parts, noises, strict=True):
+        without = np.where(np.isfinite(noise.beforehand(part.frf)), 0.0, np.inf)
+        errors.append(Levelled(clear_of_noise(part.frf.values, without, part.frf)))
+    return EachOf(tuple(errors))
