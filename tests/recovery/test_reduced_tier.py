@@ -11,7 +11,8 @@ import scipy.sparse as sp
 import updyn
 from updyn.errors import OptionError
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
-from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.fit.reducing import Reducing, is_reduced
+from updyn.updating.problem.problem import Part, Problem
 
 M = 16
 BAND = np.linspace(12.0, 90.0, 60)
@@ -192,6 +193,25 @@ def test_which_models_are_reduced() -> None:
             tier="reduced",
             accuracy=2.0,
         )
+
+
+def test_a_faint_channel_asks_for_a_smaller_error() -> None:
+    """A thousandth of its level; channels that are rounding ask for nothing."""
+    frf = measured(plate(), 0.0)
+    level = np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0))
+    values = frf.values / level
+    for faintest, also, wanted in (
+        (1.0, 1.0, 1e-5),
+        (1e-4, 1.0, 1e-7),
+        (1e-4, 1e-16, 1e-7),
+        (1e-8, 0.0, 1e-9),
+    ):
+        values[:, 1] = faintest * frf.values[:, 1] / level[1]
+        values[:, 2] = also * frf.values[:, 2] / level[2]
+        data = updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity)
+        part = Part.build(plate(), data, updyn.parameters(plate(), stiffness="all"))
+        (made,) = Reducing(Problem.of([part]), 1e-5)._parts
+        assert made.reduction.accuracy == pytest.approx(wanted, rel=1e-9)
 
 
 def test_a_stop_while_the_model_is_proved_keeps_the_values() -> None:

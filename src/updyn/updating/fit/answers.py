@@ -113,12 +113,14 @@ def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
 
 
 def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
-    """Return the other answers that fit as well and differ in what the data seem to determine."""
+    """Return the other answers that fit as well and differ in what the data seem to determine.
+
+    One that ran out of steps counts: it fits as well already.
+    """
     found: list[Answer] = []
     for other in sorted(others, key=lambda answer: answer.unlikelihood):
         as_well = other.unlikelihood <= chosen.unlikelihood + AS_WELL
-        settled = as_well and other.reason == "converged"
-        if settled and all(_differ(known, other) for known in [chosen, *found]):
+        if as_well and all(_differ(known, other) for known in [chosen, *found]):
             found.append(other)
     return found
 

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError
+from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import scattered
-from updyn.updating.problem.noise import Approximate, NoiseModel
+from updyn.updating.problem.noise import Approximate, NoiseModel, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 from updyn.updating.problem.session import Stopped
@@ -65,6 +66,8 @@ _DROPPED = 1e-4
 _MARGIN = 10.0
 #: Largest number of lines of a search.
 _SEARCHED = 200
+#: Wanted besides: the error as a share of the faintest channel; and the finest that is asked for.
+_FAINT, _FINEST = 1e-3, 1e-9
 #: Number of DOFs without a sensor whose error counts too, for the experiment advice.
 _ELSEWHERE = 200
 
@@ -136,7 +139,9 @@ class _Part:
     def of(cls, part: Part, accuracy: float) -> _Part:
         others = part.solver.others(np.union1d(part.rows, part.columns))
         stride = max(1, -(-len(others) // _ELSEWHERE))
-        return cls(part, reduction_of(part, accuracy, others[::stride]))
+        reduction = reduction_of(part, accuracy, others[::stride])
+        reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), _FINEST))
+        return cls(part, reduction)
 
     def build(self, x: _Vector) -> None:
         state = self.exact.state(x)
@@ -442,6 +447,13 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
     if not others:
         return {}
     return {"fallback": f"{', '.join(others)} of {sum(used.values())} solves"}
+
+
+def _faintest(frf: FRF) -> float:
+    """Return the level of the faintest channel over the loudest one's, rounding left out."""
+    share = np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0)) / level_by_unit(frf)[0]
+    share = share / max(float(share.max()), np.finfo(float).tiny)
+    return float(share[share > _FINEST].min(initial=1.0))
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:

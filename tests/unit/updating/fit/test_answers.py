@@ -204,11 +204,12 @@ def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
     assert equals(chosen, [other]) == []
 
 
-def test_an_answer_whose_descent_did_not_end_is_none():
+def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_not():
     chosen, other = answer_at(np.zeros(2)), answer_at(np.ones(2))
     cut = Answer(other.x, "max-iterations", 0.0, (), Each(()), other.local)
-    lost = Answer(other.x, "converged", 0.0, (), Each(()), None)
-    assert equals(chosen, [cut, lost]) == []
+    lost = Answer(other.x, "stopped", np.inf, (), Each(()), other.local)
+    blind = Answer(other.x, "converged", 0.0, (), Each(()), None)
+    assert equals(chosen, [cut, lost, blind]) == [cut]
 
 
 # -- whether an answer explains the data --------------------------------------------------------
