@@ -5,9 +5,9 @@ The bound is that of Cramer and Rao for the true noise, from central differences
 
 import numpy as np
 import pytest
-from tests.support.bounds import cramer_rao
 
 import updyn
+from bounds import cramer_rao
 
 FLOOR, RELATIVE = 0.01, 0.01
 

@@ -6,9 +6,9 @@ standard deviation estimated from them scatters by 9 %, a coverage of 0.95 by 0.
 
 import numpy as np
 import pytest
-from tests.support.bounds import cramer_rao
 
 import updyn
+from bounds import cramer_rao
 from updyn.demos.gear_train import true_model
 
 DRAWS = 60

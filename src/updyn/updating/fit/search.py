@@ -228,7 +228,10 @@ class Search:
             far = np.where(is_factor, _BESIDE[number % len(_BESIDE)], _BESIDE_LOSS)
             (moved,) = scattered(x, far, 1, self.seed + number)
         moved = np.clip(moved, *problem.coordinates.bounds)
-        return self._try_from(problem, moved, monitor)
+        levels = self._levels(problem)
+        return self._try_from(
+            problem, _inflated(problem, moved, levels[number % len(levels)]), monitor
+        )
 
     def _try_from(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
@@ -275,23 +278,25 @@ class Search:
                     session.remember(found)
                 yield start
 
-    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
-        lower, upper = problem.coordinates.bounds
-        start = problem.coordinates.home
+    def _levels(self, problem: Problem) -> tuple[float, ...]:
+        """Return to what loss factors are raised, by turns."""
         loss = ~problem.coordinates.parameters.is_factor
-        inflated = _INFLATED if self.inflate and loss.any() else (0.0,)
-        plain = inflated[: self.starts] if number == 0 else ()
+        return _INFLATED if self.inflate and loss.any() else (0.0,)
+
+    def _points(self, problem: Problem, number: int = 0) -> Iterator[_Vector]:
+        start, bounds = problem.coordinates.home, problem.coordinates.bounds
+        is_factor = problem.coordinates.parameters.is_factor
+        levels = self._levels(problem)
+        plain = levels[: self.starts] if number == 0 else ()
         for level in plain:
-            # A user's own start that is already higher is not lowered, and a user's bounds are
-            # kept.
-            yield np.where(loss, np.clip(np.maximum(start, level), lower, upper), start)
+            yield _inflated(problem, start, level)
         rest, far = self.starts - len(plain), self.spread * (1 + number)
         if rest > 0:
             draws = scattered(start, 1.0, rest, self.seed + number)
             for i, draw in enumerate(draws):
                 moved = start + far * (1 + i % 2) * (draw - start)
-                level = inflated[i % len(inflated)]
-                yield np.clip(np.where(loss, np.maximum(start, level), moved), lower, upper)
+                moved = np.clip(np.where(is_factor, moved, start), *bounds)
+                yield _inflated(problem, moved, levels[i % len(levels)])
 
     def escape(self, problem: Problem, x: _Vector, monitor: Monitor) -> _Vector:
         """Look for a better minimum beside a minimum of the log error, shape (n,).
@@ -333,6 +338,12 @@ class Search:
                 for sign in (1.0, -1.0):
                     value = at.x[i] + sign * min(_FAR * std[i], 1.0)
                     yield problem.coordinates.with_one(at.x, i, value)
+
+
+def _inflated(problem: Problem, x: _Vector, level: float) -> _Vector:
+    """Return x with loss factors raised to a level; higher ones and bounds are kept."""
+    loss = ~problem.coordinates.parameters.is_factor
+    return np.where(loss, np.clip(np.maximum(x, level), *problem.coordinates.bounds), x)
 
 
 def _put_back(problem: Problem, x: _Vector) -> Iterator[_Vector]:
