@@ -6,8 +6,9 @@ overlap the measured ones, and may pass through negative values on the way: a bo
 most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
 when further tries, with other inflations and then from random points, end in it too. Where they do
 not, tries go on beside the best end. (Measured and left out: going up in frequency, where the few
-low lines let the unknowns run away; going from smoothed FRFs to sharp ones, and a common factor on
-all stiffnesses, chosen beforehand so that the frequency axes agree, find no more.)
+low lines let the unknowns run away; going from smoothed FRFs to sharp ones, which takes twice the
+steps; a common factor on all stiffnesses, chosen beforehand so that the frequency axes agree, which
+finds no more.)
 
 Where there are several workers and the lines of one evaluation are too few to be worth spreading,
 whole tries run in them, ahead of their turn. What they evaluated is remembered, and the tries are

@@ -167,10 +167,10 @@ class MaximumLikelihood(Method):
         """
         rough, found = coarse(problem, noises), list[Answer]()
         back = last = 0
+        explained = self._explains(problem, best)
         for number in range(_MOST_TRIES):
             if monitor.stopped or number - last == _A_TRY * self.starts:
                 break
-            explained = self._explains(problem, best)
             if back >= _BACK[explained] or (explained and agreed):
                 break
             x = None
@@ -187,7 +187,8 @@ class MaximumLikelihood(Method):
                     back, last = 0, number + 1
                 elif gained > -_SAME:
                     back += 1
-                best = min(best, answer, key=lambda a: a.unlikelihood)
+                if gained > 0.0:
+                    best, explained = answer, self._explains(problem, answer)
         return found
 
     @staticmethod
