@@ -165,6 +165,8 @@ class MaximumLikelihood(Method):
         Where the search agreed on it, they end as soon as it explains the data; and where none of
         so many has found a better one.
         """
+        if monitor.stopped:
+            return []
         rough, found = coarse(problem, noises), list[Answer]()
         back = last = 0
         explained = self._explains(problem, best)
