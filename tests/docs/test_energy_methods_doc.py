@@ -64,8 +64,9 @@ def test_the_figures(chain12: Model, chain12_true: Model, chain12_frf: FRF, add_
     for method, (steps, *noisy) in table.items():
         error, taken = fitted(chain12_frf, *method)
         assert error < 1e-8, method
-        if method != ("maximum-likelihood",):  # without noise its last steps are those of rounding
-            assert taken == pytest.approx(int(steps), rel=0.05, abs=1), method
+        # Without noise the last steps of maximum likelihood are those of rounding.
+        near = 0.5 if method == ("maximum-likelihood",) else 0.05
+        assert taken == pytest.approx(int(steps), rel=near, abs=1), method
         for said, clean in zip(noisy, (everywhere, chain12_frf), strict=True):
             draws = [
                 fitted(add_noise(clean, np.random.default_rng(s), 0.01), *method)[0]

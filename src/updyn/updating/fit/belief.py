@@ -58,12 +58,16 @@ class Belief:
             return False
         best = min(ends, key=lambda end: end.local.cost)
         agree = sum(end.local.cost <= best.local.cost * (1.0 + SAME) for end in ends)
-        rms = float(np.sqrt(_power(self._misfits(best.x))))
-        if rms < _EXACT:
+        if self.exact(best):
             return True
-        if rms > _GROSS or (self.noise_known and not self._explained(best)):
+        gross = _power(self._misfits(best.x)) > _GROSS**2
+        if gross or (self.noise_known and not self._explained(best)):
             return agree >= _OFTEN
         return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
+
+    def exact(self, end: Outcome) -> bool:
+        """Whether an end leaves only rounding of the data."""
+        return _power(self._misfits(end.x)) < _EXACT**2
 
     def plausible(self, end: Outcome) -> bool:
         """Whether an end may be the answer: what it leaves looks like noise, or is no larger."""

@@ -79,10 +79,13 @@ class Starts:
         At least one, best first.
     agreed : bool
         Whether tries from different starts ended in the first of them.
+    exact : bool
+        Whether the first of them leaves only rounding of the data.
     """
 
     points: tuple[_Vector, ...]
     agreed: bool = False
+    exact: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

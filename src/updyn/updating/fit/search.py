@@ -136,7 +136,7 @@ class Search:
         home = problem.coordinates.home
         found = [end.x for end in _distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
-        return Starts(points, agreed)
+        return Starts(points, agreed, agreed and belief.exact(min(ends, key=_cost)))
 
     def _tried(
         self,

@@ -133,7 +133,8 @@ class MaximumLikelihood(Method):
             answers = [self._answer(problem, noises, first, monitor)]
             answers += self._further(problem, noises, others, monitor, answers[0])
             chosen = preferred(problem, answers)
-        answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
+        if not starts.exact:  # there is nothing better to find
+            answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         with monitor.stage("elsewhere"):
             for _ in range(_HOPS):
