@@ -60,6 +60,8 @@ from .uncertainty.bootstrap import bootstrap as bootstrap
 from .uncertainty.prediction import predict as predict
 from .uncertainty.profile import profile as profile
 from .uncertainty.sampling import sample as sample
+from .updating.diagnose import diagnose as diagnose
+from .updating.judge.causes.finding import Finding as Finding
 from .updating.judge.selection import cluster as cluster
 from .updating.judge.selection import cluster_jointly as cluster_jointly
 from .updating.judge.selection import select as select

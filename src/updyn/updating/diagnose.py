@@ -1,0 +1,75 @@
+"""`diagnose`: what is wrong with measured data, told by a model that is nearly right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from updyn.errors import ParameterError
+from updyn.frf import FRF
+from updyn.model import Model
+from updyn.updating.judge.causes.diagnosis import diagnosed
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.problem.data import Test, check
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.parameters import ParameterSet, parameters
+from updyn.updating.problem.problem import Part
+from updyn.updating.problem.selection import Selection
+
+__all__ = ["diagnose"]
+
+
+def diagnose(
+    model: Model,
+    frf: FRF,
+    unknowns: ParameterSet | Selection | None = None,
+    *,
+    noise: Mapping[str, float | str] | str | None = None,
+    tier: str | None = None,
+    backend: str | None = None,
+) -> tuple[Finding, ...]:
+    """Look for faults of the data that explain them better than the unknowns of the model can.
+
+    Wrong quantity or unit, wrong sign, exchanged or misplaced sensors, calibration, delay, and so
+    on (docs/verdict.md). Each is tried against the model, all unknowns adapting, and the likeliest
+    are confirmed by a short fit. The data are left as they are: `Finding.repair` returns them
+    without the fault.
+
+    Parameters
+    ----------
+    model : Model
+        Before any update; off by some tens of per cent.
+    frf : FRF
+        The measurement. Every response and reference has to be a DOF of the model.
+    unknowns : ParameterSet or Selection, optional
+        What of the model may be wrong; by default stiffness, mass and loss factor of all groups.
+    noise : None, str or mapping
+        As for `update`.
+    tier, backend : str, optional
+        As for `update`.
+
+    Returns
+    -------
+    tuple of Finding
+        The likeliest first; empty where nothing is found at odds of 100 to 1.
+
+    Raises
+    ------
+    InputError
+        If model, data, unknowns or options do not fit together.
+    """
+    if unknowns is None:
+        unknowns = _all_unknowns(model)
+    selection = Selection.of(unknowns)
+    test = Test(selection.start_of(model), frf, "", None, noise)
+    check([test], selection.parameters)
+    part = Part.build(test.model, frf, selection.parameters, tier=tier, backend=backend)
+    return tuple(diagnosed(part, choose_noise(noise, frf)))
+
+
+def _all_unknowns(model: Model) -> ParameterSet:
+    """Return stiffness, mass and loss factor of all groups that have them."""
+    stiff = [name for name, group in model.groups.items() if group.stiffness is not None]
+    heavy = [name for name, group in model.groups.items() if group.mass is not None]
+    if not stiff and not heavy:
+        raise ParameterError("diagnose: no group has a stiffness or a mass; name the unknowns")
+    return parameters(model, stiffness=stiff, mass=heavy, loss_factor=stiff)

@@ -1,0 +1,1 @@
+"""Causes of a misfit: faults of the data that explain it better than the unknowns can."""

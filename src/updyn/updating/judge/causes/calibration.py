@@ -1,0 +1,54 @@
+"""A sensor, or all of them, whose sensitivity is not what was entered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+from updyn.updating.judge.causes.scale import Scale
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["Calibration"]
+
+
+class Calibration(Fault):
+    """A channel reads exp(value) times what is there."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "calibration"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each sensor, and all at once."""
+        yield from map(cls, [(), *each_sensor(evidence.frf)])
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data divided by the factor."""
+        return multiplied(frf, self.channels, np.full(len(frf.freq), -self.value))
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return 1 at the channels."""
+        frf = evidence.frf
+        return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape)
+
+    def relatives(self) -> Iterable[Fault]:
+        """Return the nearest factor between units."""
+        return Scale.near(self.channels, float(np.exp(self.value)))
+
+    def plausible(self) -> bool:
+        """Return whether it is at least 1.5 %, and less than a factor of 30."""
+        return 0.015 < abs(self.value) < 3.4
+
+    def statement(self) -> str:
+        """Return by how much it reads too much or too little."""
+        factor = float(np.exp(self.value))
+        return f"{self.where.capitalize()} reads {factor:.4g} times what is there."

@@ -1,0 +1,57 @@
+"""The kinds of faults by name, and how a fault is read from a job."""
+
+from __future__ import annotations
+
+from updyn.errors import OptionError, suggest
+from updyn.registry import Registry
+from updyn.updating.judge.causes.calibration import Calibration
+from updyn.updating.judge.causes.conjugate import NonCausal
+from updyn.updating.judge.causes.delay import Delay
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.frequency_scale import FrequencyScale
+from updyn.updating.judge.causes.low_pass import LowPass
+from updyn.updating.judge.causes.mass_loading import MassLoading
+from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.judge.causes.quantity import Quantity
+from updyn.updating.judge.causes.scale import Scale
+from updyn.updating.judge.causes.sign import Sign
+from updyn.updating.judge.causes.swapped import Swapped
+from updyn.updating.judge.causes.window import Window
+
+__all__ = ["CAUSES", "read_fault"]
+
+_BUILT_IN: tuple[type[Fault], ...] = (
+    Quantity,
+    Scale,
+    NonCausal,
+    Sign,
+    Swapped,
+    Moved,
+    Calibration,
+    Delay,
+    LowPass,
+    FrequencyScale,
+    Window,
+    MassLoading,
+)
+
+#: Kinds of faults by name. A further one derives from `Fault` and is registered here.
+CAUSES: Registry[type[Fault]] = Registry(
+    "cause", "updyn.causes", {cause.kind: cause for cause in _BUILT_IN}
+)
+
+
+def read_fault(written: str) -> Fault:
+    """Return the fault that a text names: ``"sign:2:Z"``, ``"calibration:5:Z=0.095"``.
+
+    Raises
+    ------
+    OptionError
+        If the kind is not known, a label cannot be read, or a number is none.
+    """
+    head, _, value = written.partition("=")
+    kind, _, channels = head.partition(":")
+    kind = kind.strip()
+    if kind not in CAUSES:
+        raise OptionError(f"repair {written!r}: {suggest(kind, CAUSES)}")
+    return CAUSES.find(kind).read(channels, value.strip())

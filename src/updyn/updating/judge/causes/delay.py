@@ -1,0 +1,53 @@
+"""A time delay between channels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["Delay"]
+
+#: First values, in periods of the highest line: the phase is known up to whole turns only.
+_PERIODS = np.array([-2.0, -1.5, -1.0, -0.7, -0.4, 0.0, 0.4, 0.7, 1.0, 1.5, 2.0])
+#: A turn at the highest line that is worth a word, in radians.
+_LEAST = 0.05
+
+
+class Delay(Fault):
+    """A channel comes `value` seconds late; negative: early."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "delay"
+    unit: ClassVar[str] = "s"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each sensor, and all at once, by various delays."""
+        for channels in [(), *each_sensor(evidence.frf)]:
+            for periods in _PERIODS:
+                yield cls(channels, float(periods / evidence.frf.freq[-1]))
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data with the phase turned back."""
+        return multiplied(frf, self.channels, 2j * np.pi * frf.freq * self.value)
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return -i omega at the channels."""
+        frf = evidence.frf
+        return place_of(self.channels, frf).spread(-2j * np.pi * frf.freq, frf.values.shape)
+
+    def statement(self) -> str:
+        """Return how late it is."""
+        late = "late" if self.value > 0 else "early"
+        return f"{self.where.capitalize()} comes {abs(self.value):.4g} s {late}."

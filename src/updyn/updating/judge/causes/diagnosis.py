@@ -1,0 +1,186 @@
+"""From model, data and unknowns to the faults that explain a misfit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.trial import Trial, damped, robust_point, tried, with_noise
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Part
+
+__all__ = ["diagnosed"]
+
+_Real = NDArray[np.float64]
+
+#: Lines that are looked at.
+_LINES = 120
+#: Faults that are refitted from each point, and those of each kind.
+_REFITTED, _OF_A_KIND = 6, 2
+#: Logarithm of the odds from which a fault is found: 100 to 1; and of those between two faults
+#: below which the data do not tell them apart.
+_LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
+#: Other causes that are named.
+_NAMED = 2
+#: Most faults of one test.
+_MOST = 3
+#: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
+_SMALL, _ALIKE = 0.3, 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The trial of a fault, and the logarithm of the odds that the data have it."""
+
+    trial: Trial
+    fault: Fault
+    log_odds: float
+
+
+def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
+    """Return the faults of one test's data.
+
+    Parameters
+    ----------
+    part : Part
+        Model, data and unknowns.
+    noise : NoiseModel
+        How uncertain the data are.
+    points : sequence of ndarray of float, shape (n,)
+        Where fits ended; the start of the unknowns is looked at in any case.
+    """
+    part = with_noise(part, noise.beforehand(part.frf), _LINES)
+    findings: list[Finding] = []
+    known = list(points)
+    for _ in range(_MOST):
+        found = _likeliest(part, known, [(f.kind, f.channels) for f in findings])
+        if not found:
+            break
+        best = found[0]
+        findings.append(_finding(found, part.name))
+        known = [best.trial.x]
+        part = part.with_data(best.fault.undo(Evidence(part, best.trial.x)))
+    return findings
+
+
+def _likeliest(
+    part: Part, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
+) -> list[_Found]:
+    """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
+    start = damped(part, part.coordinates.home)
+    without = tried(part, None, [*points, start])
+    if without is None:
+        return []
+    found: dict[tuple[str, tuple[str, ...]], _Found] = {}
+    waiting = _worth_a_trial(part, without, start)
+    while waiting:
+        fault, x = waiting.pop()
+        key = (fault.kind, fault.channels)
+        trial = tried(part, fault, [x]) if key not in told else None
+        if trial is None or trial.fault is None:
+            continue
+        log_odds = trial.gain(without) + float(np.log(fault.odds))
+        if key not in found or log_odds > found[key].log_odds:
+            found[key] = _Found(trial, trial.fault, log_odds)
+            if log_odds > _LIKELY:
+                waiting += [(other, trial.x) for other in trial.fault.relatives()]
+    ranked = sorted(found.values(), key=lambda one: -one.log_odds)
+    if not ranked or ranked[0].log_odds < _LIKELY:
+        return []
+    # What freed the unknowns from a poor minimum may not have been the fault.
+    better = tried(part, None, [ranked[0].trial.x])
+    lost = max(better.gain(without), 0.0) if better is not None else 0.0
+    if ranked[0].log_odds - lost < _LIKELY:
+        return []
+    return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _worth_a_trial(part: Part, without: Trial, start: _Real) -> list[tuple[Fault, _Real]]:
+    """Return the faults that are worth a fit, each with the point to begin from.
+
+    Where what is left without a fault is small, they are those that promise a better fit there.
+    """
+    if without.power < _SMALL**2 and without.alike < _ALIKE:
+        return [(fault, without.x) for fault in _suspected(part, without.x, promising=True)]
+    points = [start, without.x]
+    with suppress(SolverError):
+        points.append(robust_point(part, start))
+    found = [(fault, start) for fault in _global(part, start)]
+    for x in points:
+        found += [(fault, x) for fault in _suspected(part, x)]
+    return found
+
+
+def _global(part: Part, x: _Real) -> Iterator[Fault]:
+    evidence = Evidence(part, x)
+    for kind in CAUSES:
+        if CAUSES[kind].global_:
+            yield from CAUSES[kind].suspected(evidence)
+
+
+def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
+    """Return the faults that explain most at a point, to first order, best first.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data.
+    x : ndarray of float, shape (n,)
+        The point.
+    promising : bool
+        Only those that promise to be likelier than none.
+    """
+    try:
+        evidence = Evidence(part, x)
+        without, _ = evidence.fitted(None)
+    except SolverError:
+        return []
+    best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
+    for kind in CAUSES:
+        for fault in CAUSES[kind].suspected(evidence):
+            cost, tuned = evidence.fitted(fault)
+            if tuned is None or not tuned.plausible():
+                continue
+            gain = 0.5 * (without - cost) + float(np.log(fault.odds))
+            key = (kind, tuned.channels)
+            if key not in best or gain > best[key][0]:
+                best[key] = (gain, tuned)
+    ranked = sorted(best.values(), key=lambda item: -item[0])
+    chosen: list[Fault] = []
+    for gain, fault in ranked:
+        if promising and gain < 0.0:
+            break
+        if sum(other.kind == fault.kind for other in chosen) < _OF_A_KIND:
+            chosen.append(fault)
+        if len(chosen) == _REFITTED:
+            break
+    return chosen
+
+
+def _finding(found: Sequence[_Found], test: str) -> Finding:
+    best, *others = found
+    fault = best.fault
+    statement = fault.statement()
+    if others:
+        also = " or ".join(one.fault.statement().rstrip(".") for one in others[:_NAMED])
+        statement += f" These data do not tell that from another cause: {also}."
+    return Finding(
+        fault.kind,
+        fault.channels,
+        fault.value,
+        float(np.exp(min(best.log_odds, 700.0))),
+        statement,
+        f'Look at it; if it is so, write repair = ["{fault.written}"] under [test].',
+        fault.written,
+        tuple(one.fault.written for one in others),
+        test,
+    )

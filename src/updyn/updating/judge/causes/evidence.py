@@ -1,0 +1,201 @@
+"""What model and data say at one point of the unknowns, and how well a fault explains it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.problem.problem import Part
+
+__all__ = ["SMALLEST", "Evidence", "spread_of"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: A log misfit (rms) below this is that of a perfect fit, with or without a fault.
+SMALLEST = 1e-3
+#: Standard deviation of the unknowns about their start: a factor of 1.5; a loss factor.
+_FACTOR, _LOSS = 0.4, 0.2
+#: Sine of the angle between a fault and what the unknowns can do, from which they differ.
+_DISTINCT = 1e-3
+#: Share of the frequency by which its derivative is taken.
+_STEP = 1e-5
+
+
+def spread_of(part: Part) -> _Real:
+    """Return how far the unknowns are expected from their start, as x, shape (n,)."""
+    usual = np.where(part.coordinates.parameters.is_factor, _FACTOR, _LOSS)
+    given = [p.prior_std for p in part.coordinates.parameters]
+    return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Model and data at one point.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data of one test, on few lines; the data carry what is known of their noise.
+    x : ndarray of float, shape (n,)
+        The point.
+    """
+
+    part: Part
+    x: _Real
+
+    @property
+    def frf(self) -> FRF:
+        """The data."""
+        return self.part.frf
+
+    @cached_property
+    def _answers(self) -> tuple[list[str], _Complex, _Complex]:
+        """Labels of the responses, measured and further ones; H and d ln H by x there."""
+        part = self.part
+        labels = [str(abs(dof)) for dof in part.frf.responses]
+        labels += [label for label in Moved.further(part) if label not in labels]
+        shape = (part.n_lines, len(labels), len(part.frf.references))
+        blank = FRF(part.frf.freq, np.ones(shape), labels, part.frf.references, part.frf.quantity)
+        blocks = list(part.with_data(blank).blocks(self.x))
+        H = np.concatenate([block.H for block in blocks])
+        dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
+        return labels, H, dH / np.where(H == 0, 1.0, H)
+
+    def answer(self, frf: FRF) -> tuple[_Complex, _Complex]:
+        """Return H, shape (n_f, n_i, n_j), and d ln H by x, for the responses of some data."""
+        labels, H, slopes = self._answers
+        at = [labels.index(str(abs(dof))) for dof in frf.responses]
+        sign = np.array([dof.sign for dof in frf.responses], dtype=float)
+        return H[:, at] * sign[:, None], slopes[:, :, at]
+
+    @cached_property
+    def by_frequency(self) -> _Complex:
+        """d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
+        freq = np.maximum(self.frf.freq, np.finfo(float).tiny)
+        rise = self.shifted(1.0 + _STEP) - self.shifted(1.0 - _STEP)
+        return np.asarray(rise / (2.0 * _STEP * freq)[:, None, None])
+
+    def shifted(self, factor: float) -> _Complex:
+        """Return the model's ln H(factor f) / H(f), shape (n_f, n_i, n_j)."""
+        answers = []
+        for freq in (self.frf.freq, self.frf.freq * factor):
+            moved = self.part.with_data(replace(self.frf, freq=freq))
+            answers.append(np.concatenate([b.H for b in moved.blocks(self.x, derivatives=False)]))
+        return _log_ratio(answers[1], answers[0])
+
+    def damped(self, rate: float) -> _Complex:
+        """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j).
+
+        Without terms of rate^2: Z(i omega + rate) is that of a structure whose masses have 2 rate
+        more mass-proportional damping.
+        """
+        part = self.part
+        system, state = part.solver.system, part.state(self.x)
+        mass = np.array([term.quantity == "mass" for term in system.terms])
+        answers = []
+        for own in (state, replace(state, rate=state.rate + 2.0 * rate * mass)):
+            c = system.coefficients(own, 2.0 * np.pi * part.frf.freq)
+            columns, place = np.unique(part.columns, return_inverse=True)
+            U = part.solver.solve(c, columns, part.frf.freq)[:, :, place.ravel()]
+            answers.append(part.solver.at(U, part.rows).transpose(1, 0, 2))
+        s = 2j * np.pi * part.frf.freq
+        power = QUANTITIES[part.frf.quantity]
+        return np.asarray(
+            _log_ratio(answers[1], answers[0]) + power * np.log(1.0 + rate / s)[:, None, None]
+        )
+
+    @cached_property
+    def apparent(self) -> _Complex:
+        """omega^2 times the model's drive-point receptance of each response, shape (n_f, n_i)."""
+        part, n = self.part, len(self.frf.responses)
+        shape = (part.n_lines, n, n)
+        own = [str(abs(dof)) for dof in self.frf.responses]
+        square = part.with_data(FRF(self.frf.freq, np.ones(shape), own, own, "accelerance"))
+        H = np.concatenate([b.H for b in square.blocks(self.x, derivatives=False)])
+        return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
+
+    @cached_property
+    def weight(self) -> _Real:
+        """What counts of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
+        return log_misfit(self.answer(self.frf)[0], self.frf)[1]
+
+    def _misfit(self, frf: FRF) -> _Real:
+        """Return the misfit of data on the same lines, real over imaginary parts."""
+        return _real(log_misfit(self.answer(frf)[0], frf)[0])
+
+    @cached_property
+    def _unit(self) -> float:
+        """Root mean square of the misfit as it stands."""
+        e = self._misfit(self.frf)
+        return float(np.sqrt(2.0 * e @ e / e.size)) + SMALLEST
+
+    def _spanned(self, frf: FRF) -> _Real:
+        """Return an orthonormal basis of what the unknowns can change, their spread counted."""
+        if frf.responses == self.frf.responses:
+            return self._span
+        return self._basis(self.answer(frf)[1])
+
+    @cached_property
+    def _span(self) -> _Real:
+        return self._basis(self.answer(self.frf)[1])
+
+    def _basis(self, slopes: _Complex) -> _Real:
+        columns = np.stack([_real(self.weight * slope) for slope in slopes], axis=1) / self._unit
+        held = np.vstack([columns, np.diag(1.0 / spread_of(self.part))])
+        # The prior on every unknown makes the columns independent.
+        return np.linalg.qr(held)[0]
+
+    def fitted(self, fault: Fault | None) -> tuple[float, Fault | None]:
+        """Return how badly a fault explains the data at best, to first order, and its size.
+
+        Parameters
+        ----------
+        fault : Fault or None
+            Which; None: there is none.
+
+        Returns
+        -------
+        cost : float
+            -2 ln of the likelihood with the noise estimated, the unknowns' spread counted; all
+            unknowns adapt, and the size of the fault where it tunes.
+        fault : Fault or None
+            The fault by its best size.
+        """
+        frf = self.frf
+        if fault is not None and not (fault.tunes and fault.value == 0.0):
+            frf = fault.undo(self)
+        Q = self._spanned(frf)
+        home = (self.part.coordinates.home - self.x) / spread_of(self.part)
+        b = np.concatenate([self._misfit(frf) / self._unit, home])
+        b -= Q @ (Q.T @ b)
+        if fault is not None and fault.tunes:
+            d = np.zeros_like(b)
+            d[: -len(home)] = _real(self.weight * fault.slope(self)) / self._unit
+            size = float(np.linalg.norm(d))
+            d -= Q @ (Q.T @ d)
+            # What the unknowns can do as well is left to them.
+            if np.linalg.norm(d) > _DISTINCT * size:
+                step = float(d @ b / (d @ d))
+                b -= step * d
+                fault = replace(fault, value=fault.value + step)
+        e, held = b[: -len(home)], b[-len(home) :]
+        power = 2.0 * float(e @ e) * self._unit**2 / e.size
+        return e.size * float(np.log(power + SMALLEST**2)) + float(held @ held), fault
+
+
+def _log_ratio(a: _Complex, b: _Complex) -> _Complex:
+    """Return ln(a / b), 0 where either is zero."""
+    usable = (a != 0) & (b != 0)
+    return np.asarray(np.log(np.where(usable, a, 1.0) / np.where(usable, b, 1.0)))
+
+
+def _real(values: _Complex) -> _Real:
+    return np.concatenate([values.real.ravel(), values.imag.ravel()])

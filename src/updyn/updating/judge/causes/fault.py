@@ -1,0 +1,202 @@
+"""`Fault`: something that is wrong with measured data, by how much, and how it is undone."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import OptionError, in_all, suggest
+from updyn.frf import FRF
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["FORCE", "Fault", "Place", "divided", "each_sensor", "multiplied", "place_of"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: What stands before the label of a reference, where a fault is written down.
+FORCE = "force "
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The channels of some sensors in an array over lines, responses and references.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int
+        Responses and references; a channel is meant if either is among them.
+    """
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    def spread(self, over_lines: _Complex | _Real, shape: tuple[int, ...]) -> NDArray[np.complex128]:
+        """Return values over the lines at the channels, 0 elsewhere, shape (n_f, n_i, n_j)."""
+        out = np.zeros(shape, dtype=np.complex128)
+        out[:, self.rows] += over_lines[:, None, None]
+        out[:, :, self.columns] += over_lines[:, None, None]
+        return out
+
+
+def place_of(channels: Sequence[str], frf: FRF) -> Place:
+    """Return where sensors stand in the data; without any, all responses.
+
+    Raises
+    ------
+    OptionError
+        If one is not in the data; the nearest is named.
+    """
+    rows: list[int] = []
+    columns: list[int] = []
+    for channel in channels:
+        dofs, found = (frf.references, columns) if channel.startswith(FORCE) else (frf.responses, rows)
+        label = channel.removeprefix(FORCE)
+        names = [str(abs(dof)) for dof in dofs]
+        plain = str(abs(Dof.parse(label)))
+        if plain not in names:
+            what = "reference" if channel.startswith(FORCE) else "response"
+            raise OptionError(f"{label!r} is no {what} of the data; {suggest(plain, names)}")
+        found.append(names.index(plain))
+    if not channels:
+        rows = list(range(len(frf.responses)))
+    return Place(np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp))
+
+
+def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
+    """Return every response and every reference by itself; a single reference is all channels."""
+    found = [(str(abs(dof)),) for dof in frf.responses]
+    if len(frf.references) > 1:
+        found += [(f"{FORCE}{abs(dof)}",) for dof in frf.references]
+    return found
+
+
+def multiplied(frf: FRF, channels: Sequence[str], log_factor: _Complex | _Real) -> FRF:
+    """Return data whose channels are multiplied by exp(log_factor), given over the lines."""
+    factor = np.exp(place_of(channels, frf).spread(log_factor, frf.values.shape))
+    variance = frf.variance
+    if variance is not None:
+        variance = variance * np.abs(factor) ** 2
+    return replace(frf, values=frf.values * factor, variance=variance)
+
+
+def divided(frf: FRF, log_factor: _Complex) -> FRF:
+    """Return data divided by exp(log_factor), shape (n_f, n_i, n_j)."""
+    variance = frf.variance
+    if variance is not None:
+        variance = variance * np.exp(-2.0 * log_factor.real)
+    return replace(frf, values=frf.values * np.exp(-log_factor), variance=variance)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault(ABC):
+    """A fault of measured data: which channels have it, and by how much.
+
+    A kind of fault is a subclass in a module of its own, registered in `CAUSES`. It is written down
+    as ``kind:channels=value``; that text in the job undoes it.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        Labels of the sensors that have it; ``"force 2:Z"`` for a reference. Empty: all data.
+    value : float
+        By how much; 0 where the kind says it all.
+
+    Attributes
+    ----------
+    kind : str
+        What is wrong.
+    odds : float
+        How often a test has it, a fault of this kind on one place, before anything is looked at.
+    unit : str
+        Of `value`; empty where it has none.
+    tunes : bool
+        Whether the data say by how much: `slope` is defined.
+    global_ : bool
+        Whether it changes all data so much that a fit is needed to see it.
+    """
+
+    channels: tuple[str, ...] = ()
+    value: float = 0.0
+
+    kind: ClassVar[str]
+    odds: ClassVar[float] = 1e-3
+    unit: ClassVar[str] = ""
+    tunes: ClassVar[bool] = False
+    global_: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Return the faults of this kind that are worth a look, given model and data."""
+
+    @abstractmethod
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data without the fault."""
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data of the evidence without the fault, on the same lines.
+
+        Where the data alone do not tell what they would be, the model there does.
+        """
+        return self.repair(evidence.frf)
+
+    def slope(self, evidence: Evidence) -> _Complex:
+        """Return d ln(measured) / d value, shape (n_f, n_i, n_j), where `tunes`."""
+        raise NotImplementedError
+
+    def relatives(self) -> Iterable[Fault]:
+        """Return faults of other kinds that would do nearly the same, to be tried beside it."""
+        return ()
+
+    def plausible(self) -> bool:
+        """Return whether a fault of this size is possible and worth a word."""
+        return True
+
+    @abstractmethod
+    def statement(self) -> str:
+        """Return what is wrong, in a sentence."""
+
+    @property
+    def where(self) -> str:
+        """The channels in words."""
+        if not self.channels:
+            return "all channels"
+        shown = ", ".join(self.channels[:4])
+        return shown + in_all(len(self.channels)) if len(self.channels) > 4 else shown
+
+    @property
+    def written(self) -> str:
+        """How the fault is written down: ``kind:channels=value``."""
+        text = self.kind
+        if self.channels:
+            text += ":" + ",".join(self.channels)
+        if self.value:
+            text += f"={self.value:.9g}"
+        return text
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> Self:
+        """Return the fault that is written down, from its channels and its value.
+
+        Raises
+        ------
+        OptionError
+            If the value is no number, or a label cannot be read.
+        """
+        names = tuple(name.strip() for name in channels.split(",") if name.strip())
+        for name in names:
+            DofSet([name.removeprefix(FORCE)])
+        try:
+            number = float(value) if value else 0.0
+        except ValueError:
+            raise OptionError(f"repair {cls.kind!r}: {value!r} is no number") from None
+        return cls(names, number)

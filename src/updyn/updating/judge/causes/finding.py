@@ -1,0 +1,62 @@
+"""`Finding`: a cause that was found for a misfit, in words, with what repairs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.catalogue import read_fault
+
+__all__ = ["Finding"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that is wrong with the data or the model, found from both.
+
+    Attributes
+    ----------
+    kind : str
+        ``"sign"``, ``"swapped"``, ``"quantity"``, ...
+    channels : tuple of str
+        Labels of the sensors that it is about, ``"force 2:Z"`` for a reference; empty: all.
+    value : float
+        By how much, in the unit that the statement names; 0 where the kind says it all.
+    odds : float
+        How much likelier the data are with it than without it, times how often it happens.
+    statement : str
+        What is wrong, in a sentence.
+    remedy : str
+        What to do: the line of the job that undoes it, or what to look at.
+    written : str
+        The fault as the job writes it; empty where no change of the data undoes it.
+    also : tuple of str
+        Other faults that these data do not tell from it, as the job writes them.
+    test : str
+        Which test, where there are several.
+    """
+
+    kind: str
+    channels: tuple[str, ...]
+    value: float
+    odds: float
+    statement: str
+    remedy: str
+    written: str = ""
+    also: tuple[str, ...] = ()
+    test: str = ""
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return data without the fault.
+
+        Parameters
+        ----------
+        frf : FRF
+            The data, as measured.
+
+        Raises
+        ------
+        DataError
+            If no change of the data undoes it.
+        """
+        return read_fault(self.written or self.kind).repair(frf)

@@ -1,0 +1,56 @@
+"""A frequency axis that is stretched: a wrong sample rate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, divided
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["FrequencyScale"]
+
+
+class FrequencyScale(Fault):
+    """The true frequencies are exp(value) times those of the data."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "frequency-scale"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the one that there is."""
+        yield cls()
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data at their true frequencies."""
+        return replace(frf, freq=frf.freq * np.exp(self.value))
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H(f exp(value)) / H(f)."""
+        return divided(evidence.frf, evidence.shifted(np.exp(self.value)))
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return d ln H / d ln f."""
+        return evidence.frf.freq[:, None, None] * evidence.by_frequency
+
+    def plausible(self) -> bool:
+        """Return whether it is at least 0.1 %."""
+        return 1e-3 < abs(self.value) < 1.0
+
+    def statement(self) -> str:
+        """Return by how much."""
+        return (
+            f"The frequency axis is scaled: the true frequencies are {np.exp(self.value):.5g} times"
+            " those of the data. One factor on all stiffnesses would do nearly the same where no"
+            " mass is known."
+        )

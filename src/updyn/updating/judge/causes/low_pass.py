@@ -1,0 +1,57 @@
+"""A low-pass of first order in one chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied, place_of
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["LowPass"]
+
+#: First values of the corner, in shares of the highest line.
+_CORNERS = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+class LowPass(Fault):
+    """A channel went through 1 / (1 + i omega value); value in s."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "low-pass"
+    unit: ClassVar[str] = "s"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each sensor, and all at once, by various corners."""
+        highest = 2.0 * np.pi * evidence.frf.freq[-1]
+        for channels in [(), *each_sensor(evidence.frf)]:
+            for corner in _CORNERS:
+                yield cls(channels, 1.0 / (corner * highest))
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data with the low-pass undone."""
+        return multiplied(frf, self.channels, np.log1p(2j * np.pi * frf.freq * self.value))
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return -i omega / (1 + i omega value) at the channels."""
+        frf = evidence.frf
+        s = 2j * np.pi * frf.freq
+        return place_of(self.channels, frf).spread(-s / (1.0 + s * self.value), frf.values.shape)
+
+    def plausible(self) -> bool:
+        """Return whether it takes away."""
+        return self.value > 0.0
+
+    def statement(self) -> str:
+        """Return the corner."""
+        corner = 1.0 / (2.0 * np.pi * self.value)
+        return f"{self.where.capitalize()} went through a low-pass of first order at {corner:.4g} Hz."

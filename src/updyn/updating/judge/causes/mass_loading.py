@@ -1,0 +1,73 @@
+"""A sensor that roves: its mass loads another place in every row of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, divided
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["MassLoading"]
+
+
+class MassLoading(Fault):
+    """A mass of `value` kg stands at the response of each row, and nowhere else.
+
+    H_ij / (1 - omega^2 m H_ii) is measured instead of H_ij (Ewins, Modal Testing, 2nd ed. 2000,
+    section 3.4).
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "mass-loading"
+    unit: ClassVar[str] = "kg"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the one that there is, of translations."""
+        turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
+        if len(evidence.frf.responses) > 1 and not turns:
+            yield cls()
+
+    def repair(self, frf: FRF) -> FRF:
+        """Refuse: the data alone do not tell.
+
+        Raises
+        ------
+        DataError
+            Always; the message says what to do.
+        """
+        raise DataError(
+            "mass loading cannot be taken out of the data by themselves, as it takes the drive"
+            " point of every sensor: make one test of each row and put the mass on its model"
+            " (updyn.sensor_masses), or use dummy masses"
+        )
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return omega^2 H_ii."""
+        a = evidence.apparent
+        return np.broadcast_to((a / (1.0 - self.value * a))[:, :, None], evidence.frf.values.shape)
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data times 1 - omega^2 m H_ii of the model."""
+        left = np.log(1.0 - self.value * evidence.apparent)[:, :, None]
+        return divided(evidence.frf, np.broadcast_to(-left, evidence.frf.values.shape))
+
+    def plausible(self) -> bool:
+        """Return whether it is a mass."""
+        return self.value > 0.0
+
+    def statement(self) -> str:
+        """Return how large it is."""
+        return (
+            f"A sensor that roves loads each row by a mass of {self.value:.4g} kg at its own place."
+        )

@@ -1,0 +1,47 @@
+"""The misfit by which faults are judged: the log error of what stands clear of the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.problem.noise import level_by_unit
+
+__all__ = ["log_misfit"]
+
+_Complex = NDArray[np.complex128]
+
+#: Noise, as a share of the level, at which a value weighs 0.7.
+_CLEAR = 0.1
+#: Below so many standard deviations of the noise there is no phase, and no level but that.
+_SEEN = 3.0
+#: Least noise, as a share of the rms of all data of one unit: rounding, and what no sensor resolves.
+_LEAST = 1e-5
+
+
+def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
+    """Return w ln(H_X / H_A) and w, both shape (n_f, n_i, n_j).
+
+    Unlike the residual of a fit, it counts values that only one side has: where the model answers
+    and the data are noise, and where the data stand clear of the noise and the model says nothing,
+    as with exchanged channels of a structure whose directions are not coupled. What is lost in the
+    noise has three times its standard deviation and no phase of its own.
+
+    Parameters
+    ----------
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        Of the model.
+    frf : FRF
+        The data, with their variance.
+    """
+    assert frf.variance is not None
+    noise = np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2)
+    least = _SEEN * noise
+    size = [np.abs(H), np.abs(frf.values)]
+    seen = [one > least for one in size]
+    level = [np.log(np.maximum(one, least)) for one in size]
+    turned = np.where(seen[0] & seen[1], np.angle(frf.values * H.conj()), 0.0)
+    clear = np.maximum(np.maximum(*size) ** 2 - least**2, 0.0)
+    weight = np.sqrt(clear / (clear + (noise / _CLEAR) ** 2))
+    return weight * (level[1] - level[0] + 1j * turned), weight

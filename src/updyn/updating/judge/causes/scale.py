@@ -1,0 +1,75 @@
+"""Data in another unit than SI: a factor that engineers know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, multiplied
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["UNITS", "Scale"]
+
+#: Factors by which data read too much, by what would cause it: units of motion and of force, and
+#: both together.
+UNITS: Mapping[str, float] = MappingProxyType(
+    {
+        "g instead of m/s2": 1.0 / 9.80665,
+        "m/s2 taken for g": 9.80665,
+        "mm instead of m": 1e3,
+        "m taken for mm": 1e-3,
+        "um instead of m": 1e6,
+        "inch instead of m": 1.0 / 0.0254,
+        "m taken for inch": 0.0254,
+        "lbf instead of N": 4.4482216152605,
+        "N taken for lbf": 1.0 / 4.4482216152605,
+        "kN instead of N": 1e3,
+        "g over lbf": 4.4482216152605 / 9.80665,
+        "inch over lbf": 4.4482216152605 / 0.0254,
+        "mm over kN": 1e6,
+    }
+)
+_NEAR = 1e-6
+#: A factor that was found is compared with those that differ by less, in logarithm.
+_ABOUT = 0.3
+
+
+class Scale(Fault):
+    """All data are `value` times what they would be in SI."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "scale"
+
+    odds: ClassVar[float] = 5e-3
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the factors between units in use."""
+        for factor in sorted(set(UNITS.values())):
+            yield cls((), factor)
+
+    @classmethod
+    def near(cls, channels: tuple[str, ...], factor: float) -> Iterable[Self]:
+        """Yield the factors between units that are near one that was found."""
+        for known in sorted(set(UNITS.values())):
+            if abs(np.log(known / factor)) < _ABOUT:
+                yield cls(channels, known)
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data in SI."""
+        return multiplied(frf, self.channels, np.full(len(frf.freq), -np.log(self.value)))
+
+    def statement(self) -> str:
+        """Return which unit explains the factor."""
+        causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < _NEAR]
+        return (
+            f"{self.where.capitalize()} read {self.value:.6g} times what is there:"
+            f" {' or '.join(causes) or 'another unit'}."
+        )

@@ -1,0 +1,37 @@
+"""A sensor or a force that was taken the wrong way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["Sign"]
+
+
+class Sign(Fault):
+    """The sign of a sensor or of a force; without channels, that of all data."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "sign"
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each sensor, and all at once."""
+        yield from map(cls, [(), *each_sensor(evidence.frf)])
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data with the sign changed."""
+        return multiplied(frf, self.channels, np.full(len(frf.freq), 1j * np.pi))
+
+    def statement(self) -> str:
+        """Return which sensor is the wrong way round."""
+        return f"The sign of {self.where} is the opposite of what its label says."

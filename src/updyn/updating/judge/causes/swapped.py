@@ -1,0 +1,55 @@
+"""Two channels whose cables or labels were exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import combinations
+from typing import TYPE_CHECKING, ClassVar, Self
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.fault import FORCE, Fault, place_of
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["Swapped"]
+
+#: Of more sensors, not all pairs are tried.
+_MOST = 80
+
+
+class Swapped(Fault):
+    """Two responses, or two references, stand in each other's place."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "swapped"
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the pairs of responses, and of references, of one kind of motion."""
+        for dofs, prefix in ((evidence.frf.responses, ""), (evidence.frf.references, FORCE)):
+            few = list(dofs)[:_MOST]
+            for a, b in combinations(few, 2):
+                if a.direction[0] == b.direction[0] or "R" not in (a.direction[0], b.direction[0]):
+                    yield cls((f"{prefix}{abs(a)}", f"{prefix}{abs(b)}"))
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data with the two exchanged."""
+        place = place_of(self.channels, frf)
+        parts = {}
+        for name in ("values", "variance", "coherence"):
+            whole = getattr(frf, name)
+            if whole is not None:
+                whole = whole.copy()
+                if len(place.rows):
+                    whole[:, place.rows] = whole[:, place.rows[::-1]]
+                else:
+                    whole[:, :, place.columns] = whole[:, :, place.columns[::-1]]
+                parts[name] = whole
+        return replace(frf, **parts)
+
+    def statement(self) -> str:
+        """Return which two."""
+        return f"{self.channels[0]} and {self.channels[1]} are exchanged."

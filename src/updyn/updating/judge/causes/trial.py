@@ -1,0 +1,176 @@
+"""Short fits under the hypothesis that the data have a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.frf import FRF
+from updyn.updating.fit.method import descend, serial_correlation
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import LogError
+
+__all__ = ["Trial", "robust_point", "tried"]
+
+_Real = NDArray[np.float64]
+
+#: Steps of a descent, and how often the size of a fault is estimated anew.
+_STEPS, _ROUNDS = 25, 6
+#: Rounds of the robust fit, and its steps in each.
+_REWEIGHTED, _FEW = 4, 8
+#: Loss factor from which descents begin: resonances overlap.
+_DAMPED = 0.1
+#: Largest correlation of neighbouring lines that is counted.
+_MOST_ALIKE = 0.95
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """The end of a short fit.
+
+    Attributes
+    ----------
+    fault : Fault or None
+        What the data were freed of.
+    x : ndarray of float, shape (n,)
+        Where it ended.
+    power : float
+        Mean square of the log misfit that is left.
+    far : float
+        Sum of squares of the unknowns' way from their start, in units of their spread.
+    alike : float
+        Correlation of the misfit of neighbouring lines.
+    n_values : int
+        Number of real values.
+    """
+
+    fault: Fault | None
+    x: _Real
+    power: float
+    far: float
+    alike: float
+    n_values: int
+
+    def gain(self, other: Trial) -> float:
+        """Return by how much the logarithm of the likelihood is larger than that of another trial.
+
+        Values that follow each other alike count less; each number of a fault costs what the
+        Bayesian information criterion says (Schwarz, Ann. Stat. 6 (1978) 461).
+        """
+        alike = min(max(min(self.alike, other.alike), 0.0), _MOST_ALIKE)
+        count = self.n_values * (1.0 - alike) / (1.0 + alike)
+        level = [t.power + SMALLEST**2 for t in (other, self)]
+        gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
+        numbers = [float(t.fault is not None and t.fault.tunes) for t in (other, self)]
+        return float(gained - 0.5 * (numbers[1] - numbers[0]) * np.log(max(count, 2.0)))
+
+
+def tried(part: Part, fault: Fault | None, points: Sequence[_Real]) -> Trial | None:
+    """Return the best end of short fits from some points, the data being freed of a fault.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data of one test, on few lines.
+    fault : Fault or None
+        By its first size; None: the data are taken as they are.
+    points : sequence of ndarray of float, shape (n,)
+        Where to begin.
+
+    Returns
+    -------
+    Trial or None
+        None where the model cannot be solved.
+    """
+    ends = [_fitted(part, fault, x) for x in points]
+    found = [end for end in ends if end is not None]
+    return min(found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None)
+
+
+def _fitted(part: Part, fault: Fault | None, x: _Real) -> Trial | None:
+    for number in range(_ROUNDS):
+        try:
+            freed = part if fault is None else part.with_data(fault.undo(Evidence(part, x)))
+            x, power, far, alike = _descent(freed, x)
+            if fault is None or not fault.tunes or number == _ROUNDS - 1:
+                break
+            _, tuned = Evidence(part, x).fitted(fault)
+        except SolverError:
+            return None
+        assert tuned is not None
+        if abs(tuned.value - fault.value) < 1e-3 * abs(tuned.value):
+            break
+        fault = tuned
+    if fault is not None and not fault.plausible():
+        return None
+    return Trial(fault, x, power, far, alike, 2 * part.n_values)
+
+
+def _descent(part: Part, x: _Real) -> tuple[_Real, float, float, float]:
+    """Return where the log error has its least value near x, its mean square there, ..."""
+    problem = _held(part)
+    residual = LogError.clear_of_noise(part)
+    unit = max(np.sqrt(_power(part, x)), SMALLEST)
+    settings = TrustRegion(_STEPS, 1e-6, radius=0.3, relative_fall=1e-4)
+    x = descend(problem, residual, x, Monitor(problem), settings, unit).x
+    e = _misfit(part, x)
+    centre, weight = problem.coordinates.prior
+    far = float(np.sum((weight * (x - centre)) ** 2))
+    return x, float(np.mean(np.abs(e) ** 2)), far, serial_correlation(e)
+
+
+def _misfit(part: Part, x: _Real) -> NDArray[np.complex128]:
+    return log_misfit(part.responses(x), part.frf)[0]
+
+
+def _power(part: Part, x: _Real) -> float:
+    return float(np.mean(np.abs(_misfit(part, x)) ** 2))
+
+
+def _held(part: Part) -> Problem:
+    """Return the problem with priors on all unknowns, by how far they are expected to be off."""
+    spread = spread_of(part)
+    own = part.coordinates.parameters
+    items = [replace(p, prior_std=float(s)) for p, s in zip(own, spread, strict=True)]
+    held = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
+    return Problem.of([replace(part, coordinates=held)])
+
+
+def damped(part: Part, x: _Real) -> _Real:
+    """Return x with loss factors of 0.1 at least, so that resonances overlap."""
+    is_factor = part.coordinates.parameters.is_factor
+    return np.clip(np.where(is_factor, x, np.maximum(x, _DAMPED)), *part.coordinates.bounds)
+
+
+def robust_point(part: Part, x: _Real) -> _Real:
+    """Return where a fit ends in which channels that do not follow the others count less.
+
+    Channel by channel the log error is weighted with 1 / (1 + s^2 / s_0^2), s its rms and s_0 the
+    median of all channels.
+    """
+    problem, plain = _held(part), LogError.clear_of_noise(part)
+    assert plain.weight is not None
+    settings = TrustRegion(_FEW, 1e-6, radius=0.3, relative_fall=1e-3)
+    for _ in range(_REWEIGHTED):
+        size = np.mean(np.abs(_misfit(part, x)) ** 2, axis=0)
+        typical = max(float(np.median(size)), SMALLEST**2)
+        weight = plain.weight / np.sqrt(1.0 + size / typical)
+        residual = replace(plain, weight=weight)
+        x = descend(problem, residual, x, Monitor(problem), settings, np.sqrt(typical)).x
+    return x
+
+
+def with_noise(part: Part, variance: _Real, most: int) -> Part:
+    """Return the part on at most so many lines, with data that carry their variance."""
+    frf: FRF = replace(part.frf, variance=variance)
+    return replace(part, frf=frf).thinned(most)

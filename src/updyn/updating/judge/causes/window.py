@@ -1,0 +1,56 @@
+"""Damping that an exponential window added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.continuation import continued
+from updyn.updating.judge.causes.fault import Fault, divided
+
+if TYPE_CHECKING:
+    from updyn.updating.judge.causes.evidence import Evidence
+
+__all__ = ["Window"]
+
+
+class Window(Fault):
+    """Records were multiplied by exp(-value t): the data are H at i omega + value, value in 1/s."""
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "window-damping"
+    unit: ClassVar[str] = "1/s"
+    tunes: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the one that there is."""
+        yield cls()
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data continued to the axis of real frequency."""
+        return continued(frf, self.value)
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return d ln H / d (i omega)."""
+        return evidence.by_frequency / (2j * np.pi)
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H(i omega + value) / H(i omega)."""
+        return divided(evidence.frf, evidence.damped(self.value))
+
+    def plausible(self) -> bool:
+        """Return whether it adds damping."""
+        return self.value > 0.0
+
+    def statement(self) -> str:
+        """Return how much."""
+        return (
+            f"An exponential window exp(-{self.value:.4g} t) added damping to all modes: a loss"
+            f" factor of {self.value / np.pi:.3g} / f, f in Hz."
+        )
