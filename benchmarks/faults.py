@@ -165,7 +165,7 @@ def window(bench, frf, rng):
     )
     s = 2j * np.pi * clean.freq + rate
     values = slow.values * (s ** QUANTITIES[clean.quantity])[:, None, None]
-    ratio = values / clean.values
+    ratio = np.where(clean.values != 0, values / np.where(clean.values != 0, clean.values, 1.0), 1.0)
     return Seeded(replace(frf, values=frf.values * ratio), frf, "window-damping")
 
 

@@ -25,6 +25,7 @@ class Calibration(Fault):
 
     kind: ClassVar[str] = "calibration"
     tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:

@@ -30,6 +30,7 @@ class Delay(Fault):
     kind: ClassVar[str] = "delay"
     unit: ClassVar[str] = "s"
     tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:

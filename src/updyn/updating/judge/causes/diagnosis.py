@@ -26,6 +26,8 @@ _Real = NDArray[np.float64]
 _LINES = 120
 #: Faults that are refitted from each point, and those of each kind.
 _REFITTED, _OF_A_KIND = 6, 2
+#: Those of them that are fitted to the end.
+_KEPT = 5
 #: Logarithm of the odds from which a fault is found: 100 to 1; and of those between two faults
 #: below which the data do not tell them apart.
 _LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
@@ -80,19 +82,25 @@ def _likeliest(
     without = tried(part, None, [*points, start])
     if without is None:
         return []
+    fresh = [
+        (fault, x)
+        for fault, x in _worth_a_trial(part, without, start)
+        if (fault.kind, fault.channels) not in told
+    ]
+    if len(fresh) > _KEPT:
+        fresh = _promising(part, fresh, without)
     found: dict[tuple[str, tuple[str, ...]], _Found] = {}
-    waiting = _worth_a_trial(part, without, start)
-    while waiting:
-        fault, x = waiting.pop()
+    while fresh:
+        fault, x = fresh.pop()
         key = (fault.kind, fault.channels)
-        trial = tried(part, fault, [x]) if key not in told else None
+        trial = tried(part, fault, [x])
         if trial is None or trial.fault is None:
             continue
         log_odds = trial.gain(without) + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
             found[key] = _Found(trial, trial.fault, log_odds)
             if log_odds > _LIKELY:
-                waiting += [(other, trial.x) for other in trial.fault.relatives()]
+                fresh += [(other, trial.x) for other in trial.fault.relatives()]
     ranked = sorted(found.values(), key=lambda one: -one.log_odds)
     if not ranked or ranked[0].log_odds < _LIKELY:
         return []
@@ -102,6 +110,19 @@ def _likeliest(
     if ranked[0].log_odds - lost < _LIKELY:
         return []
     return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _promising(
+    part: Part, waiting: Sequence[tuple[Fault, _Real]], without: Trial
+) -> list[tuple[Fault, _Real]]:
+    """Return the faults, and where to go on, that a few steps showed to be the likeliest."""
+    ends: list[tuple[float, Fault, _Real]] = []
+    for fault, x in waiting:
+        trial = tried(part, fault, [x], glance=True)
+        if trial is not None and trial.fault is not None:
+            ends.append((trial.gain(without) + float(np.log(fault.odds)), trial.fault, trial.x))
+    ends.sort(key=lambda end: -end[0])
+    return [(fault, x) for _, fault, x in ends[:_KEPT]]
 
 
 def _worth_a_trial(part: Part, without: Trial, start: _Real) -> list[tuple[Fault, _Real]]:

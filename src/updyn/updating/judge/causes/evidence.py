@@ -56,12 +56,9 @@ class Evidence:
         """The data."""
         return self.part.frf
 
-    @cached_property
-    def _answers(self) -> tuple[list[str], _Complex, _Complex]:
-        """Labels of the responses, measured and further ones; H and d ln H by x there."""
+    def _answers(self, labels: list[str]) -> tuple[list[str], _Complex, _Complex]:
+        """Return labels of responses, H there, and d ln H by x."""
         part = self.part
-        labels = [str(abs(dof)) for dof in part.frf.responses]
-        labels += [label for label in Moved.further(part) if label not in labels]
         shape = (part.n_lines, len(labels), len(part.frf.references))
         blank = FRF(part.frf.freq, np.ones(shape), labels, part.frf.references, part.frf.quantity)
         blocks = list(part.with_data(blank).blocks(self.x))
@@ -69,10 +66,27 @@ class Evidence:
         dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
         return labels, H, dH / np.where(H == 0, 1.0, H)
 
+    @cached_property
+    def _measured(self) -> tuple[list[str], _Complex, _Complex]:
+        return self._answers([str(abs(dof)) for dof in self.frf.responses])
+
+    @cached_property
+    def _everywhere(self) -> tuple[list[str], _Complex, _Complex]:
+        """Measured responses and the places where they may stand instead."""
+        further = Moved.further(self.part)
+        return tuple(  # type: ignore[return-value]
+            own + more if isinstance(own, list) else np.concatenate([own, more], axis=axis)
+            for own, more, axis in zip(self._measured, self._answers(further), (0, 1, 2), strict=True)
+        )
+
     def answer(self, frf: FRF) -> tuple[_Complex, _Complex]:
         """Return H, shape (n_f, n_i, n_j), and d ln H by x, for the responses of some data."""
-        labels, H, slopes = self._answers
-        at = [labels.index(str(abs(dof))) for dof in frf.responses]
+        wanted = [str(abs(dof)) for dof in frf.responses]
+        known = self._measured
+        if not set(wanted) <= set(known[0]):
+            known = self._everywhere
+        labels, H, slopes = known
+        at = [labels.index(label) for label in wanted]
         sign = np.array([dof.sign for dof in frf.responses], dtype=float)
         return H[:, at] * sign[:, None], slopes[:, :, at]
 

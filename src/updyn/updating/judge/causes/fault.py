@@ -120,6 +120,8 @@ class Fault(ABC):
         Of `value`; empty where it has none.
     tunes : bool
         Whether the data say by how much: `slope` is defined.
+    adds : bool
+        Whether two such faults are one with the sum of their values.
     global_ : bool
         Whether it changes all data so much that a fit is needed to see it.
     """
@@ -131,6 +133,7 @@ class Fault(ABC):
     odds: ClassVar[float] = 1e-3
     unit: ClassVar[str] = ""
     tunes: ClassVar[bool] = False
+    adds: ClassVar[bool] = False
     global_: ClassVar[bool] = False
 
     @classmethod
@@ -143,7 +146,7 @@ class Fault(ABC):
         """Return the data without the fault."""
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data of the evidence without the fault, on the same lines.
+        """Return the data of the evidence without the fault.
 
         Where the data alone do not tell what they would be, the model there does.
         """

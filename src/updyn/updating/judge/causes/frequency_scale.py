@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.fault import Fault
 
 if TYPE_CHECKING:
     from updyn.updating.judge.causes.evidence import Evidence
@@ -25,6 +25,7 @@ class FrequencyScale(Fault):
 
     kind: ClassVar[str] = "frequency-scale"
     tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
@@ -34,10 +35,6 @@ class FrequencyScale(Fault):
     def repair(self, frf: FRF) -> FRF:
         """Return the data at their true frequencies."""
         return replace(frf, freq=frf.freq * np.exp(self.value))
-
-    def undo(self, evidence: Evidence) -> FRF:
-        """Return the data over the model's H(f exp(value)) / H(f)."""
-        return divided(evidence.frf, evidence.shifted(np.exp(self.value)))
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln H / d ln f."""

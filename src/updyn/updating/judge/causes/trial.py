@@ -24,8 +24,9 @@ __all__ = ["Trial", "robust_point", "tried"]
 
 _Real = NDArray[np.float64]
 
-#: Steps of a descent, and how often the size of a fault is estimated anew.
-_STEPS, _ROUNDS = 25, 6
+#: How often the size of a fault is estimated anew, and steps of each descent: of a whole trial, of
+#: a first one.
+_WHOLE, _GLANCE = (6, 25), (2, 8)
 #: Rounds of the robust fit, and its steps in each.
 _REWEIGHTED, _FEW = 4, 8
 #: Loss factor from which descents begin: resonances overlap.
@@ -75,7 +76,9 @@ class Trial:
         return float(gained - 0.5 * (numbers[1] - numbers[0]) * np.log(max(count, 2.0)))
 
 
-def tried(part: Part, fault: Fault | None, points: Sequence[_Real]) -> Trial | None:
+def tried(
+    part: Part, fault: Fault | None, points: Sequence[_Real], *, glance: bool = False
+) -> Trial | None:
     """Return the best end of short fits from some points, the data being freed of a fault.
 
     Parameters
@@ -86,25 +89,29 @@ def tried(part: Part, fault: Fault | None, points: Sequence[_Real]) -> Trial | N
         By its first size; None: the data are taken as they are.
     points : sequence of ndarray of float, shape (n,)
         Where to begin.
+    glance : bool
+        Whether few steps are enough.
 
     Returns
     -------
     Trial or None
         None where the model cannot be solved.
     """
-    ends = [_fitted(part, fault, x) for x in points]
+    ends = [_fitted(part, fault, x, *(_GLANCE if glance else _WHOLE)) for x in points]
     found = [end for end in ends if end is not None]
     return min(found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None)
 
 
-def _fitted(part: Part, fault: Fault | None, x: _Real) -> Trial | None:
-    for number in range(_ROUNDS):
+def _fitted(
+    part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int
+) -> Trial | None:
+    for number in range(rounds):
         try:
             freed = part if fault is None else part.with_data(fault.undo(Evidence(part, x)))
-            x, power, far, alike = _descent(freed, x)
-            if fault is None or not fault.tunes or number == _ROUNDS - 1:
+            x, power, far, alike = _descent(freed, x, steps)
+            if fault is None or not fault.tunes or number == rounds - 1:
                 break
-            _, tuned = Evidence(part, x).fitted(fault)
+            tuned = _tuned(part, freed, fault, x)
         except SolverError:
             return None
         assert tuned is not None
@@ -116,12 +123,20 @@ def _fitted(part: Part, fault: Fault | None, x: _Real) -> Trial | None:
     return Trial(fault, x, power, far, alike, 2 * part.n_values)
 
 
-def _descent(part: Part, x: _Real) -> tuple[_Real, float, float, float]:
+def _tuned(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault | None:
+    """Return the fault by its best size at x, from the data as they are or as they were freed."""
+    if not fault.adds:
+        return Evidence(part, x).fitted(fault)[1]
+    _, more = Evidence(freed, x).fitted(replace(fault, value=0.0))
+    return None if more is None else replace(fault, value=fault.value + more.value)
+
+
+def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, float]:
     """Return where the log error has its least value near x, its mean square there, ..."""
     problem = _held(part)
     residual = LogError.clear_of_noise(part)
     unit = max(np.sqrt(_power(part, x)), SMALLEST)
-    settings = TrustRegion(_STEPS, 1e-6, radius=0.3, relative_fall=1e-4)
+    settings = TrustRegion(steps, 1e-6, radius=0.3, relative_fall=1e-4)
     x = descend(problem, residual, x, Monitor(problem), settings, unit).x
     e = _misfit(part, x)
     centre, weight = problem.coordinates.prior
