@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from updyn.correlation.frfs import Correlation, correlate, csac, csf, db_error, fdac, frac
+from updyn.correlation.frfs import (
+    Correlation,
+    correlate,
+    csac,
+    csf,
+    db_error,
+    fdac,
+    frac,
+    frf_correlation,
+    relative_residual,
+)
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -26,6 +36,8 @@ __all__ = [
     "ecomac",
     "fdac",
     "frac",
+    "frf_correlation",
     "mac",
     "pair_modes",
+    "relative_residual",
 ]

@@ -53,6 +53,10 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _FIGURE_WORDS = {
     "frac_median": "FRAC, median over channels",
     "frac_min": "FRAC, worst channel",
+    "correlation_median": "FRF correlation, median over channels",
+    "correlation_min": "FRF correlation, worst channel",
+    "residual_median": "relative residual, median over channels",
+    "residual_max": "relative residual, worst channel",
     "csac_mean": "CSAC, mean over lines",
     "csf_mean": "CSF, mean over lines",
     "db_error_median": "level difference, median (dB)",
