@@ -32,9 +32,9 @@ __all__ = [
     "outputs",
     "resolved_job",
     "run_journal",
-    "was_saved",
     "stale_outputs",
     "temporary_folder",
+    "was_saved",
 ]
 
 #: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
