@@ -140,7 +140,7 @@ class Fit:
         Of a fit that failed, stalled or ran out of steps: what of model and data stood in the way
         of the method (`Method.cause`); may be empty.
     remedy : str
-        Of a fit that failed: what to do about it (`Method.failure_remedy`).
+        Of a fit that failed: what to do about it (`Method.failure_remedy`); may be empty.
     """
 
     x: _Vector
@@ -217,8 +217,8 @@ class Method(ABC):
 
     @property
     def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
-        return "Start closer, or use the default method."
+        """What to do where its iteration breaks down; empty: to start closer."""
+        return ""
 
     def cause(self, problem: Problem) -> str:
         """Return what of model and data stands in the way of this method; may be empty.

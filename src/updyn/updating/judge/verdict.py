@@ -33,6 +33,7 @@ _ARRIVED = 0.1
 #: A fit that was cut short is still falling if a step would take away this share of the misfit, or
 #: the last ten gained this share of what is left.
 _FALLING, _STEADY = 0.05, 0.1
+_CLOSER = "Start closer, or use the default method."
 _LOOK = (
     "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
     " groups."
@@ -188,7 +189,7 @@ def _ended(
 ) -> tuple[str, str, str]:
     if fit.reason == "failed":
         message = f"{fit.note or 'The fit broke down.'} {fit.cause}".strip()
-        return "failed", message, fit.remedy
+        return "failed", message, fit.remedy or _CLOSER
     if fit.reason == "stopped":
         message = (
             "Stopped before it had converged and been judged; the values are those of the best step"

@@ -64,7 +64,7 @@ class EquationErrorMethod(Method):
         """What to do where its iteration breaks down."""
         if self.solver == "gauss-newton":
             return "Use solver='trust-region', or the default method."
-        return "Start closer, or use the default method."
+        return ""
 
     def fit(
         self,

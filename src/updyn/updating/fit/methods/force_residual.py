@@ -93,7 +93,7 @@ class ForceResidualMethod(Method):
         """What to do where its iteration breaks down."""
         if self.solver == "alternating":
             return "Use solver='trust-region', or the default method."
-        return "Start closer, or use the default method."
+        return ""
 
     def cause(self, problem: Problem) -> str:
         """Return how much of the motion is the model's own."""

@@ -108,7 +108,7 @@ class ResponseFunctionMethod(Method):
         """What to do where its iteration breaks down."""
         if self.solver == "gauss-newton":
             return "Use solver='trust-region', or the default method."
-        return "Start closer, or use the default method."
+        return ""
 
     def cause(self, problem: Problem) -> str:
         """Return how much of the motion is the model's own."""
