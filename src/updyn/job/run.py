@@ -22,6 +22,7 @@ from updyn.job.folder import (
     temporary_folder,
 )
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
@@ -72,7 +73,7 @@ class JobRun:
 
     def summary(self) -> str:
         """Return the update, and what the further tables gave, as text."""
-        texts = [self.result.summary()]
+        texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
 
@@ -132,6 +133,7 @@ def run_job(
     ready = prepare(job) if prepared is None else prepared
     with create_folder(out), run_journal(job, out, resume=resume) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+        result = with_modes(result)
         further = _further(ready, result, callback, engine)
         with temporary_folder(out) as temporary:
             _write(result, job, out, temporary)
