@@ -204,7 +204,8 @@ class ModeCorrelation:
 def _cells(of: Modes, at: int) -> list[str]:
     """Return frequency and loss factor of a mode as text."""
     loss = float(of.loss_factor[at])
-    return [f"{of.frequency[at]:.5g}", "-" if np.isnan(loss) else f"{loss:.4g}"]
+    frequency = f"{of.frequency[at]:#.5g}".rstrip(".")
+    return [frequency, "-" if np.isnan(loss) else f"{loss:#.3g}"]
 
 
 def correlate_modes(

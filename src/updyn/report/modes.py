@@ -159,7 +159,8 @@ def _cell(entry: ModeEntry | None, name: str, digits: int) -> str:
 def _change(entry: ModeEntry | None) -> str:
     if entry is None or entry.change is None or np.isnan(entry.change):
         return "–"
-    return f"{entry.change:+.2f} %".replace("-", "−")
+    shown = f"{round(entry.change, 2) + 0.0:+.2f} %"  # + 0.0: no negative zero
+    return shown.replace("-", "−")
 
 
 def _mac(entry: ModeEntry | None) -> str:

@@ -66,7 +66,7 @@ def test_change_of_frequency_and_figures():
     assert figures["frequency_change_max"] == pytest.approx(100 * (np.sqrt(1.1) - 1))
     assert figures["pairs"] == N
     assert figures["mac_min"] == pytest.approx(1.0)
-    assert f"{f[0]:.5g}" in found.table()
+    assert f"{f[0]:#.5g}" in found.table()
 
 
 def test_modes_in_swapped_order_are_paired_by_shape():

@@ -76,8 +76,8 @@ def test_the_table_of_an_update_of_exact_data():
     figures = table.figures()
     assert figures["updated"]["pairs"] == N
     text = table.text()
-    assert f"{in_test[0]:.5g}" in text
-    assert f"{at_start[0]:.5g}" in text
+    assert f"{in_test[0]:#.5g}" in text
+    assert f"{at_start[0]:#.5g}" in text
     assert len(text.splitlines()) == 2 + N
 
 

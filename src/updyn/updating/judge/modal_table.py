@@ -183,13 +183,13 @@ def _entry(of: Modes, at: int, change: float | None = None, mac: float | None = 
 
 def _row_cells(row: ModalRow) -> list[str]:
     start, updated = row.start, row.updated
-    cells = [_number(row.test, "frequency", ".5g")]
+    cells = [_number(row.test, "frequency", "#.5g")]
     for entry in (start, updated):
-        cells.append(_number(entry, "frequency", ".5g"))
-        cells.append(_number(entry, "change", "+.2f", " %"))
+        cells.append(_number(entry, "frequency", "#.5g"))
+        cells.append(_number(entry, "change", "+.2f", " %").replace("-0.00", "+0.00"))
         cells.append(_number(entry, "mac", ".3f"))
     for entry in (row.test, start, updated):
-        cells.append(_number(entry, "loss_factor", ".3g"))
+        cells.append(_number(entry, "loss_factor", "#.3g"))
     return cells
 
 
@@ -198,7 +198,7 @@ def _number(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> st
     value = getattr(entry, name, None)
     if value is None or np.isnan(value):
         return "-"
-    return format(value, form) + unit
+    return format(value, form).rstrip(".") + unit
 
 
 def compare_modes(
