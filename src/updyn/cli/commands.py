@@ -61,7 +61,7 @@ def run(
         Engine of another package, by the text that it is registered for.
     resume
         Continue the run in that folder that was stopped or interrupted; the result is the same as
-        that of an uninterrupted run.
+        that of an uninterrupted run. Where nothing was saved, the run begins anew and says so.
     """
     from updyn.job import load_job
 

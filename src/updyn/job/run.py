@@ -20,6 +20,7 @@ from updyn.job.folder import (
     run_journal,
     stale_outputs,
     temporary_folder,
+    was_saved,
 )
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.modes import modal_texts, with_modes
@@ -105,7 +106,8 @@ def run_job(
         Where the work is done, as for `updyn.update`.
     resume : bool
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
-        of steps: to the same answer as if it had not been.
+        of steps: to the same answer as if it had not been. Where nothing was saved, the run begins
+        anew, with a warning.
 
     Returns
     -------
@@ -119,19 +121,21 @@ def run_job(
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used, or there is nothing to resume;
-        nothing is written then.
+        If the job, a file or the output folder cannot be used, or what was saved is of another
+        run; nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
 
     Warns
     -----
     UpdynWarning
-        If the job asks for an uncertainty or a plant that cannot be had.
+        If the job asks for an uncertainty or a plant that cannot be had, or there is nothing to
+        resume.
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    with create_folder(out), run_journal(job, out, resume=resume) as journal:
+    resume = resume and was_saved(out)
+    with create_folder(out), run_journal(out) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
         result = with_modes(result)
         further = _further(ready, result, callback, engine)

@@ -61,6 +61,23 @@ def test_both_files_and_the_table(ran: tuple[Path, int, str]) -> None:
     assert "rfm does not apply: rfm needs the motion of all 7 DOFs of the model" in said
 
 
+def test_a_method_that_fails_says_why_on_screen_page_and_record(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["compare", str(inputs / "compare.toml"), "--out", str(tmp_path)]
+    assert main([*words, "--methods", "reduced-frf,frf-sensitivity"]) == 3
+    said = capsys.readouterr().out
+    record = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "compare.html").read_text(encoding="utf-8")
+    causes = ("3 of 7 DOFs were not measured, and the transformation", "misfit falls only along")
+    for row, cause in zip(record["rows"], causes, strict=True):
+        assert row["status"] == "failed"
+        assert "would turn negative (from " in row["message"]
+        assert cause in row["message"]
+        assert f"{row['method']} failed: {row['message']}" in said
+        assert row["message"] in page
+
+
 def test_the_record(ran: tuple[Path, int, str]) -> None:
     found = json.loads((ran[0] / "compare.json").read_text(encoding="utf-8"))
     rows = {row["method"]: row for row in found["rows"]}

@@ -18,6 +18,7 @@ __all__ = [
     "Iteration",
     "Monitor",
     "Progress",
+    "condition",
 ]
 
 
@@ -140,7 +141,13 @@ class Monitor:
 
 
 def condition(R: NDArray[np.float64]) -> float:
-    """Return the condition number of a Jacobian with its columns scaled to unit norm."""
+    """Return the condition number of a Jacobian with its columns scaled to unit norm.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, n)
+        Jacobian, or the triangle of its QR factors.
+    """
     norms = np.linalg.norm(R, axis=0)
     if not norms.all() or not np.isfinite(norms).all():
         return np.inf
