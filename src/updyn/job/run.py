@@ -24,6 +24,7 @@ from updyn.job.folder import (
     was_saved,
 )
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
@@ -74,7 +75,7 @@ class JobRun:
 
     def summary(self) -> str:
         """Return the update, and what the further tables gave, as text."""
-        texts = [self.result.summary()]
+        texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
 
@@ -137,6 +138,7 @@ def run_job(
     resume = resume and was_saved(out)
     with create_folder(out), run_journal(out) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+        result = with_modes(result)
         further = _further(ready, result, callback, engine)
         with temporary_folder(out) as temporary:
             _write(result, job, out, temporary)

@@ -19,6 +19,7 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
 from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
@@ -89,6 +90,9 @@ class UpdateResult:
     alternatives : tuple of Alternative
         Other answers that fit the data as well; empty where none was found, and of methods other
         than ``"maximum-likelihood"``, which do not look for any.
+    modes : ModalTable or None
+        Modes of the test, of the start and of the updated model; None where they were not looked
+        for: `updyn.modal_table` does so, and a run of a job.
     """
 
     status: str
@@ -117,6 +121,7 @@ class UpdateResult:
     title: str = ""
     adequacy: Adequacy | None = None
     alternatives: tuple[Alternative, ...] = ()
+    modes: ModalTable | None = None
 
     @property
     def results(self) -> Mapping[str, UpdateResult]:
