@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from updyn.cli.highlight import THEME, SummaryHighlighter
 from updyn.errors import UpdynWarning
 
 if TYPE_CHECKING:
@@ -73,8 +74,6 @@ def print_text(text: str) -> None:
 def _print_coloured(text: str) -> None:
     """Print to the terminal, as far as it and the user (``NO_COLOR``) want colours."""
     from rich.console import Console
-
-    from updyn.cli.highlight import THEME, SummaryHighlighter
 
     console = Console(theme=THEME, highlighter=SummaryHighlighter())
     shown = wrapped(text, console.width)
