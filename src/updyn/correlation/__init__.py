@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from updyn.correlation.frfs import Correlation, correlate, csac, csf, db_error, fdac, frac
+from updyn.correlation.frfs import (
+    Correlation,
+    csac,
+    csf,
+    db_error,
+    fdac,
+    frac,
+    frf_correlation,
+    relative_residual,
+)
+from updyn.correlation.kinds import correlate
+from updyn.correlation.modes import ModeCorrelation
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -15,6 +26,7 @@ from updyn.correlation.shapes import (
 
 __all__ = [
     "Correlation",
+    "ModeCorrelation",
     "ModePairs",
     "auto_mac",
     "comac",
@@ -26,6 +38,8 @@ __all__ = [
     "ecomac",
     "fdac",
     "frac",
+    "frf_correlation",
     "mac",
     "pair_modes",
+    "relative_residual",
 ]

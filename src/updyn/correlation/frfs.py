@@ -1,4 +1,4 @@
-"""Correlation of FRFs: criteria on arrays (lines, responses, references), and `correlate`."""
+"""Correlation of FRFs: criteria on arrays (lines, responses, references), and `correlate_frfs`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from updyn.model import Model
 
 __all__ = [
     "Correlation",
-    "correlate",
+    "correlate_frfs",
     "csac",
     "csf",
     "db_error",
     "fdac",
     "frac",
+    "frf_correlation",
+    "relative_residual",
 ]
 
 Array = NDArray[np.float64]
@@ -36,8 +38,8 @@ class Correlation:
     ----------
     computed, measured : FRF
         The two, on the same lines and DOFs (those of the measured one) and of the same quantity.
-    frac : ndarray of float, shape (n_responses, n_references)
-        See `frac`.
+    frac, frf_correlation, relative_residual : ndarray of float, shape (n_responses, n_references)
+        See `frac`, `frf_correlation` and `relative_residual`.
     csac, csf : ndarray of float, shape (n_f,)
         See `csac` and `csf`.
     db_error : ndarray of float, shape (n_f, n_responses, n_references)
@@ -47,6 +49,8 @@ class Correlation:
     computed: FRF
     measured: FRF
     frac: Array
+    frf_correlation: Array
+    relative_residual: Array
     csac: Array
     csf: Array
     db_error: Array
@@ -91,29 +95,44 @@ class Correlation:
         return fdac(self.measured.values[at], self.computed.values[at])
 
     def figures(self) -> dict[str, float]:
-        """Return FRAC (median, min), CSAC and CSF (mean), dB error (median, 95th percentile)."""
+        """Return figures of the whole FRF.
+
+        FRAC and correlation (median, min), relative residual (median, max), CSAC and CSF (mean),
+        dB error (median, 95th percentile).
+        """
         return {
-            "frac_median": float(np.median(self.frac)),
-            "frac_min": float(self.frac.min()),
+            **self._figures_of(slice(None)),
             "csac_mean": float(self.csac.mean()),
             "csf_mean": float(self.csf.mean()),
             **_levels(self.db_error),
         }
 
     def by_response(self) -> Mapping[str, dict[str, float]]:
-        """Return FRAC (median, min) and dB error (median, 95th percentile) by response."""
+        """Return figures by response.
+
+        FRAC and correlation (median, min), relative residual (median, max), dB error (median, 95th
+        percentile).
+        """
         out = {}
         for i, label in enumerate(self.responses.labels):
-            row = self.frac[i]
-            out[label] = {
-                "frac_median": float(np.median(row)),
-                "frac_min": float(row.min()),
-                **_levels(self.db_error[:, i]),
-            }
+            out[label] = {**self._figures_of(i), **_levels(self.db_error[:, i])}
         return out
 
+    def _figures_of(self, responses: slice | int) -> dict[str, float]:
+        """Return median and worst of the figures that each channel of some responses has."""
+        frac, correlation = self.frac[responses], self.frf_correlation[responses]
+        residual = self.relative_residual[responses]
+        return {
+            "frac_median": float(np.median(frac)),
+            "frac_min": float(frac.min()),
+            "correlation_median": float(np.median(correlation)),
+            "correlation_min": float(correlation.min()),
+            "residual_median": float(np.median(residual)),
+            "residual_max": float(residual.max()),
+        }
 
-def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
+
+def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     """Compare a model, or a computed FRF, with a measured FRF.
 
     Parameters
@@ -149,7 +168,8 @@ def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
             f"correlate: expected a Model or an FRF, found {type(model_or_frf).__name__}"
         )
     hx, ha = frf.values, computed.values
-    parts = (frac(hx, ha), csac(hx, ha), csf(hx, ha), db_error(hx, ha))
+    measures = (frac, frf_correlation, relative_residual, csac, csf, db_error)
+    parts = [measure(hx, ha) for measure in measures]
     for array in parts:
         array.flags.writeable = False
     return Correlation(computed, frf, *parts)
@@ -220,6 +240,66 @@ def frac(HX: ArrayLike, HA: ArrayLike) -> Array:
     hx, ha = _functions(HX, HA)
     above = np.abs(np.sum(hx.conj() * ha, axis=0)) ** 2
     return ratio(above, np.sum(np.abs(hx) ** 2, axis=0) * np.sum(np.abs(ha) ** 2, axis=0))
+
+
+def frf_correlation(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Correlation coefficient over lines, with sign: that of real and imaginary parts as one row.
+
+    Re(sum conj(h_X) h_A) / sqrt(sum |h_X|^2 sum |h_A|^2) for each response and reference, without
+    a mean taken off. `frac` is the squared modulus of the same quotient before the real part is
+    taken, so that the square of this one is at most FRAC.
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        Measured and computed, same quantity and unit.
+
+    Returns
+    -------
+    ndarray of float, shape (n_responses, n_references)
+        Between -1 and 1: -1 for a wrong sign, 0 for a phase that is 90 degrees off. Blind to a
+        positive factor only. 0 where either function is zero at all lines.
+
+    Raises
+    ------
+    DataError
+        As `frac`.
+    """
+    hx, ha = _functions(HX, HA)
+    above = np.sum(hx.conj() * ha, axis=0).real
+    below = np.linalg.norm(hx, axis=0) * np.linalg.norm(ha, axis=0)
+    return np.asarray(np.copysign(ratio(np.abs(above), below), above))
+
+
+def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
+    """Norm of the complex residual over lines, relative to that of the measured function.
+
+    sqrt(sum |h_A - h_X|^2 / sum |h_X|^2) for each response and reference: the root of the
+    normalised mean square error. With r the `frf_correlation` and g the quotient of the norms of
+    h_A and h_X, its square is 1 - 2 r g + g^2: it sees shape, level, sign and phase.
+
+    Parameters
+    ----------
+    HX, HA : array_like of complex, shape (n_f, n_responses, n_references)
+        Measured and computed, same quantity and unit.
+
+    Returns
+    -------
+    ndarray of float, shape (n_responses, n_references)
+        Not negative: 0 for equal functions, 1 for a computed function that is zero, 2 for a wrong
+        sign. Where the measured function is zero at all lines: 0 if the computed one is, too, else
+        inf.
+
+    Raises
+    ------
+    DataError
+        As `frac`.
+    """
+    hx, ha = _functions(HX, HA)
+    residual, level = np.linalg.norm(ha - hx, axis=0), np.linalg.norm(hx, axis=0)
+    out = np.where(residual > 0, np.inf, 0.0)
+    np.divide(residual, level, out=out, where=level > 0)
+    return out
 
 
 def csac(HX: ArrayLike, HA: ArrayLike) -> Array:

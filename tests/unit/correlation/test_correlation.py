@@ -111,6 +111,8 @@ def test_comac_and_ecomac_known_values():
             "shape 1 of A moves no mass",
         ),
         (lambda: co.frac(H, H[:, :2]), "expected the same lines, responses and references"),
+        (lambda: co.frf_correlation(H, H[:5]), "expected the same lines, responses and references"),
+        (lambda: co.relative_residual(H * np.nan, H), "HX: line 1, .* is not finite"),
         (lambda: co.csac(H, H * np.inf), "HA: line 1, response 1, reference 1 is not finite"),
         (lambda: co.fdac(H, H[:, :, :1]), "expected the same lines, responses and references"),
         (lambda: co.csf(H[0], H[0]), "expected \\(lines, responses, references\\)"),
@@ -144,11 +146,44 @@ def test_what_each_metric_is_blind_to():
     assert co.db_error(H, H / 2) == pytest.approx(np.full(H.shape, 20 * np.log10(2)))
 
 
+def test_sign_and_phase_are_seen():
+    """What FRAC, CSAC and CSF score as 1: one channel of one reference with a factor of modulus 1."""
+    hx = H[:, :1, :1]
+    for factor, correlation, residual in (
+        (-1.0, -1.0, 2.0),
+        (1j, 0.0, np.sqrt(2.0)),
+        (-1j, 0.0, np.sqrt(2.0)),
+        (np.exp(1j * np.pi / 3), 0.5, 1.0),
+    ):
+        for blind in (co.frac, co.csac, co.csf):
+            assert blind(hx, factor * hx) == pytest.approx(1.0)
+        assert co.frf_correlation(hx, factor * hx) == pytest.approx(correlation, abs=1e-12)
+        assert co.relative_residual(hx, factor * hx) == pytest.approx(residual)
+
+
+def test_a_wrong_level_is_a_residual_but_no_lack_of_correlation():
+    for factor, residual in ((1.1, 0.1), (0.25, 0.75), (3.0, 2.0)):
+        assert co.frf_correlation(H, factor * H) == pytest.approx(np.ones((3, 2)))
+        assert co.relative_residual(H, factor * H) == pytest.approx(np.full((3, 2), residual))
+
+
+def test_residual_follows_from_correlation_and_level():
+    ha = H + 0.3 * RNG.standard_normal(H.shape)
+    r, e = co.frf_correlation(H, ha), co.relative_residual(H, ha)
+    g = np.sqrt(np.sum(np.abs(ha) ** 2, axis=0) / np.sum(np.abs(H) ** 2, axis=0))
+    assert e**2 == pytest.approx(1.0 - 2.0 * r * g + g**2)
+    assert (r**2 <= co.frac(H, ha)).all()
+
+
 def test_known_values():
     hx = np.array([[[1.0, 0.0]], [[1.0, 2.0]]])
     ha = np.array([[[1.0, 1.0]], [[1j, 2.0]]])
     # Column 1: |1 + i|^2 / (2 * 2); column 2: |0 + 4|^2 / (4 * 5).
     assert co.frac(hx, ha) == pytest.approx(np.array([[0.5, 0.8]]))
+    # Column 1: Re(1 + i) / 2; column 2: 4 / sqrt(4 * 5).
+    assert co.frf_correlation(hx, ha) == pytest.approx(np.array([[0.5, 2 / np.sqrt(5)]]))
+    # Column 1: sqrt((0 + |i - 1|^2) / 2); column 2: sqrt((1 + 0) / 4).
+    assert co.relative_residual(hx, ha) == pytest.approx(np.array([[1.0, 0.5]]))
     # Line 1: 1 / (1 * 2), line 2: |i + 4|^2 / (5 * 5).
     assert co.csac(hx, ha) == pytest.approx([0.5, 17 / 25])
     assert co.csf(hx, ha) == pytest.approx([2 / 3, 2 * np.sqrt(17) / 10])
@@ -174,6 +209,13 @@ def test_silent_channels_give_documented_values_never_nan():
     quiet[:, 1] = 0.0
     assert (co.frac(quiet, H)[1] == 0.0).all()
     assert (co.frac(quiet, quiet)[1] == 0.0).all()
+    assert (co.frf_correlation(quiet, H)[1] == 0.0).all()
+    assert (co.frf_correlation(quiet, quiet)[1] == 0.0).all()
+    assert (co.relative_residual(quiet, quiet) == 0.0).all()
+    assert (co.relative_residual(H, quiet)[1] == 1.0).all()
+    residual = co.relative_residual(quiet, H)
+    assert np.isinf(residual[1]).all()
+    assert (residual[[0, 2]] == 0.0).all()
     nothing = np.zeros_like(H)
     assert (co.csac(nothing, H) == 0.0).all()
     assert (co.csf(nothing, nothing) == 0.0).all()
@@ -200,6 +242,10 @@ def test_a_model_against_its_own_response():
         {
             "frac_median": 1,
             "frac_min": 1,
+            "correlation_median": 1,
+            "correlation_min": 1,
+            "residual_median": 0,
+            "residual_max": 0,
             "csac_mean": 1,
             "csf_mean": 1,
             "db_error_median": 0,
@@ -210,6 +256,8 @@ def test_a_model_against_its_own_response():
     assert all(type(v) is float for v in found.figures().values())
     assert found.computed.quantity == "mobility"
     assert found.frac.shape == (2, 1)
+    assert found.frf_correlation.shape == found.relative_residual.shape == (2, 1)
+    assert not found.relative_residual.flags.writeable
     assert found.csac.shape == found.csf.shape == found.freq.shape == (40,)
     assert found.db_error.shape == (40, 2, 1)
     assert found.responses.labels == ["2:Z", "1:-Z"]
@@ -242,6 +290,28 @@ def test_figures_of_a_changed_model_are_those_of_the_arrays():
     assert found.fdac(FREQ[[3, 7]]) == pytest.approx(found.fdac()[np.ix_([3, 7], [3, 7])])
     with pytest.raises(DataError, match=r"3\.3 Hz is not in the data"):
         found.fdac([3.3])
+
+
+def test_a_sensor_of_the_wrong_sign_is_found_in_the_figures():
+    measured = updyn.response(two_masses(), FREQ, ["1:Z", "2:Z"], ["1:Z"])
+    flipped = updyn.FRF(
+        measured.freq,
+        measured.values * np.array([1.0, -1.0])[:, None],
+        ["1:Z", "2:Z"],
+        ["1:Z"],
+        "receptance",
+    )
+    found = updyn.correlate(two_masses(), flipped)
+    figures = found.figures()
+    assert figures["frac_min"] == pytest.approx(1.0)
+    assert (figures["correlation_median"], figures["correlation_min"]) == pytest.approx(
+        (0.0, -1.0), abs=1e-9
+    )
+    assert (figures["residual_median"], figures["residual_max"]) == pytest.approx((1.0, 2.0))
+    by = found.by_response()
+    assert by["1:Z"]["residual_max"] == pytest.approx(0.0, abs=1e-9)
+    assert by["2:Z"]["correlation_median"] == by["2:Z"]["correlation_min"] == pytest.approx(-1.0)
+    assert by["2:Z"]["residual_median"] == pytest.approx(2.0)
 
 
 def test_two_frfs_with_other_order_signs_and_quantity():

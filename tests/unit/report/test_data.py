@@ -158,6 +158,7 @@ def test_every_figure_is_there_and_finite(result, data):
     assert set(figures) == {
         "frac-before", "frac-after", "csac", "factors", "loss-factors", "singular-values", "correlation", "cost",
         "factor-paths", "loss-factor-paths", "level-differences", "residual-by-channel", "misfit-map",
+        "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
     }  # fmt: skip
     np.testing.assert_allclose(figures["frac-after"]["data"][0]["z"], data.frac_after)
     assert figures["correlation"]["data"][0]["z"][2][2] is None  # mass of bay 5 is open

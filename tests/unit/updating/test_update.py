@@ -1,7 +1,7 @@
 """`update` as a whole: statuses, validation, lines, stopping, the record, refusals."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -256,6 +256,20 @@ def test_validation_by_responses(chain12, data, unknowns):
     scores = found.correlation["validation"]
     assert scores["after"]["frac_median"] > 0.999 > scores["before"]["frac_median"]
     assert found.frf is data
+
+
+def test_a_sensor_held_out_with_the_wrong_sign_shows_in_its_figures(chain12, data, unknowns):
+    """FRAC, CSAC and CSF of a sensor alone do not see its sign."""
+    flipped = np.where(np.array(data.responses.labels) == "7:X", -1.0, 1.0)[:, None]
+    wrong = replace(data, values=data.values * flipped)
+    found = updyn.update(chain12, wrong, unknowns, validation=["7:X"])
+    scores = found.correlation["validation"]["after"]
+    for blind in ("frac_min", "csac_mean", "csf_mean"):
+        assert scores[blind] > 0.99
+    assert scores["correlation_median"] < -0.99
+    assert scores["residual_median"] == pytest.approx(2.0, abs=0.05)
+    (row,) = (x for x in found.summary().splitlines() if x.startswith("FRF correlation, worst"))
+    assert float(row.split()[-1]) < -0.99
 
 
 def test_validation_by_band(chain12, data, unknowns):
