@@ -88,9 +88,7 @@ def swapped(bench, frf, rng):
     values = frf.values.copy()
     values[:, [a, b]] = values[:, [b, a]]
     names = plain(frf.responses)
-    return Seeded(
-        replace(frf, values=values), frf, "swapped", tuple(sorted((names[a], names[b])))
-    )
+    return Seeded(replace(frf, values=values), frf, "swapped", tuple(sorted((names[a], names[b]))))
 
 
 def moved(bench, frf, rng):
@@ -105,9 +103,7 @@ def moved(bench, frf, rng):
     here, there = pairs[int(rng.integers(len(pairs)))]
     clean = bench.case.clean
     names = [there if str(abs(d)) == str(abs(here)) else d for d in clean.responses]
-    elsewhere = updyn.response(
-        bench.case.true, clean.freq, names, clean.references, clean.quantity
-    )
+    elsewhere = updyn.response(bench.case.true, clean.freq, names, clean.references, clean.quantity)
     drawn = NOISE.added(elsewhere, rng)
     return Seeded(
         replace(drawn, responses=frf.responses), drawn, "moved", (str(abs(here)), str(there))
@@ -165,7 +161,9 @@ def window(bench, frf, rng):
     )
     s = 2j * np.pi * clean.freq + rate
     values = slow.values * (s ** QUANTITIES[clean.quantity])[:, None, None]
-    ratio = np.where(clean.values != 0, values / np.where(clean.values != 0, clean.values, 1.0), 1.0)
+    ratio = np.where(
+        clean.values != 0, values / np.where(clean.values != 0, clean.values, 1.0), 1.0
+    )
     return Seeded(replace(frf, values=frf.values * ratio), frf, "window-damping")
 
 
@@ -211,7 +209,9 @@ def unknowns(bench: structures.Bench, model: Model, fault: str, *, free: bool) -
     sought = bench.sought(model)
     if free or fault not in IMITATED:
         return sought
-    known = [p for p in sought if p.quantity == "stiffness"][:1] if fault == "frequency scale" else []
+    known = (
+        [p for p in sought if p.quantity == "stiffness"][:1] if fault == "frequency scale" else []
+    )
     return ParameterSet(tuple(p for p in sought if p.quantity != "mass" and p not in known))
 
 
@@ -225,7 +225,10 @@ def names(found, seeded: Seeded) -> bool:
         channels = tuple(sorted(channels))
     if (first.kind, channels) == (seeded.kind, seeded.channels):
         return True
-    if any(other.partition("=")[0] == ":".join(filter(None, [seeded.kind, ",".join(seeded.channels)])) for other in first.also):
+    if any(
+        other.partition("=")[0] == ":".join(filter(None, [seeded.kind, ",".join(seeded.channels)]))
+        for other in first.also
+    ):
         return True  # told as one that these data do not tell from the first
     return first.kind == seeded.kind and undone(first, seeded)
 
@@ -236,7 +239,10 @@ def undone(finding, seeded: Seeded) -> bool:
         repaired = finding.repair(seeded.faulty)
     except updyn.UpdynError:
         return False
-    if repaired.values.shape != seeded.sound.values.shape or repaired.responses != seeded.sound.responses:
+    if (
+        repaired.values.shape != seeded.sound.values.shape
+        or repaired.responses != seeded.sound.responses
+    ):
         return False
     off = np.abs(repaired.values - seeded.sound.values) / np.abs(seeded.sound.values)
     return bool(np.median(off) < 0.03 and np.allclose(repaired.freq, seeded.sound.freq, rtol=3e-3))
@@ -249,7 +255,9 @@ def bounds(name: str, fault: str, free: bool) -> np.ndarray:
     return own.bound(NOISE)
 
 
-def recovers(name: str, fault: str, start: Model, frf: FRF, sought: ParameterSet, free: bool) -> bool:
+def recovers(
+    name: str, fault: str, start: Model, frf: FRF, sought: ParameterSet, free: bool
+) -> bool:
     bench = structures.bench(name)
     result = updyn.update(start, frf, sought)
     off = [
@@ -288,8 +296,11 @@ def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[st
         result = updyn.update(start, seeded.faulty, sought)
         out["after"] = names(result.findings, seeded)
         out["status"] = result.status
-        if out["before"] and seeded.kind and seeded.kind != "mass-loading" and recovers(
-            name, fault, start, seeded.sound, sought, given.free
+        if (
+            out["before"]
+            and seeded.kind
+            and seeded.kind != "mass-loading"
+            and recovers(name, fault, start, seeded.sound, sought, given.free)
         ):
             out["repaired"] = recovers(
                 name, fault, start, found[0].repair(seeded.faulty), sought, given.free

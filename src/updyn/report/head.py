@@ -28,6 +28,7 @@ __all__ = ["TESTS", "Verdict", "head", "joint_head", "verdict"]
 #: Short word for the badge and kind of colour by status.
 STATUS_WORDS = {
     "converged": ("Converged", "good"),
+    "not-credible": ("Not credible", "bad"),
     "not-identifiable": ("Not all unknowns determined", "warn"),
     "max-iterations": ("Stopped at the iteration limit", "warn"),
     "stalled": ("Stalled", "warn"),
@@ -249,6 +250,7 @@ def _status_sentence(result: UpdateResult) -> str:
         )
     texts = {
         "converged": f"The fit converged {in_steps}, and {determined}.",
+        "not-credible": f"The fit settled {in_steps}, but its answer is not to be believed.",
         "not-identifiable": (
             f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary."
         ),

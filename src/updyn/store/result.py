@@ -61,8 +61,10 @@ from updyn.store.values import from_text, plain, plain_fields, plain_records, to
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.alternatives import Alternative
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.judge.trust import PARTS, Belief, Trust
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
@@ -313,6 +315,48 @@ class _Alternatives:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
+class _Findings:
+    """The causes that were found, as JSON text; nothing where there are none."""
+
+    def put(self, data: xr.Dataset, name: str, value: tuple[Finding, ...]) -> None:
+        if value:
+            data[name] = ((), to_text([asdict(one) for one in value], name))
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Finding, ...]:
+        if name not in data.variables:
+            return ()
+        try:
+            return tuple(
+                Finding(**one | {key: tuple(one[key]) for key in ("channels", "also")})
+                for one in Mixed().take(data, name, path)
+            )
+        except (KeyError, TypeError) as error:
+            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+
+class _Trust:
+    """The verdict in four parts, as JSON text; an old record has none."""
+
+    def put(self, data: xr.Dataset, name: str, value: Trust | None) -> None:
+        if value is not None:
+            data[name] = ((), to_text(_trust_json(value), name))
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Trust | None:
+        if name not in data.variables:
+            return None
+        found = Mixed().take(data, name, path)
+        try:
+            return Trust(
+                **{part: Belief(found[part]["holds"], found[part]["why"]) for part in PARTS}
+            )
+        except (KeyError, TypeError) as error:
+            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+
+def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
+    return {part: {"holds": belief.holds, "why": belief.why} for part, belief in trust.items()}
+
+
 class _Modes:
     """The modal table: frequencies, loss factors and shapes, real and imaginary part."""
 
@@ -400,6 +444,8 @@ _RESULT: dict[str, Kept] = {
     "identifiability": Mixed(Identifiability),
     "adequacy": _Adequacy(),
     "alternatives": _Alternatives(),
+    "trust": _Trust(),
+    "findings": _Findings(),
     "modes": _Modes(),
     "lines": Array("line", variable="line", unit="Hz"),
     "parameters": _Parameters(),
@@ -494,6 +540,8 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         "history": [plain_fields(step, *_STEP) for step in result.history],
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
+        "trust": None if result.trust is None else _trust_json(result.trust),
+        "findings": [asdict(one) for one in result.findings],
         "alternatives": plain_records(result.alternatives),
         "modes": _modes_json(result.modes),
     }

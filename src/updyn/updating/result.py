@@ -18,14 +18,24 @@ from updyn.model import Model
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 __all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "interval", "result_of_test"]
 
-STATUSES = ("converged", "stalled", "not-identifiable", "max-iterations", "stopped", "failed")
+STATUSES = (
+    "converged",
+    "not-credible",
+    "stalled",
+    "not-identifiable",
+    "max-iterations",
+    "stopped",
+    "failed",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +100,13 @@ class UpdateResult:
     alternatives : tuple of Alternative
         Other answers that fit the data as well; empty where none was found, and of methods other
         than ``"maximum-likelihood"``, which do not look for any.
+    trust : Trust or None
+        Whether the answer is ``"converged"``, ``"determined"``, ``"validated"`` and
+        ``"plausible"``, each True, False or None (not known) with a sentence (``.why``); None in an
+        old record.
+    findings : tuple of Finding
+        Causes of what the fit left of the data, the likeliest first; empty where none was found,
+        and where none was looked for: what is left is noise, or the model was reduced.
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
         for: `updyn.modal_table` does so, and a run of a job.
@@ -121,6 +138,8 @@ class UpdateResult:
     title: str = ""
     adequacy: Adequacy | None = None
     alternatives: tuple[Alternative, ...] = ()
+    trust: Trust | None = None
+    findings: tuple[Finding, ...] = ()
     modes: ModalTable | None = None
 
     @property
@@ -305,6 +324,16 @@ class JointResult:
     def alternatives(self) -> tuple[Alternative, ...]:
         """Other answers that fit the data of all tests as well."""
         return self.first.alternatives
+
+    @property
+    def trust(self) -> Trust | None:
+        """The verdict in four parts, over all tests."""
+        return self.first.trust
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Causes that were found, each with its test."""
+        return self.first.findings
 
     def __repr__(self) -> str:
         return f"JointResult({self.status}, {len(self.results)} tests, {len(self.values)} unknowns)"

@@ -6,7 +6,7 @@ import platform
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,9 +27,12 @@ from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
+from updyn.updating.judge.causes.diagnosis import diagnosed, strained
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
-from updyn.updating.judge.verdict import ambiguous, verdict
-from updyn.updating.problem.data import Test, check, has_quantity, split_data
+from updyn.updating.judge.trust import trust, validated
+from updyn.updating.judge.verdict import ambiguous, caused, disbelieved, verdict
+from updyn.updating.problem.data import Split, Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
@@ -165,9 +168,10 @@ def run(
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
+        findings = _causes(problem, splits, found, noises, monitor, reducing=reducing)
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
             session.memory.keep()
-    common = _common(problem, found, selection, options, monitor)
+    common = _common(problem, found, findings, selection, options, monitor)
     common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
     values = np.array(list(common["values"].values()))
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
@@ -223,13 +227,48 @@ def _decisive(
     return decisive
 
 
+def _causes(
+    problem: Problem,
+    splits: Sequence[Split],
+    found: Judgement,
+    noises: Sequence[NoiseModel],
+    monitor: Monitor,
+    *,
+    reducing: bool,
+) -> tuple[Finding, ...]:
+    """Return the causes of what a fit left of the data; they are looked for where it is not noise.
+
+    They are looked for in all data, those that were held out included. A reduced model stands for
+    the measured degrees of freedom alone, and for no others.
+    """
+    if reducing or found.fit.reason in ("stopped", "failed"):
+        return ()
+    out: list[Finding] = []
+    with monitor.stage("causes"), suppress(Stopped):
+        for i, (part, split, adequacy) in enumerate(
+            zip(problem.parts, splits, found.adequacy, strict=True)
+        ):
+            noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
+            predicted = validated([found.correlation[i]]).holds is not False
+            if not noisy or not predicted or strained(part, found.fit.x):
+                whole = part.with_data(split.whole)
+                out += diagnosed(whole, noises[i], [found.fit.x])
+    return tuple(out)
+
+
 def _common(
-    problem: Problem, found: Judgement, selection: Selection, options: RunOptions, monitor: Monitor
+    problem: Problem,
+    found: Judgement,
+    findings: tuple[Finding, ...],
+    selection: Selection,
+    options: RunOptions,
+    monitor: Monitor,
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
     tests = [part.name for part in problem.parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
+    end = ending(problem, fit, monitor.history)
     status, message, remedy = verdict(
         fit,
         found.analysis,
@@ -238,7 +277,7 @@ def _common(
         found.misfit,
         adequacy,
         found.rounding,
-        ending(problem, fit, monitor.history),
+        end,
     )
     x = problem.coordinates.to_values(fit.x) + 0.0  # -0.0 becomes 0.0
     values = dict(zip(names, x.tolist(), strict=True))
@@ -248,6 +287,21 @@ def _common(
         status = "not-identifiable"
         also, first = ambiguous(differences(values, std, others), others)
         message, remedy = f"{message} {also}", f"{first} {remedy}".strip()
+    judged = trust(
+        status,
+        left=None if end is None else end.deviations,
+        rank=(found.analysis.report.rank, found.analysis.report.n_parameters),
+        answers=1 + len(others),
+        correlation=found.correlation,
+        misfit=found.misfit,
+        pressed=_pressed(selection.parameters, found.at_bound),
+        findings=findings,
+    )
+    if findings:
+        message, remedy = caused(findings, message, remedy)
+    if status == "converged" and not judged.credible:
+        status = "not-credible"
+        message, remedy = disbelieved(judged, message, remedy)
     notes = [message, selection.note]
     if fit.pull is not None:
         notes.append(fit.pull.note)
@@ -263,6 +317,8 @@ def _common(
         "at_bound": found.at_bound,
         "identifiability": replace(found.analysis.report, advice=found.advice),
         "alternatives": others,
+        "trust": judged,
+        "findings": findings,
         "history": tuple(monitor.history),
         "versions": {
             "updyn": __version__,
@@ -272,6 +328,15 @@ def _common(
             "platform": platform.platform(terse=True),
         },
     }
+
+
+def _pressed(parameters: ParameterSet, at_bound: Mapping[str, str]) -> tuple[list[str], int]:
+    """Return the stiffnesses and masses at a bound, and how many of them are unknown.
+
+    A loss factor of zero is an ordinary value.
+    """
+    factors = [p.name for p in parameters if p.is_factor and not p.is_channel]
+    return [name for name in factors if name in at_bound], len(factors)
 
 
 def _more(selection: Selection, fit: Fit, options: RunOptions) -> dict[str, Any]:

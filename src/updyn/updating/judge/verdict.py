@@ -10,11 +10,13 @@ import numpy as np
 from updyn.updating.fit.method import Fit
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import Ending, Pressed
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
+from updyn.updating.judge.trust import Trust
 
-__all__ = ["ambiguous", "verdict"]
+__all__ = ["ambiguous", "caused", "disbelieved", "verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
 _CORRELATED = 3.0
@@ -216,6 +218,33 @@ def _ended(
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)
+
+
+def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str, str]:
+    """Return message and remedy where causes of the misfit were found.
+
+    Where one of them forbids to believe the answer, advice on the fit is beside the point.
+    """
+    said = " ".join(finding.statement for finding in findings)
+    grave = [finding for finding in findings if finding.grave]
+    if grave:
+        return f"{said} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
+    return f"{message} {said}", f"{remedy} {findings[0].remedy}".strip()
+
+
+def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:
+    """Return message and remedy of a fit that converged to an answer that is not to be believed."""
+    against = [
+        belief.why for belief in (judged.plausible, judged.validated) if belief.holds is False
+    ]
+    said = " ".join(why for why in against if why not in message)
+    message = message.replace("The fit converged and the data", "The data")
+    return (
+        f"The fit converged, but its answer is not to be believed. {said} {message}".replace(
+            "  ", " "
+        ),
+        remedy or _LOOK,
+    )
 
 
 def ambiguous(

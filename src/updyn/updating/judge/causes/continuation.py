@@ -51,9 +51,7 @@ def continued(frf: FRF, shift: float) -> FRF:
     return replace(frf, values=values)
 
 
-def _at(
-    d: NDArray[np.complex128], H: NDArray[np.complex128], to: float
-) -> NDArray[np.complex128]:
+def _at(d: NDArray[np.complex128], H: NDArray[np.complex128], to: float) -> NDArray[np.complex128]:
     """Return the local model of each channel at one distance, shape (n_c,)."""
     unit = np.abs(d).max()
     d, to = d / unit, to / unit
@@ -69,6 +67,4 @@ def _at(
     below = 1.0 + sum(b[k - 1] * d**k for k in range(1, _BELOW + 1))
     above = np.linalg.lstsq(powers, H * below[:, None], rcond=None)[0]
     there = to ** np.arange(_ABOVE + 1)
-    return np.asarray(
-        there @ above / (1.0 + sum(b[k - 1] * to**k for k in range(1, _BELOW + 1)))
-    )
+    return np.asarray(there @ above / (1.0 + sum(b[k - 1] * to**k for k in range(1, _BELOW + 1))))

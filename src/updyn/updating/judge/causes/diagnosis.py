@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
-from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.trial import Trial, damped, robust_point, tried, with_noise
@@ -31,12 +31,29 @@ _KEPT = 5
 #: Logarithm of the odds from which a fault is found: 100 to 1; and of those between two faults
 #: below which the data do not tell them apart.
 _LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
+#: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
+_FAR_OFF = 2.0
 #: Other causes that are named.
 _NAMED = 2
 #: Most faults of one test.
 _MOST = 3
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
+
+
+def strained(part: Part, x: _Real) -> bool:
+    """Return whether the unknowns had to go farther from their start than models are usually off.
+
+    Then the data may be explained, and be wrong by one factor all the same.
+    """
+    off = _off(part, x)
+    return bool(off.size and np.sqrt(np.mean(off**2)) > _FAR_OFF)
+
+
+def _off(part: Part, x: _Real) -> _Real:
+    """Return how far stiffnesses and masses are from their start, in units of their spread."""
+    own = part.coordinates
+    return ((x - own.home) / spread_of(part))[own.parameters.is_factor]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +63,7 @@ class _Found:
     trial: Trial
     fault: Fault
     log_odds: float
+    explains: float
 
 
 def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
@@ -98,7 +116,7 @@ def _likeliest(
             continue
         log_odds = trial.gain(without) + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
-            found[key] = _Found(trial, trial.fault, log_odds)
+            found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
             if log_odds > _LIKELY:
                 fresh += [(other, trial.x) for other in trial.fault.relatives()]
     ranked = sorted(found.values(), key=lambda one: -one.log_odds)
@@ -110,6 +128,14 @@ def _likeliest(
     if ranked[0].log_odds - lost < _LIKELY:
         return []
     return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _share(trial: Trial, without: Trial) -> float:
+    """Return the share of the misfit that a fault explains, or of how far the unknowns had to go."""
+    explained = 1.0 - trial.power / without.power
+    if without.far > _FAR_OFF**2 * len(without.x):
+        explained = max(explained, 1.0 - trial.far / without.far)
+    return explained
 
 
 def _promising(
@@ -199,6 +225,7 @@ def _finding(found: Sequence[_Found], test: str) -> Finding:
         fault.channels,
         fault.value,
         float(np.exp(min(best.log_odds, 700.0))),
+        best.explains,
         statement,
         f'Look at it; if it is so, write repair = ["{fault.written}"] under [test].',
         fault.written,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.fault import Fault, labels_of
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
@@ -36,6 +36,15 @@ def spread_of(part: Part) -> _Real:
     return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answers:
+    """Labels of responses; H there, (n_f, n_i, n_j); d ln H by x, (n, n_f, n_i, n_j)."""
+
+    labels: list[str]
+    H: _Complex
+    slopes: _Complex
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Model and data at one point.
@@ -56,43 +65,42 @@ class Evidence:
         """The data."""
         return self.part.frf
 
-    def _answers(self, labels: list[str]) -> tuple[list[str], _Complex, _Complex]:
-        """Return labels of responses, H there, and d ln H by x."""
+    def _answers(self, labels: list[str]) -> _Answers:
+        """Return the model's answer at responses."""
         part = self.part
         shape = (part.n_lines, len(labels), len(part.frf.references))
         blank = FRF(part.frf.freq, np.ones(shape), labels, part.frf.references, part.frf.quantity)
         blocks = list(part.with_data(blank).blocks(self.x))
         H = np.concatenate([block.H for block in blocks])
         dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
-        return labels, H, dH / np.where(H == 0, 1.0, H)
+        return _Answers(labels, H, np.asarray(dH / np.where(H == 0, 1.0, H)))
 
     @cached_property
-    def _measured(self) -> tuple[list[str], _Complex, _Complex]:
-        return self._answers([str(abs(dof)) for dof in self.frf.responses])
+    def _measured(self) -> _Answers:
+        return self._answers(labels_of(self.frf))
 
     @cached_property
-    def _everywhere(self) -> tuple[list[str], _Complex, _Complex]:
-        """Measured responses and the places where they may stand instead."""
-        further = Moved.further(self.part)
-        return tuple(  # type: ignore[return-value]
-            own + more if isinstance(own, list) else np.concatenate([own, more], axis=axis)
-            for own, more, axis in zip(self._measured, self._answers(further), (0, 1, 2), strict=True)
+    def _everywhere(self) -> _Answers:
+        """The model's answer at the measured responses, and where they may stand instead."""
+        own, more = self._measured, self._answers(Moved.further(self.part))
+        return _Answers(
+            own.labels + more.labels,
+            np.concatenate([own.H, more.H], axis=1),
+            np.concatenate([own.slopes, more.slopes], axis=2),
         )
 
     def answer(self, frf: FRF) -> tuple[_Complex, _Complex]:
         """Return H, shape (n_f, n_i, n_j), and d ln H by x, for the responses of some data."""
-        wanted = [str(abs(dof)) for dof in frf.responses]
-        known = self._measured
-        if not set(wanted) <= set(known[0]):
+        wanted, known = labels_of(frf), self._measured
+        if not set(wanted) <= set(known.labels):
             known = self._everywhere
-        labels, H, slopes = known
-        at = [labels.index(label) for label in wanted]
+        at = [known.labels.index(label) for label in wanted]
         sign = np.array([dof.sign for dof in frf.responses], dtype=float)
-        return H[:, at] * sign[:, None], slopes[:, :, at]
+        return known.H[:, at] * sign[:, None], known.slopes[:, :, at]
 
     @cached_property
     def by_frequency(self) -> _Complex:
-        """d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
+        """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
         freq = np.maximum(self.frf.freq, np.finfo(float).tiny)
         rise = self.shifted(1.0 + _STEP) - self.shifted(1.0 - _STEP)
         return np.asarray(rise / (2.0 * _STEP * freq)[:, None, None])
@@ -131,7 +139,7 @@ class Evidence:
         """omega^2 times the model's drive-point receptance of each response, shape (n_f, n_i)."""
         part, n = self.part, len(self.frf.responses)
         shape = (part.n_lines, n, n)
-        own = [str(abs(dof)) for dof in self.frf.responses]
+        own = labels_of(self.frf)
         square = part.with_data(FRF(self.frf.freq, np.ones(shape), own, own, "accelerance"))
         H = np.concatenate([b.H for b in square.blocks(self.x, derivatives=False)])
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))

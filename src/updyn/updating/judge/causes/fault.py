@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,19 @@ from updyn.frf import FRF
 if TYPE_CHECKING:
     from updyn.updating.judge.causes.evidence import Evidence
 
-__all__ = ["FORCE", "Fault", "Place", "divided", "each_sensor", "multiplied", "place_of"]
+__all__ = [
+    "FORCE",
+    "Fault",
+    "Place",
+    "divided",
+    "each_sensor",
+    "labels_of",
+    "multiplied",
+    "place_of",
+]
 
 _Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
+_Complex = NDArray[np.complexfloating[Any, Any]]
 
 #: What stands before the label of a reference, where a fault is written down.
 FORCE = "force "
@@ -39,7 +48,9 @@ class Place:
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
-    def spread(self, over_lines: _Complex | _Real, shape: tuple[int, ...]) -> NDArray[np.complex128]:
+    def spread(
+        self, over_lines: _Complex | _Real, shape: tuple[int, ...]
+    ) -> NDArray[np.complex128]:
         """Return values over the lines at the channels, 0 elsewhere, shape (n_f, n_i, n_j)."""
         out = np.zeros(shape, dtype=np.complex128)
         out[:, self.rows] += over_lines[:, None, None]
@@ -58,7 +69,9 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
     rows: list[int] = []
     columns: list[int] = []
     for channel in channels:
-        dofs, found = (frf.references, columns) if channel.startswith(FORCE) else (frf.responses, rows)
+        dofs, found = (
+            (frf.references, columns) if channel.startswith(FORCE) else (frf.responses, rows)
+        )
         label = channel.removeprefix(FORCE)
         names = [str(abs(dof)) for dof in dofs]
         plain = str(abs(Dof.parse(label)))
@@ -71,9 +84,14 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
     return Place(np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp))
 
 
+def labels_of(frf: FRF) -> list[str]:
+    """Return the labels of the responses, without signs."""
+    return [str(abs(dof)) for dof in frf.responses]
+
+
 def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
     """Return every response and every reference by itself; a single reference is all channels."""
-    found = [(str(abs(dof)),) for dof in frf.responses]
+    found: list[tuple[str, ...]] = [(label,) for label in labels_of(frf)]
     if len(frf.references) > 1:
         found += [(f"{FORCE}{abs(dof)}",) for dof in frf.references]
     return found

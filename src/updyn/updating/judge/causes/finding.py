@@ -9,6 +9,11 @@ from updyn.updating.judge.causes.catalogue import read_fault
 
 __all__ = ["Finding"]
 
+#: Share of the misfit that a cause has to explain to speak against an answer.
+_MOST_OF_IT = 0.5
+#: A calibration, as a logarithm, that leaves an answer that may be used.
+_MILD = 0.3
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -24,6 +29,9 @@ class Finding:
         By how much, in the unit that the statement names; 0 where the kind says it all.
     odds : float
         How much likelier the data are with it than without it, times how often it happens.
+    explains : float
+        Share of the misfit that is left without it and not with it; or, where the unknowns can
+        imitate it, of how far they have to go from their start to do so.
     statement : str
         What is wrong, in a sentence.
     remedy : str
@@ -40,11 +48,22 @@ class Finding:
     channels: tuple[str, ...]
     value: float
     odds: float
+    explains: float
     statement: str
     remedy: str
     written: str = ""
     also: tuple[str, ...] = ()
     test: str = ""
+
+    @property
+    def grave(self) -> bool:
+        """Whether the answer cannot be believed while it is so.
+
+        A calibration of some tens of per cent leaves an answer that may be used with care.
+        """
+        if self.explains < _MOST_OF_IT:
+            return False
+        return self.kind != "calibration" or abs(self.value) > _MILD
 
     def repair(self, frf: FRF) -> FRF:
         """Return data without the fault.

@@ -16,7 +16,7 @@ _Complex = NDArray[np.complex128]
 _CLEAR = 0.1
 #: Below so many standard deviations of the noise there is no phase, and no level but that.
 _SEEN = 3.0
-#: Least noise, as a share of the rms of all data of one unit: rounding, and what no sensor resolves.
+#: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.
 _LEAST = 1e-5
 
 

@@ -99,12 +99,12 @@ def tried(
     """
     ends = [_fitted(part, fault, x, *(_GLANCE if glance else _WHOLE)) for x in points]
     found = [end for end in ends if end is not None]
-    return min(found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None)
+    return min(
+        found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None
+    )
 
 
-def _fitted(
-    part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int
-) -> Trial | None:
+def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) -> Trial | None:
     for number in range(rounds):
         try:
             freed = part if fault is None else part.with_data(fault.undo(Evidence(part, x)))

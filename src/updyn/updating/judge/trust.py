@@ -1,0 +1,237 @@
+"""Trust: whether an answer is converged, determined, validated and plausible, each in a sentence.
+
+The rules, and why they are as they are, stand in docs/verdict.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from updyn.updating.judge.causes.finding import Finding
+
+__all__ = ["PARTS", "Belief", "Trust", "trust", "validated"]
+
+PARTS = ("converged", "determined", "validated", "plausible")
+
+#: Typical misfit from which no noise model makes an answer plausible: half of the values are off by
+#: more than this share.
+GROSS = 0.5
+#: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
+#: number of them.
+MANY, SOME = 0.5, 2
+#: Correlation with its sign of a held-out channel: one below this does not follow the model.
+LOST = 0.0
+#: Held-out residual over fitted residual that is far worse, and one that is bad by itself.
+FAR_WORSE, BAD = 3.0, 0.5
+#: Residual after over residual before, from which an update did harm.
+HARM = 1.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """One part of the verdict. It compares equal to True, False or None.
+
+    Attributes
+    ----------
+    holds : bool or None
+        Yes, no, or not known.
+    why : str
+        A sentence with the figure that it hangs on.
+    """
+
+    holds: bool | None
+    why: str
+
+    def __bool__(self) -> bool:
+        return self.holds is True
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Belief):
+            return (self.holds, self.why) == (other.holds, other.why)
+        return self.holds is other
+
+    def __hash__(self) -> int:
+        return hash((self.holds, self.why))
+
+    def __str__(self) -> str:
+        word = {True: "yes", False: "no", None: "not known"}[self.holds]
+        return f"{word}: {self.why}"
+
+
+@dataclass(frozen=True, slots=True)
+class Trust(Mapping[str, Belief]):
+    """The verdict in four parts, by their names.
+
+    Attributes
+    ----------
+    converged : Belief
+        Of the optimiser: whether no step would gain what could be told from the noise.
+    determined : Belief
+        Of the data: whether they determine all unknowns, in one way.
+    validated : Belief
+        Of data that were held out: whether the updated model predicts them.
+    plausible : Belief
+        Of model and data: whether what is left, the values and the causes found allow the answer.
+    """
+
+    converged: Belief
+    determined: Belief
+    validated: Belief
+    plausible: Belief
+
+    def __getitem__(self, part: str) -> Belief:
+        if part not in PARTS:
+            raise KeyError(part)
+        found = getattr(self, part)
+        assert isinstance(found, Belief)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(PARTS)
+
+    def __len__(self) -> int:
+        return len(PARTS)
+
+    @property
+    def credible(self) -> bool:
+        """Whether nothing speaks against the answer but what the data leave open."""
+        return self.validated.holds is not False and self.plausible.holds is not False
+
+
+def trust(
+    status: str,
+    *,
+    left: float | None,
+    rank: tuple[int, int],
+    answers: int,
+    correlation: Sequence[Mapping[str, Any]],
+    misfit: float,
+    pressed: tuple[Sequence[str], int],
+    findings: Sequence[Finding],
+) -> Trust:
+    """Return the verdict in four parts.
+
+    Parameters
+    ----------
+    status : str
+        How the fit ended.
+    left : float or None
+        What is left to gain, in standard deviations; None where it is not known.
+    rank : (int, int)
+        Combinations of unknowns that the data determine, and number of unknowns.
+    answers : int
+        Answers that fit equally well.
+    correlation : sequence of mapping
+        For each test the figures ``before``, ``after``, ``validation``.
+    misfit : float
+        Typical misfit, as a share of the level.
+    pressed : (sequence of str, int)
+        Stiffnesses and masses at a bound, and the number of those that are unknown.
+    findings : sequence of Finding
+        Causes that were found.
+    """
+    return Trust(
+        _converged(status, left),
+        _determined(status, rank, answers),
+        validated(correlation),
+        _plausible(status, correlation, misfit, pressed, findings),
+    )
+
+
+def _converged(status: str, left: float | None) -> Belief:
+    if status == "stopped":
+        return Belief(None, "The fit was stopped by the user.")
+    gain = "" if left is None else f" What is left to gain is {left:.1g} standard deviations."
+    if status in ("converged", "not-identifiable"):
+        return Belief(True, "The fit ended at a minimum of the misfit." + gain)
+    return Belief(False, f"The fit ended as {status}.{gain}")
+
+
+def _determined(status: str, rank: tuple[int, int], answers: int) -> Belief:
+    if status in ("stopped", "failed"):
+        return Belief(None, f"The fit {status}; what the data determine there is not known.")
+    found, all_ = rank
+    if answers > 1:
+        return Belief(False, f"{answers} answers fit the data equally well.")
+    if found < all_:
+        return Belief(False, f"The data determine {found} of {all_} unknowns.")
+    return Belief(True, f"The data determine all {all_} unknowns.")
+
+
+def validated(correlation: Sequence[Mapping[str, Any]]) -> Belief:
+    """Return whether the updated model predicts the data that were held out of the fit.
+
+    Parameters
+    ----------
+    correlation : sequence of mapping
+        For each test the figures ``before``, ``after``, ``validation``.
+    """
+    tests = [one for one in correlation if one.get("validation", {}).get("after")]
+    if not tests:
+        return Belief(None, "No data were held out.")
+    said = []
+    for one in tests:
+        fitted, held = one.get("after", {}), one["validation"]["after"]
+        before = one["validation"].get("before", {})
+        lowest, residual = held["correlation_min"], held["residual_median"]
+        if lowest < LOST:
+            return Belief(
+                False,
+                f"A held-out channel has a correlation of {lowest:.2f} with the model's, sign and"
+                " phase included.",
+            )
+        own = fitted.get("residual_median", residual)
+        if residual > FAR_WORSE * own and residual > BAD:
+            return Belief(
+                False,
+                f"The residual of the held-out data is {residual:.2g} of their level, of the fitted"
+                f" ones {own:.2g}.",
+            )
+        if before and residual > HARM * before["residual_median"] and residual > BAD:
+            return Belief(
+                False,
+                f"The residual of the held-out data rose from {before['residual_median']:.2g} to"
+                f" {residual:.2g} of their level.",
+            )
+        said.append((residual, held["correlation_median"]))
+    residual, alike = max(said)
+    return Belief(
+        True,
+        f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
+        f" correlation {alike:.2f}.",
+    )
+
+
+def _plausible(
+    status: str,
+    correlation: Sequence[Mapping[str, Any]],
+    misfit: float,
+    pressed: tuple[Sequence[str], int],
+    findings: Sequence[Finding],
+) -> Belief:
+    if status in ("stopped", "failed"):
+        return Belief(None, f"The fit {status}.")
+    against = [finding for finding in findings if finding.grave]
+    if against:
+        return Belief(False, against[0].statement)
+    if misfit > GROSS:
+        return Belief(
+            False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
+        )
+    names, number = pressed
+    if len(names) >= SOME and len(names) > MANY * number:
+        return Belief(
+            False, f"{len(names)} of {number} stiffnesses and masses ended at their bounds."
+        )
+    for one in correlation:
+        before, after = one.get("before", {}), one.get("after", {})
+        if before and after and after["residual_median"] > HARM * before["residual_median"]:
+            return Belief(
+                False,
+                f"The residual rose from {before['residual_median']:.2g} to"
+                f" {after['residual_median']:.2g} of the level.",
+            )
+    mild = f" {findings[0].statement}" if findings else ""
+    return Belief(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")
