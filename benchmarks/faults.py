@@ -334,9 +334,10 @@ def main() -> None:
                 there = [one[key] for one in draws if key in one]
                 columns.append(f"{sum(map(bool, there))} of {len(there)}" if there else "-")
             doubted = sum(one.get("status") == "not-credible" for one in draws)
+            false = sum(int(one["false"]) for one in draws)
             print(
-                f"| {name} | {fault} | {' | '.join(columns)} | {sum(int(one['false']) for one in draws)}"
-                f" | {doubted} | {np.median([one['seconds'] for one in draws]):.2f} |",
+                f"| {name} | {fault} | {' | '.join(columns)} | {false} | {doubted} |"
+                f" {np.median([one['seconds'] for one in draws]):.2f} |",
                 flush=True,
             )
             if given.verbose:

@@ -18,9 +18,11 @@ from updyn.text_table import text_table
 if TYPE_CHECKING:
     from updyn.correlation import Correlation
     from updyn.job import Prepared
+    from updyn.job.prepared import PreparedTest
     from updyn.job.run import JobRun
     from updyn.job.schema import Job
     from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.parameters import ParameterSet
     from updyn.updating.problem.selection import Selection
 
 __all__ = ["CHECK", "CORRELATE", "RUN", "Checked", "Compared", "Ran", "joined", "overview"]
@@ -140,6 +142,10 @@ def _identifiability(checked: Checked) -> str:
     return f"At the start of the unknowns:\n{describe_identifiability(checked.found)}"
 
 
+def _faults(checked: Checked) -> str:
+    return _causes(checked.ready.tests, checked.ready.parameters)
+
+
 def _can_run(checked: Checked) -> str:
     return f"The job can be run; results would go to {checked.folder}."
 
@@ -152,6 +158,7 @@ CHECK: tuple[Callable[[Checked], str], ...] = (
     _announced,
     _selected,
     _identifiability,
+    _faults,
     _can_run,
 )
 
@@ -194,11 +201,30 @@ def _by_response(compared: Compared) -> str:
     return text_table(("response", *(SHORT_NAMES[name] for name in names)), rows)
 
 
+def _faults_of(compared: Compared) -> str:
+    tests = [test for test in compared.ready.tests if test.name == compared.test]
+    return _causes(tests, compared.ready.parameters)
+
+
 #: Of ``updyn correlate``, for each test.
-CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response)
+CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response, _faults_of)
 
 
 # -- several commands ------------------------------------------------------------------------------
+def _causes(tests: Sequence[PreparedTest], unknowns: ParameterSet) -> str:
+    """Return what seems to be wrong with the data of tests, each with what to do about it."""
+    from updyn.job import job_findings
+
+    texts = []
+    for test in tests:
+        for one in job_findings(test, unknowns):
+            where = f"{test.name}: " if test.name else ""
+            texts.append(f"{where}{one.statement}\n{one.remedy}")
+    if not texts:
+        return ""
+    return "\n".join(["What the data and the model before any fit suggest:", *texts])
+
+
 def overview(ready: Prepared) -> str:
     """Return model, test and fitted data of a job as text.
 

@@ -1,5 +1,6 @@
 """The job file: its schema, and the steps from it to a finished folder of results."""
 
+from updyn.job.findings import job_findings
 from updyn.job.folder import check_out, default_out
 from updyn.job.load import load_job
 from updyn.job.prepare import prepare
@@ -14,6 +15,7 @@ __all__ = [
     "Prepared",
     "check_out",
     "default_out",
+    "job_findings",
     "job_identifiability",
     "job_selection",
     "load_job",

@@ -27,6 +27,7 @@ from updyn.matching import MatchError, Matching, match
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.problem.noise import average, choose_noise
 
 __all__ = [
@@ -76,7 +77,7 @@ def prepare(job: Job) -> Prepared:
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
     """Return a test matched to the model, with what of it is fitted."""
     others = [*data[:number], *data[number + 1 :]]
-    matching = matched(job, configured(job, model), data[number], others)
+    matching = _repaired(job, matched(job, configured(job, model), data[number], others))
     for name, group in matching.model.groups.items():
         if group.loss_table is not None:
             with key_path("test", "band"):
@@ -84,6 +85,16 @@ def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedT
     fitted = _fitted(job, matching.frf)
     _check_method(job, fitted)
     return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
+
+
+def _repaired(job: Job, matching: Matching) -> Matching:
+    """Return the matched data without the faults that the job undoes, one after the other."""
+    frf = matching.frf
+    with key_path("test", "repair"):
+        for written in job.test.repair or ():
+            frf = read_fault(written).repair(frf)
+        matching.model.dofs.match(frf.responses, "response")
+    return replace(matching, frf=frf)
 
 
 # -- model and measurement -------------------------------------------------------------------------

@@ -355,6 +355,7 @@ class TestTable(Table):
         default=None, min_length=1
     )  # labels as the file has them; all where left out
     references: Texts | None = Field(default=None, min_length=1)
+    repair: Texts | None = Field(default=None, min_length=1)  # faults of the data that are undone
     name: str = ""
     grounded: Texts | None = None  # the configuration: what is held, and what is added
     masses: dict[str, float] | None = None

@@ -27,7 +27,7 @@ from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
-from updyn.updating.judge.causes.diagnosis import diagnosed, strained
+from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.trust import trust, validated
@@ -168,10 +168,10 @@ def run(
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
-        findings = _causes(problem, splits, found, noises, monitor, reducing=reducing)
+        causes = _causes(problem, splits, found, noises, monitor, reducing=reducing)
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
             session.memory.keep()
-    common = _common(problem, found, findings, selection, options, monitor)
+    common = _common(problem, found, causes, selection, options, monitor)
     common["timing_s"] = {**monitor.timing_s, "total": time.perf_counter() - begun}
     values = np.array(list(common["values"].values()))
     # Only the unbounded plain iteration can leave a loss factor below zero; no model has one.
@@ -235,15 +235,17 @@ def _causes(
     monitor: Monitor,
     *,
     reducing: bool,
-) -> tuple[Finding, ...]:
+) -> tuple[tuple[Finding, ...], bool]:
     """Return the causes of what a fit left of the data; they are looked for where it is not noise.
 
     They are looked for in all data, those that were held out included. A reduced model stands for
-    the measured degrees of freedom alone, and for no others.
+    the measured degrees of freedom alone, and for no others. The second is whether they were
+    looked for wherever they had to be.
     """
-    if reducing or found.fit.reason in ("stopped", "failed"):
-        return ()
+    if found.fit.reason in ("stopped", "failed"):
+        return (), True
     out: list[Finding] = []
+    looked = True
     with monitor.stage("causes"), suppress(Stopped):
         for i, (part, split, adequacy) in enumerate(
             zip(problem.parts, splits, found.adequacy, strict=True)
@@ -252,20 +254,24 @@ def _causes(
             predicted = validated([found.correlation[i]]).holds is not False
             if not noisy or not predicted or strained(part, found.fit.x):
                 whole = part.with_data(split.whole)
+                if reducing or not is_looked_at(whole):
+                    looked = False
+                    continue
                 out += diagnosed(whole, noises[i], [found.fit.x])
-    return tuple(out)
+    return tuple(out), looked
 
 
 def _common(
     problem: Problem,
     found: Judgement,
-    findings: tuple[Finding, ...],
+    causes: tuple[tuple[Finding, ...], bool],
     selection: Selection,
     options: RunOptions,
     monitor: Monitor,
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
+    findings, looked = causes
     tests = [part.name for part in problem.parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     end = ending(problem, fit, monitor.history)
@@ -296,6 +302,7 @@ def _common(
         misfit=found.misfit,
         pressed=_pressed(selection.parameters, found.at_bound),
         findings=findings,
+        looked=looked,
     )
     if findings:
         message, remedy = caused(findings, message, remedy)

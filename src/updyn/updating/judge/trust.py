@@ -110,6 +110,7 @@ def trust(
     misfit: float,
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
+    looked: bool = True,
 ) -> Trust:
     """Return the verdict in four parts.
 
@@ -131,12 +132,14 @@ def trust(
         Stiffnesses and masses at a bound, and the number of those that are unknown.
     findings : sequence of Finding
         Causes that were found.
+    looked : bool
+        Whether causes were looked for, or what is left is noise.
     """
     return Trust(
         _converged(status, left),
         _determined(status, rank, answers),
         validated(correlation),
-        _plausible(status, correlation, misfit, pressed, findings),
+        _plausible(status, correlation, misfit, pressed, findings, looked=looked),
     )
 
 
@@ -210,6 +213,8 @@ def _plausible(
     misfit: float,
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
+    *,
+    looked: bool,
 ) -> Belief:
     if status in ("stopped", "failed"):
         return Belief(None, f"The fit {status}.")
@@ -234,4 +239,6 @@ def _plausible(
                 f" {after['residual_median']:.2g} of the level.",
             )
     mild = f" {findings[0].statement}" if findings else ""
+    if not looked:
+        mild = " What is left is not noise; causes are not looked for in a model of this size."
     return Belief(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")

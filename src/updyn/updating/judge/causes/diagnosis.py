@@ -18,7 +18,7 @@ from updyn.updating.judge.causes.trial import Trial, damped, robust_point, tried
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
-__all__ = ["diagnosed"]
+__all__ = ["diagnosed", "is_looked_at", "strained"]
 
 _Real = NDArray[np.float64]
 
@@ -35,6 +35,8 @@ _LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
 _FAR_OFF = 2.0
 #: Other causes that are named.
 _NAMED = 2
+#: Operations of one evaluation, about, up to which hundreds of them are made.
+_MOST_WORK = 3e9
 #: Most faults of one test.
 _MOST = 3
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
@@ -54,6 +56,11 @@ def _off(part: Part, x: _Real) -> _Real:
     """Return how far stiffnesses and masses are from their start, in units of their spread."""
     own = part.coordinates
     return ((x - own.home) / spread_of(part))[own.parameters.is_factor]
+
+
+def is_looked_at(part: Part) -> bool:
+    """Return whether the model is small enough for causes to be looked for."""
+    return part.thinned(_LINES).work <= _MOST_WORK
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +84,14 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         How uncertain the data are.
     points : sequence of ndarray of float, shape (n,)
         Where fits ended; the start of the unknowns is looked at in any case.
+
+    Returns
+    -------
+    list of Finding
+        The likeliest first. Empty where an evaluation of the model takes seconds (`is_looked_at`).
     """
+    if not is_looked_at(part):
+        return []
     part = with_noise(part, noise.beforehand(part.frf), _LINES)
     findings: list[Finding] = []
     known = list(points)
@@ -131,7 +145,7 @@ def _likeliest(
 
 
 def _share(trial: Trial, without: Trial) -> float:
-    """Return the share of the misfit that a fault explains, or of how far the unknowns had to go."""
+    """Return the share of the misfit, or of the unknowns' way, that a fault explains."""
     explained = 1.0 - trial.power / without.power
     if without.far > _FAR_OFF**2 * len(without.x):
         explained = max(explained, 1.0 - trial.far / without.far)

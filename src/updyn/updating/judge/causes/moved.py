@@ -41,6 +41,20 @@ class Moved(Fault):
         """Return the labels of all places where a response may stand, beside the measured ones."""
         return list(dict.fromkeys(str(place) for _, place in _candidates(part)))
 
+    @classmethod
+    def read(cls, channels: str, value: str) -> Self:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If it does not name two.
+        """
+        found = super().read(channels, value)
+        if len(found.channels) != 2 or value:
+            raise OptionError(f"repair {cls.kind!r}: expected two places, found {channels!r}")
+        return found
+
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the sensor called what it is.
 

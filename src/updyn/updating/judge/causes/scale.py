@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.fault import Fault, multiplied
 
@@ -61,6 +62,20 @@ class Scale(Fault):
         for known in sorted(set(UNITS.values())):
             if abs(np.log(known / factor)) < _ABOUT:
                 yield cls(channels, known)
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> Self:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If the factor is not above 0.
+        """
+        found = super().read(channels, value)
+        if not found.value > 0.0:
+            raise OptionError(f"repair 'scale': {value!r}; expected a factor above 0")
+        return found
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data in SI."""

@@ -1,0 +1,44 @@
+"""Continuation from i omega + a to i omega, against the closed form of a modal sum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.judge.causes.continuation import continued
+
+FREQ = np.linspace(2.0, 30.0, 281)
+
+
+def modal_sum(s):
+    """Two receptances of three modes, 5, 11 and 22 Hz, 1 % damping, at complex s."""
+    out = np.zeros((len(s), 2, 1), dtype=complex)
+    for f, residues in ((5.0, (1.0, 0.4)), (11.0, (0.7, -0.5)), (22.0, (0.3, 0.8))):
+        w = 2.0 * np.pi * f
+        out[:, :, 0] += np.outer(1.0 / (s**2 + 2.0 * 0.01 * w * s + w**2), residues)
+    return out
+
+
+@pytest.mark.parametrize(("noise", "near"), [(0.0, 1e-3), (0.002, 0.02)])
+def test_the_damping_of_a_window_is_taken_out(noise, near):
+    shift = 0.6
+    rng = np.random.default_rng(0)
+    s = 2j * np.pi * FREQ
+    slow = modal_sum(s + shift)
+    slow = slow * (
+        1.0 + noise * (rng.standard_normal(slow.shape) + 1j * rng.standard_normal(slow.shape))
+    )
+    frf = updyn.FRF(FREQ, slow, ["1:X", "2:X"], ["1:X"], "receptance")
+    true = modal_sum(s)
+    error = np.abs(continued(frf, shift).values - true) / np.abs(true).max(axis=0)
+    before = np.abs(slow - true) / np.abs(true).max(axis=0)
+    assert before.max() > 0.2
+    assert np.sqrt(np.mean(error**2)) < near
+
+
+def test_without_a_shift_exact_data_stay():
+    s = 2j * np.pi * FREQ
+    frf = updyn.FRF(FREQ, modal_sum(s), ["1:X", "2:X"], ["1:X"], "receptance")
+    same = continued(replace(frf), 0.0)
+    assert np.abs(same.values - frf.values).max() < 1e-3 * np.abs(frf.values).max()

@@ -1,0 +1,113 @@
+"""Faults that were put into data are found and named, before and after a fit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+
+SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
+
+
+@pytest.fixture(scope="module")
+def clean(chain12_true):
+    return updyn.response(chain12_true, np.linspace(0.6, 22.0, 100), SENSORS, ["5:X", "12:X"])
+
+
+@pytest.fixture(scope="module")
+def unknowns(chain12):
+    return updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+
+
+@pytest.fixture
+def data(clean, add_noise):
+    return add_noise(clean, np.random.default_rng(3), 0.01)
+
+
+def row(frf, i, factor):
+    values = frf.values.copy()
+    values[:, i] *= np.reshape(factor, (-1, 1))
+    return replace(frf, values=values)
+
+
+def exchanged(frf, i, j):
+    values = frf.values.copy()
+    values[:, [i, j]] = values[:, [j, i]]
+    return replace(frf, values=values)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "kind", "channels", "value"),
+    [
+        (lambda d: row(d, 1, -1.0), "sign", ("5:X",), 0.0),
+        (lambda d: row(d, 2, np.exp(0.2)), "calibration", ("7:X",), 0.2),
+        (lambda d: exchanged(d, 0, 3), "swapped", ("2:X", "10:X"), 0.0),
+        (
+            lambda d: replace(d.converted("mobility"), quantity="receptance"),
+            "quantity",
+            (),
+            1.0,
+        ),
+        (lambda d: replace(d, values=9.80665 * d.values), "scale", (), 9.80665),
+        (lambda d: replace(d, values=d.values.conj()), "non-causal", (), 0.0),
+        (lambda d: row(d, 2, np.exp(-2j * np.pi * d.freq * 5e-3)), "delay", ("7:X",), 5e-3),
+        (lambda d: row(d, 1, 1.0 / (1.0 + 2j * np.pi * d.freq * 0.01)), "low-pass", ("5:X",), 0.01),
+    ],
+)
+def test_a_fault_is_found_before_any_fit(chain12, data, unknowns, spoilt, kind, channels, value):
+    bad = spoilt(data)
+    found = updyn.diagnose(chain12, bad, unknowns)
+    assert [(f.kind, f.channels) for f in found] == [(kind, channels)]
+    assert found[0].value == pytest.approx(value, rel=0.05, abs=1e-12)
+    assert found[0].odds > 100.0
+    assert found[0].written in found[0].remedy
+    repaired = found[0].repair(bad)
+    off = np.abs(repaired.converted(data.quantity).values - data.values) / np.abs(data.values)
+    assert np.median(off) < 0.02
+
+
+def test_a_misplaced_sensor_is_found(chain12, chain12_true, clean, unknowns, add_noise):
+    where = [label if label != "5:X" else "6:X" for label in SENSORS]
+    frf = updyn.response(chain12_true, clean.freq, where, ["5:X", "12:X"])
+    noisy = add_noise(frf, np.random.default_rng(3), 0.01)
+    (found,) = updyn.diagnose(chain12, replace(noisy, responses=clean.responses), unknowns)
+    assert (found.kind, found.channels) == ("moved", ("5:X", "6:X"))
+    assert found.repair(clean).responses.labels == where
+
+
+def test_a_scaled_axis_is_found_where_masses_are_known(chain12, chain12_true, data):
+    """And one stiffness: else the others imitate it."""
+    groups = {name: {"mass": 1.0} for name in chain12.groups}
+    model = chain12_true.scaled(groups)
+    unknowns = updyn.parameters(model, stiffness=["part2", "part3", "part4"], loss_factor="all")
+    stretched = replace(data, freq=data.freq / 1.03)
+    (found,) = updyn.diagnose(model, stretched, unknowns)
+    assert found.kind == "frequency-scale"
+    assert np.exp(found.value) == pytest.approx(1.03, abs=2e-3)
+
+
+def test_in_sound_data_nothing_is_found(chain12, clean, unknowns, add_noise):
+    for seed in range(5):
+        noisy = add_noise(clean, np.random.default_rng(seed), 0.01)
+        assert updyn.diagnose(chain12, noisy, unknowns) == ()
+
+
+def test_by_default_all_groups_are_unknown(chain12, data):
+    (found,) = updyn.diagnose(chain12, row(data, 1, -1.0))
+    assert (found.kind, found.channels) == ("sign", ("5:X",))
+
+
+def test_an_update_of_repaired_data_is_that_of_sound_ones(chain12, data, unknowns):
+    bad = exchanged(data, 0, 3)
+    result = updyn.update(chain12, bad, unknowns)
+    assert not result.ok
+    assert result.findings[0].kind == "swapped"
+    assert result.findings[0].grave
+    sound = updyn.update(chain12, data, unknowns)
+    again = updyn.update(chain12, result.findings[0].repair(bad), unknowns)
+    assert sound.ok
+    assert again.ok
+    assert sound.findings == ()
+    for name, value in sound.values.items():
+        assert again.values[name] == pytest.approx(value, abs=1e-6)

@@ -1,0 +1,106 @@
+"""The verdict in four parts: each rule by an example."""
+
+import pytest
+
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.trust import PARTS, trust
+
+GOOD = {
+    "before": {"residual_median": 0.9},
+    "after": {"residual_median": 0.02, "correlation_min": 0.99},
+}
+
+
+def judged(status="converged", **changes):
+    given = {
+        "left": 1e-4,
+        "rank": (8, 8),
+        "answers": 1,
+        "correlation": [GOOD],
+        "misfit": 0.02,
+        "pressed": ((), 4),
+        "findings": (),
+    }
+    return trust(status, **given | changes)
+
+
+def held(after, before=None):
+    validation = {"before": before or {}, "after": after}
+    return [GOOD | {"validation": validation}]
+
+
+def figures(residual, lowest=0.9):
+    return {"residual_median": residual, "correlation_min": lowest, "correlation_median": 0.95}
+
+
+def finding(kind="sign", value=0.0, explains=0.9):
+    return Finding(kind, ("2:X",), value, 1e6, explains, "What is wrong.", "What to do.")
+
+
+def test_a_good_fit_holds_in_all_that_is_known():
+    found = judged()
+    assert list(found) == list(PARTS)
+    assert [found[part].holds for part in PARTS] == [True, True, None, True]
+    assert found.credible
+    assert found["converged"] == True  # noqa: E712 - compares by what holds
+    assert found["validated"] == None  # noqa: E711
+    assert all(belief.why.endswith(".") for belief in found.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"rank": (7, 8)}, "determined"),
+        ({"answers": 2}, "determined"),
+        ({"misfit": 0.6}, "plausible"),
+        ({"pressed": (("a", "b", "c"), 4)}, "plausible"),
+        ({"findings": (finding(),)}, "plausible"),
+        ({"findings": (finding("calibration", 1.0),)}, "plausible"),
+        (
+            {"correlation": [{"before": figures(0.2), "after": figures(0.3)}]},
+            "plausible",
+        ),
+        ({"correlation": held(figures(0.02, lowest=-0.9))}, "validated"),
+        ({"correlation": held(figures(0.7))}, "validated"),
+    ],
+)
+def test_what_speaks_against_an_answer(changes, part):
+    found = judged(**changes)
+    assert found[part].holds is False
+    assert all(found[other].holds is not False for other in PARTS if other != part)
+    assert found.credible == (part == "determined")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"pressed": (("a",), 1)},
+        {"pressed": (("a", "b"), 4)},
+        {"misfit": 0.4},
+        {"findings": (finding("calibration", 0.1),)},
+        {"findings": (finding(explains=0.2),)},
+        {"correlation": held(figures(0.3))},
+        {"correlation": held(figures(0.04))},
+    ],
+)
+def test_what_does_not(changes):
+    assert judged(**changes).credible
+
+
+def test_held_out_data_that_are_predicted_count_for_it():
+    found = judged(correlation=held(figures(0.03), figures(0.8)))
+    assert found["validated"].holds is True
+    assert "0.03" in found["validated"].why
+
+
+@pytest.mark.parametrize(
+    ("status", "holds"),
+    [("stalled", False), ("max-iterations", False), ("stopped", None), ("failed", False)],
+)
+def test_how_the_optimiser_ended(status, holds):
+    assert judged(status)["converged"].holds is holds
+
+
+def test_other_names_are_refused():
+    with pytest.raises(KeyError):
+        judged()["believed"]
