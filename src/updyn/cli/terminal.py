@@ -119,7 +119,7 @@ class ProgressDisplay:
         step = -1 if math.isnan(progress.cost) else progress.iteration
         text = progress.stage
         if step >= 0:
-            text += f"  iteration {step}  cost {progress.cost:.6g}"
+            text += f"  iteration {progress.made}  cost {progress.cost:.6g}"
         solved = ""
         if progress.n_lines:
             solved = f"{progress.lines_done} lines solved ({progress.n_lines} a step)"

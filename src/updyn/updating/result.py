@@ -135,8 +135,7 @@ class UpdateResult:
     @property
     def iterations(self) -> int:
         """Number of accepted steps, those of all tries of the search for a start included."""
-        counted = [h.accepted and h.number > 0 and h.step > 0 for h in self.history]
-        return sum(counted)
+        return sum(step.is_iteration for step in self.history)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return the confidence interval of each unknown that the data determine, in its unit.

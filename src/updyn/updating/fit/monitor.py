@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -18,6 +18,7 @@ __all__ = [
     "Iteration",
     "Monitor",
     "Progress",
+    "iterations_made",
 ]
 
 
@@ -35,6 +36,9 @@ class Progress:
         Half the sum of squared weighted residuals after that step; nan before the first.
     lines_done, n_lines : int
         Lines solved so far in the whole run, and lines that a step solves.
+    made : int
+        Iterations made so far, through all stages: the steps that were taken, as the result counts
+        them.
     """
 
     stage: str
@@ -42,6 +46,7 @@ class Progress:
     cost: float
     lines_done: int
     n_lines: int
+    made: int = 0
 
 
 @dataclass(slots=True)
@@ -70,6 +75,7 @@ class Monitor:
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
     _n_lines: int = field(default=0, init=False)
+    _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
@@ -124,6 +130,7 @@ class Monitor:
                 dict(zip(names, values.tolist(), strict=True)),
             )
         )
+        self._made += self.history[-1].is_iteration
         self._shown()
         return self.stopped
 
@@ -134,7 +141,9 @@ class Monitor:
             number, cost = 0, np.nan
             if self.history:
                 number, cost = self.history[-1].number, self.history[-1].cost
-            progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
+            progress = Progress(
+                self._stage, number, cost, session.lines_solved, self._n_lines, self._made
+            )
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped
 
@@ -178,3 +187,21 @@ class Iteration:
     condition: float
     accepted: bool
     values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def is_iteration(self) -> bool:
+        """Whether the unknowns moved: not where the step was refused, nor where a fit begins."""
+        return self.accepted and self.number > 0 and self.step > 0
+
+
+def iterations_made(history: Sequence[Iteration]) -> list[int]:
+    """Return how many iterations had been made at each entry of a history.
+
+    An iteration is a step that was taken. Refused steps, and the points where stages and tries
+    begin, are entries too, but no iterations.
+    """
+    made, out = 0, []
+    for step in history:
+        made += step.is_iteration
+        out.append(made)
+    return out
