@@ -30,9 +30,11 @@ EVALUATION_BUDGET = 2_000_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
 #: Further lines at which the curves of the models are computed: even ones, and at most so many
-#: about resonances. Where a reduced model answers at any line at little cost, all are even ones.
+#: about resonances; of models that are costly to solve fewer, so many lines x DOFs. Where a reduced
+#: model answers at any line at little cost, all are even ones.
 _EVEN_LINES = 400
 _RESONANCE_LINES = 1_200
+_GRID_BUDGET = 500_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +129,7 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    for grid in (_grid(result, freq, limit), freq):
+    for grid in (_grid(result, freq), freq):
         refused: list[str] = []
         before_curve = computed(result.start, frf, grid, "start model", refused, options)
         after_curve = computed(result.model, frf, grid, "updated model", refused, options)
@@ -173,18 +175,17 @@ def gather(result: UpdateResult) -> ReportData:
     )
 
 
-def _grid(result: UpdateResult, freq: NDArray[np.float64], limit: int) -> NDArray[np.float64]:
+def _grid(result: UpdateResult, freq: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lines of the data and those that resolve the resonances of both models."""
     if freq.size < 2:
         return freq
     low, high = float(freq[0]), float(freq[-1])
-    even = min(_EVEN_LINES, limit)
-    about_resonances = min(_RESONANCE_LINES, limit) // 2
     if result.options.get("tier") == "reduced":  # modes of the whole model would take long
-        return np.union1d(freq, even_lines(low, high, even + 2 * about_resonances))
-    parts = [freq, even_lines(low, high, even)]
+        return np.union1d(freq, even_lines(low, high, _EVEN_LINES + _RESONANCE_LINES))
+    affordable = max(_GRID_BUDGET // result.model.n_dofs, _FEWEST_LINES)
+    parts = [freq, even_lines(low, high, min(_EVEN_LINES, affordable // 4))]
     for model in (result.start, result.model):
-        parts.append(resonance_lines(model, low, high, about_resonances))
+        parts.append(resonance_lines(model, low, high, min(_RESONANCE_LINES, affordable) // 2))
     return np.unique(np.concatenate(parts))
 
 

@@ -9,7 +9,6 @@ from typing import Any
 from urllib.parse import quote
 
 from updyn.report.formats import (
-    agreement_name,
     chi_hint,
     counted,
     decibels,
@@ -37,14 +36,19 @@ STATUS_WORDS = {
     "failed": ("Failed", "bad"),
 }
 #: Figures of agreement in the table of tests.
-_FIGURES = ("frac_median", "correlation_min", "residual_median", "db_error_median")
+_FIGURES = {
+    "frac_median": "FRAC, median",
+    "correlation_min": "correlation, worst",
+    "residual_median": "residual, median",
+    "db_error_median": "level (dB), median",
+}
 #: Outcomes of the test of a residual, the worst first: the head shows the worst of all tests.
 _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
 
 #: Key figures: name, title, how it is said, the ideal, and whether more or less is better.
 _KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = (
     ("frac_median", "FRAC, median", figure_of_agreement, "1 is the same shape", 1.0),
-    ("correlation_min", "FRF correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
+    ("correlation_min", "Correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
     ("residual_median", "Relative residual, median", percentage, "0 % is ideal", -1.0),
     ("db_error_median", "Level difference, median", decibels, "0 dB is ideal", -1.0),
 )
@@ -92,8 +96,10 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
             out.append(_before_and_after(title, before.get(name), after[name], say, ideal, sign))
     held = figures.get("validation", {})
     if "residual_median" in held and "correlation_min" in held:
-        value = f"residual {percentage(held['residual_median'])}"
-        lowest = f"lowest correlation {figure_of_agreement(held['correlation_min'])}"
+        value = percentage(held["residual_median"])
+        lowest = (
+            f"relative residual; worst correlation {figure_of_agreement(held['correlation_min'])}"
+        )
         out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
     elif "frac_median" in held:
         value = f"FRAC {figure_of_agreement(held['frac_median'])}"
@@ -166,9 +172,8 @@ class Tests(Section):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return one row a test: link, data, agreement before and after, residual."""
-        names = [agreement_name(name) for name in _FIGURES]
         return {
-            "head": ["test", "data", *names, "residual"],
+            "head": ["test", "data", *_FIGURES.values(), "residual test"],
             "kinds": ("text", "text", *[""] * len(_FIGURES), "text"),
             "tests": [
                 {"cells": _test_cells(name, test), "link": f"{quote(name)}/report.html"}

@@ -32,12 +32,14 @@ def test_lines_are_not_closer_than_they_should_be(clock: list[float]) -> None:
         (13.2, "log", 2, 3.0, 70),
     ):
         clock[0] = 100.0 + t
-        assert show_progress(Progress(stage, step, cost, lines, 100)) is False
+        # Every second step was refused: the lines count those that were taken.
+        progress = Progress(stage, step, cost, lines, 100, made=step // 2)
+        assert show_progress(progress) is False
     assert out.getvalue().splitlines() == [
         "start  10 lines solved (100 a step)",
         "log  iteration 0  cost 5  30 lines solved (100 a step)",
-        "log  iteration 2  cost 3  50 lines solved (100 a step)",
-        "log  iteration 2  cost 3  70 lines solved (100 a step)",
+        "log  iteration 1  cost 3  50 lines solved (100 a step)",
+        "log  iteration 1  cost 3  70 lines solved (100 a step)",
     ]
 
 
