@@ -64,6 +64,7 @@ from .updating.judge.selection import cluster as cluster
 from .updating.judge.selection import cluster_jointly as cluster_jointly
 from .updating.judge.selection import select as select
 from .updating.judge.selection import select_jointly as select_jointly
+from .updating.modes import modal_table as modal_table
 from .updating.problem.channels import calibration as calibration
 from .updating.problem.data import Test as Test
 from .updating.problem.data import complete_parts as complete_parts

@@ -194,7 +194,7 @@ def test_missing_motion_from_the_model_is_what_may_diverge(chain12, chain12_frf,
     data = chain12_frf.select(responses=["2:X", "12:X"], references=["2:X"])
     plain = updyn.update(chain12, data, unknowns, method="complex-rfm", expand=True)
     assert plain.status == "failed"
-    assert "Use solver='trust-region'" in plain.message
+    assert "Use solver='trust-region'" in plain.remedy
     guarded = updyn.update(
         chain12, data, unknowns, method="complex-rfm", expand=True, solver="trust-region"
     )
@@ -214,7 +214,7 @@ def test_plain_sensitivity_needs_a_close_start(chain12, chain12_true, chain12_fr
     far = updyn.update(chain12, chain12_frf, unknowns, method="frf-sensitivity")
     assert far.status == "failed"
     assert "would turn negative" in far.message
-    assert "halving=True" in far.message
+    assert "halving=True" in far.remedy
     assert np.isfinite(vector(far)).all()
     halved = updyn.update(chain12, chain12_frf, unknowns, method="frf-sensitivity", halving=True)
     assert halved.status == "converged"

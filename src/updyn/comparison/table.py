@@ -27,11 +27,15 @@ __all__ = [
     "limits",
     "listing",
     "method_facts",
+    "reason",
     "summary",
 ]
 
 #: Status of a method that cannot be used on the data or the unknowns.
 NOT_APPLICABLE = "does not apply"
+
+#: Statuses of a fit that has arrived where its method leads.
+_SETTLED = ("converged", "not-identifiable")
 
 #: Quantities of damping, the structural one first.
 _DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
@@ -310,6 +314,13 @@ def _fewest(row: Row) -> str:
     return "-" if row.fewest.note else "none"
 
 
+def reason(row: Row) -> str:
+    """Return why a method does not apply or has not arrived; empty where it has."""
+    if row.status in _SETTLED:
+        return ""
+    return row.message
+
+
 def limits(row: Row) -> str:
     """Return what a method cannot update and what it needs, in words."""
     texts = []
@@ -409,8 +420,8 @@ def summary(comparison: Comparison) -> str:
     if comparison.rule:
         lines.append(comparison.rule)
     for row in comparison:
-        if not row.applies:
-            lines.append(f"{row.method} does not apply: {row.message}")
+        if reason(row):
+            lines.append(f"{row.method} {row.status}: {reason(row)}")
     for row in comparison:
         if row.applies and row.left:
             lines.append(f"{row.method} leaves at the start: {', '.join(row.left)}")

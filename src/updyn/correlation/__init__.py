@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from updyn.correlation.frfs import (
     Correlation,
-    correlate,
     csac,
     csf,
     db_error,
@@ -13,6 +12,8 @@ from updyn.correlation.frfs import (
     frf_correlation,
     relative_residual,
 )
+from updyn.correlation.kinds import correlate
+from updyn.correlation.modes import ModeCorrelation
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -25,6 +26,7 @@ from updyn.correlation.shapes import (
 
 __all__ = [
     "Correlation",
+    "ModeCorrelation",
     "ModePairs",
     "auto_mac",
     "comac",

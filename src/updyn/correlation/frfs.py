@@ -1,4 +1,4 @@
-"""Correlation of FRFs: criteria on arrays (lines, responses, references), and `correlate`."""
+"""Correlation of FRFs: criteria on arrays (lines, responses, references), and `correlate_frfs`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from updyn.model import Model
 
 __all__ = [
     "Correlation",
-    "correlate",
+    "correlate_frfs",
     "csac",
     "csf",
     "db_error",
@@ -132,7 +132,7 @@ class Correlation:
         }
 
 
-def correlate(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
+def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     """Compare a model, or a computed FRF, with a measured FRF.
 
     Parameters

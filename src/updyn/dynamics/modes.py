@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics import eigen
@@ -74,6 +74,11 @@ class Modes:
         """
         match = self.dofs.match(DofSet(dofs))
         return np.asarray(self.shapes[match.index] * match.sign[:, None])
+
+    def select(self, which: ArrayLike) -> Modes:
+        """Return some of the modes, by their numbers from 0 or by a flag for each."""
+        at = np.asarray(which)
+        return Modes(self.frequency[at], self.loss_factor[at], self.shapes[:, at], self.dofs)
 
 
 def modes(model: Model, n: int, *, complex: bool = False) -> Modes:

@@ -7,6 +7,7 @@ import os
 import shutil
 import tempfile
 import tomllib
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from updyn import __version__
-from updyn.errors import InputError, JobError
+from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.updating.fit.methods import options_of
@@ -33,6 +34,7 @@ __all__ = [
     "run_journal",
     "stale_outputs",
     "temporary_folder",
+    "was_saved",
 ]
 
 #: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
@@ -237,32 +239,21 @@ def move_outputs(names: Iterable[str], temporary: Path, out: Path) -> None:
 
 # -- the journal -----------------------------------------------------------------------------------
 @contextmanager
-def run_journal(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
+def run_journal(out: Path) -> Iterator[Path]:
     """Return the journal of a run as a context, which removes it where the input is refused.
 
     Parameters
     ----------
-    job : Job
-        The job.
     out : Path
         Folder of the run.
-    resume : bool
-        Whether the journal of an earlier run has to be there.
 
     Yields
     ------
     Path
         The file.
-
-    Raises
-    ------
-    JobError
-        If there is nothing to resume.
     """
     journal = out / JOURNAL
     existed = journal.is_file()
-    if resume and not existed:
-        raise JobError(_nothing_to_resume(out), job.path)
     try:
         yield journal
     except InputError:
@@ -271,16 +262,33 @@ def run_journal(job: Job, out: Path, *, resume: bool) -> Iterator[Path]:
         raise
 
 
-def _nothing_to_resume(out: Path) -> str:
-    """Return why a run cannot be resumed: it has ended, or there is none."""
+def was_saved(out: Path) -> bool:
+    """Return whether a folder holds a run to resume; where it does not, warn that it begins anew.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the run.
+
+    Returns
+    -------
+    bool
+
+    Warns
+    -----
+    UpdynWarning
+        If there is nothing to resume; the text says why.
+    """
+    if (out / JOURNAL).exists():
+        return True
     try:
         status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
     except (OSError, ValueError, KeyError, TypeError):
-        return f"nothing to resume: {str(out / JOURNAL)!r} does not exist"
-    return (
-        f"nothing to resume: the run in {str(out)!r} has ended ({status}) and needs no journal;"
-        " leave out --resume"
-    )
+        why = f"{str(out / JOURNAL)!r} does not exist; the run begins anew"
+    else:
+        why = f"the run in {str(out)!r} has ended ({status}); it begins anew"
+    warnings.warn(f"nothing to resume: {why}", UpdynWarning, stacklevel=3)
+    return False
 
 
 # -- job.toml --------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,13 +21,16 @@ from updyn.job.folder import (
     run_journal,
     stale_outputs,
     temporary_folder,
+    was_saved,
 )
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
+from updyn.updating.fit.monitor import Progress
 from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.selection import Selection
@@ -37,7 +41,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.updating.fit.monitor import Progress
     from updyn.updating.judge.identifiability import Identifiability
 
 __all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
@@ -72,7 +75,7 @@ class JobRun:
 
     def summary(self) -> str:
         """Return the update, and what the further tables gave, as text."""
-        texts = [self.result.summary()]
+        texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
 
@@ -104,7 +107,8 @@ def run_job(
         Where the work is done, as for `updyn.update`.
     resume : bool
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
-        of steps: to the same answer as if it had not been.
+        of steps: to the same answer as if it had not been. Where nothing was saved, the run begins
+        anew, with a warning.
 
     Returns
     -------
@@ -118,26 +122,30 @@ def run_job(
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used, or there is nothing to resume;
-        nothing is written then.
+        If the job, a file or the output folder cannot be used, or what was saved is of another
+        run; nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
 
     Warns
     -----
     UpdynWarning
-        If the job asks for an uncertainty or a plant that cannot be had.
+        If the job asks for an uncertainty or a plant that cannot be had, or there is nothing to
+        resume.
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    with create_folder(out), run_journal(job, out, resume=resume) as journal:
+    resume = resume and was_saved(out)
+    with create_folder(out), run_journal(out) as journal:
         result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+        result = with_modes(result)
         further = _further(ready, result, callback, engine)
         with temporary_folder(out) as temporary:
             _write(result, job, out, temporary)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, temporary)
             if job.output.report:
+                _announce(callback, "report", result)
                 _write_reports(result, temporary, further)
             move_outputs([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
@@ -318,6 +326,17 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
         write_properties(one, source, target, format=job.model.format)
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
+
+
+def _announce(
+    callback: Callable[[Progress], bool | None] | None,
+    stage: str,
+    result: UpdateResult | JointResult,
+) -> None:
+    """Show the caller that a stage after the update begins, which cannot be stopped."""
+    if callback is not None:
+        steps = result.first.iterations
+        callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:

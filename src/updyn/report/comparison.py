@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from updyn import __version__
 from updyn.comparison import Comparison, Row
-from updyn.comparison.table import cells, columns, limits
+from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
 from updyn.report.data import EVALUATION_BUDGET, computed, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
@@ -336,12 +336,12 @@ class Limits(ComparisonSection):
         """Return the rows of the table."""
         rows = []
         for row in content.further["comparison"].comparison:
-            here = ""
-            if not row.applies:
-                here = row.message
-            elif row.left:
-                here = f"left at their start: {', '.join(row.left)}"
-            rows.append([row.method, limits(row), row.reference, here])
+            here = []
+            if reason(row):
+                here.append(f"{row.status}: {reason(row)}")
+            if row.applies and row.left:
+                here.append(f"left at their start: {', '.join(row.left)}")
+            rows.append([row.method, limits(row), row.reference, "; ".join(here)])
         return {"rows": rows}
 
 

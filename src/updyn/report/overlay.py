@@ -160,7 +160,7 @@ def _floats(band: tuple[float, float] | None) -> list[float] | None:
 def _figures(values: NDArray[np.float64] | None) -> Any:
     if values is None:
         return None
-    return numbers(values, packed=False)
+    return numbers(np.round(values, 6), packed=False)  # as many digits as are shown, and more
 
 
 def _every_line(data: ReportData) -> bool:

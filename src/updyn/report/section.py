@@ -33,6 +33,8 @@ from updyn.registry import Registry
 from updyn.report.data import ReportData, gather
 from updyn.report.plots import Figure
 from updyn.report.templates import render_template
+from updyn.updating.judge.modal_table import ModalTable
+from updyn.updating.modes import modal_table
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
@@ -84,6 +86,11 @@ class Content:
     def data(self) -> ReportData:
         """Measured and computed FRFs of `result`, computed when first asked for."""
         return gather(self.result)
+
+    @cached_property
+    def modes(self) -> ModalTable:
+        """Modal table of `result`, made when first asked for where the update has none."""
+        return self.result.modes or modal_table(self.result)
 
 
 class Section:
@@ -185,6 +192,7 @@ SECTIONS: Registry[Section] = Registry(
         "channels": "updyn.report.channels:CHANNELS",
         "frfs": "updyn.report.overlay:FRFS",
         "agreement": "updyn.report.agreement:AGREEMENT",
+        "modes": "updyn.report.modes:MODES",
         "structure": "updyn.report.structure:STRUCTURE",
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",

@@ -15,7 +15,14 @@ xarray opens the root, which holds what one plots::
     residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
                                           (fitted_response, fitted_reference, band):
                                           see updyn.updating.judge.adequacy
-    options, noise, correlation, identifiability, adequacy *, ...
+    modes_test *, modes_start *, modes_updated *
+                                          frequencies in Hz, (modes_test) and so on
+    modes_test_loss_factor *, ...         the same, likewise of the other two sets
+    modes_test_shapes *, ...              (modes_dof, modes_test) and so on; complex ones have a
+                                          last axis ``part``, real and imaginary
+    modes_cross_orthogonality *, modes_own_orthogonality *
+                                          (modes_updated, modes_test or modes_updated_other)
+    options, noise, correlation, identifiability, adequacy *, modes *, ...
                                           JSON texts, see updyn.store.values
 
 and the sub-groups ``start_model`` and ``updated_model`` are models as in `updyn.io.hdf5`.
@@ -31,6 +38,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
+from updyn.dofs import DofSet
+from updyn.dynamics.modes import Modes
 from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import write_json
@@ -53,6 +62,7 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
@@ -303,6 +313,71 @@ class _Alternatives:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
+class _Modes:
+    """The modal table: frequencies, loss factors and shapes, real and imaginary part."""
+
+    _SETS = ("test", "start", "updated")
+    _TABLES: ClassVar[dict[str, tuple[str, str]]] = {
+        "cross_orthogonality": ("modes_updated", "modes_test"),
+        "own_orthogonality": ("modes_updated", "modes_updated_other"),
+    }
+
+    def put(self, data: xr.Dataset, name: str, value: ModalTable | None) -> None:
+        if value is None:
+            return
+        data[name] = ((), to_text(list(value.notes), name))
+        if value.test is not None:
+            data.coords["modes_dof"] = ("modes_dof", texts(value.test.dofs.labels))
+        for of in self._SETS:
+            found = getattr(value, of)
+            if found is not None:
+                data[f"modes_{of}"] = (f"modes_{of}", found.frequency, {"units": "Hz"})
+                data[f"modes_{of}_loss_factor"] = (f"modes_{of}", found.loss_factor)
+                dims = ("modes_dof", f"modes_{of}")
+                data[f"modes_{of}_shapes"] = _stored(dims, found.shapes)
+        for table, axes in self._TABLES.items():
+            found = getattr(value, table)
+            if found is not None:
+                data[f"modes_{table}"] = _stored(axes, found)
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> ModalTable | None:
+        if name not in data.variables:  # not looked for, or the file is an old one
+            return None
+        fields: dict[str, Any] = {of: self._set(data, of, path) for of in self._SETS}
+        for table in self._TABLES:
+            if f"modes_{table}" in data.variables:
+                fields[table] = _restored(variable(data, f"modes_{table}", path))
+        notes = tuple(Mixed().take(data, name, path))
+        try:
+            return ModalTable(**fields, notes=notes)
+        except InputError as error:
+            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+    def _set(self, data: xr.Dataset, of: str, path: Path) -> Modes | None:
+        if f"modes_{of}" not in data.variables:
+            return None
+        columns = (
+            variable(data, f"modes_{of}", path),
+            variable(data, f"modes_{of}_loss_factor", path),
+        )
+        shapes = _restored(variable(data, f"modes_{of}_shapes", path))
+        return Modes(*columns, shapes, DofSet(map(str, variable(data, "modes_dof", path))))
+
+
+def _stored(dims: tuple[str, str], values: Any) -> tuple[tuple[str, ...], Any]:
+    """Return a table of numbers as a variable; of complex ones with an axis for their parts."""
+    if not np.iscomplexobj(values):
+        return dims, values
+    return (*dims, "part"), np.stack([values.real, values.imag], axis=-1)
+
+
+def _restored(stored: Any) -> Any:
+    """Return the table that `_stored` was given."""
+    if stored.ndim == 2:
+        return stored
+    return stored[..., 0] + 1j * stored[..., 1]
+
+
 def _records(kind: Callable[..., _T], rows: Iterable[Mapping[str, Any]]) -> tuple[_T, ...]:
     return tuple(kind(**row) for row in rows)
 
@@ -325,6 +400,7 @@ _RESULT: dict[str, Kept] = {
     "identifiability": Mixed(Identifiability),
     "adequacy": _Adequacy(),
     "alternatives": _Alternatives(),
+    "modes": _Modes(),
     "lines": Array("line", variable="line", unit="Hz"),
     "parameters": _Parameters(),
     "values": _ByUnknown("value"),
@@ -390,8 +466,13 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
         ``explained_by``; ``alternatives``, other answers that fit as well: ``values`` by unknown,
-        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there. Of several
-        tests also ``tests``: ``correlation``, ``noise`` and ``adequacy`` by name.
+        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there; ``modes``,
+        None where they were not looked for: ``rows`` with ``test``, ``start`` and ``updated``, each
+        None or ``number``, ``frequency`` in Hz, ``loss_factor``, ``change`` in % and ``mac``;
+        ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
+        ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``. Of
+        several tests also ``tests``: ``correlation``, ``noise``, ``adequacy`` and ``modes`` by
+        name.
     """
     if isinstance(result, JointResult):
         first: dict[str, Any] = {}
@@ -399,7 +480,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         for name, one in result.results.items():
             record = result_to_json(one)
             first = first or record
-            tests[name] = {key: record[key] for key in ("correlation", "noise", "adequacy")}
+            tests[name] = {key: record[key] for key in _OF_A_TEST}
         return {**first, "title": result.title, "tests": tests}
     correlation = {
         when: plain(result.correlation.get(when, {})) for when in ("before", "after", "validation")
@@ -414,7 +495,25 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
         "alternatives": plain_records(result.alternatives),
+        "modes": _modes_json(result.modes),
     }
+
+
+def _modes_json(found: ModalTable | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    mac: dict[str, Any] = {}
+    by_dof: dict[str, dict[str, Any]] = {"comac": {}, "ecomac": {}}
+    auto_mac = None
+    for name, one in found.correlations.items():
+        mac[name] = one.mac
+        auto_mac = one.auto_mac
+        labels = one.dofs.labels
+        for kind, values in (("comac", one.comac()), ("ecomac", one.ecomac())):
+            by_dof[kind][name] = dict(zip(labels, values.tolist(), strict=True))
+    record = {"known": found.known, "notes": found.notes, "rows": list(map(asdict, found.rows))}
+    record |= {"mac": mac, "auto_mac": auto_mac, **by_dof, "figures": found.figures()}
+    return plain(record)  # type: ignore[no-any-return]
 
 
 def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
@@ -427,6 +526,8 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
     }
 
 
+#: What differs from test to test.
+_OF_A_TEST = ("correlation", "noise", "adequacy", "modes")
 _IDENTIFIABILITY = (
     "rank",
     "n_parameters",

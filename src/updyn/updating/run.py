@@ -162,6 +162,7 @@ def run(
         lines = [test.lines for test in tests]
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage("judge"):
+            fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
@@ -339,6 +340,17 @@ def _fitted(
         text = f"{error}. The fit starts 0.1 % beside the unknowns' start, where it is not"
         warnings.warn(text, UpdynWarning, stacklevel=3)
         return found
+
+
+def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
+    """Return a fit that has not arrived with the cause, as far as the method knows it."""
+    if fit.reason not in ("failed", "stalled", "max-iterations"):
+        return fit
+    try:
+        cause = strategy.cause(problem)
+    except (SolverError, Stopped):
+        cause = ""
+    return replace(fit, cause=cause, remedy=strategy.failure_remedy)
 
 
 def _beside_start(whole: Problem) -> Problem:

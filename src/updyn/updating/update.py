@@ -100,7 +100,7 @@ def update(
     resume : bool
         Go on with the run that `checkpoint` holds, however it ended: with the same answer, to the
         last bit, as if it had not been interrupted. Everything has to be as it was but `engine` and
-        ``max_iterations``.
+        ``max_iterations``. Where the file is not there, the run begins anew, with a warning.
     regularise : None, str or float, optional
         Pull the unknowns without a prior to their start, by a common strength: ``"gcv"``,
         ``"l-curve"`` or ``"discrepancy"`` choose it, a number states it (1 / standard deviation of

@@ -15,7 +15,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.terminal import ProgressDisplay
+from updyn.cli.progress import ProgressDisplay
 from updyn.demos import gear_train
 from updyn.demos.gear_train import true_model
 from updyn.updating.fit.methods import METHODS
@@ -59,6 +59,23 @@ def test_both_files_and_the_table(ran: tuple[Path, int, str]) -> None:
     assert list(rows) == METHODS_HERE.split(",")
     assert "does not apply" in rows["rfm"]
     assert "rfm does not apply: rfm needs the motion of all 7 DOFs of the model" in said
+
+
+def test_a_method_that_fails_says_why_on_screen_page_and_record(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["compare", str(inputs / "compare.toml"), "--out", str(tmp_path)]
+    assert main([*words, "--methods", "reduced-frf,frf-sensitivity"]) == 3
+    said = capsys.readouterr().out
+    record = json.loads((tmp_path / "compare.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "compare.html").read_text(encoding="utf-8")
+    causes = ("3 of 7 DOFs were not measured, and the transformation", "misfit falls only along")
+    for row, cause in zip(record["rows"], causes, strict=True):
+        assert row["status"] == "failed"
+        assert "would turn negative (from " in row["message"]
+        assert cause in row["message"]
+        assert f"{row['method']} failed: {row['message']}" in said
+        assert row["message"] in page
 
 
 def test_the_record(ran: tuple[Path, int, str]) -> None:
@@ -282,7 +299,7 @@ def test_ctrl_c(inputs: Path, tmp_path: Path) -> None:
                 break
         _, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
-    assert "Stopping after these lines" in err
+    assert "Stopping after this step" in err
     found = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))
     assert found["stopped"] is True
     assert [row["method"] for row in found["rows"]] + found["not_run"] == METHODS_HERE.split(",")

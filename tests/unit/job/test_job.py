@@ -13,7 +13,7 @@ import updyn
 from updyn.demos import chain
 from updyn.elements.constraints import constrain
 from updyn.elements.masses import add_masses
-from updyn.errors import InputError, JobError
+from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
 from updyn.job import job_identifiability, load_job, prepare, run_job
 
@@ -415,12 +415,9 @@ def test_a_run_that_needed_more_steps_is_given_them(folder: Path) -> None:
 
 def test_only_a_run_of_the_same_job_is_resumed(folder: Path) -> None:
     out = folder / "out"
-    with pytest.raises(JobError, match=r"nothing to resume: .*run\.journal' does not exist"):
-        run_job(job_at(folder), out, resume=True)
-    assert not out.exists()
     run_job(job_at(folder, test="band = [1.0, 20.0]", method="max_iterations = 1"), out)
     kept = (out / "run.journal").read_bytes()
-    with pytest.raises(JobError, match=r"of another run: the data differ"):
+    with pytest.raises(JobError, match=r"of another run: the data differ.*without resume"):
         run_job(job_at(folder, test="band = [2.0, 20.0]"), out, resume=True)
     other = STIFFNESS.replace("part*", "part[123]")
     with pytest.raises(JobError, match=r"the unknowns differ \(part4\.stiffness\)"):
@@ -430,11 +427,30 @@ def test_only_a_run_of_the_same_job_is_resumed(folder: Path) -> None:
             job_at(folder, test="band = [1.0, 20.0]", method="tolerance = 1e-3"), out, resume=True
         )
     assert (out / "run.journal").read_bytes() == kept
-    run_job(job_at(folder, test="band = [1.0, 20.0]"), out, resume=True)
-    with pytest.raises(
-        JobError, match=r"the run in .*out' has ended \(converged\) and needs no journal"
+
+
+def test_where_nothing_was_saved_the_run_begins_anew_and_says_so(folder: Path) -> None:
+    job, out = job_at(folder), folder / "out"
+    fresh = run_job(job, folder / "fresh").result
+    with pytest.warns(UpdynWarning, match=r"run\.journal' does not exist; the run begins anew"):
+        first = run_job(job, out, resume=True).result
+    assert outcome(first) == outcome(fresh)
+    with pytest.warns(
+        UpdynWarning, match=r"the run in .*out' has ended \(converged\); it begins anew"
     ):
-        run_job(job_at(folder, test="band = [1.0, 20.0]"), out, resume=True)
+        again = run_job(job, out, resume=True).result
+    assert outcome(again) == outcome(fresh)
+
+
+def test_one_command_for_every_start_of_a_scheduler(folder: Path) -> None:
+    """With resume from the first start on, a run that breaks off each time gets to its end."""
+    job, out = job_at(folder), folder / "out"
+    fresh = run_job(job, folder / "fresh").result
+    with pytest.warns(UpdynWarning, match="begins anew"):
+        run_job(job, out, lambda progress: progress.iteration >= 1, resume=True)
+    stopped = run_job(job, out, lambda progress: progress.iteration >= 3, resume=True).result
+    assert stopped.status == "stopped"
+    assert outcome(run_job(job, out, resume=True).result) == outcome(fresh)
 
 
 def test_a_run_that_is_refused_leaves_no_journal(folder: Path) -> None:

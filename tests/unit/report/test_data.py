@@ -205,6 +205,7 @@ def test_every_figure_is_there_and_finite(result, data):
         "changes", "worst-channel", "median-channel", "frf-correlation-before", "frf-correlation-after", "csac",
         "singular-values", "correlation", "cost", "factor-paths", "loss-factor-paths", "level-differences",
         "residual-by-channel", "misfit-map",
+        "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
     }  # fmt: skip
     np.testing.assert_allclose(
         figures["frf-correlation-after"]["data"][0]["z"], data.correlation_after

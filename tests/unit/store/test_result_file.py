@@ -14,6 +14,7 @@ from io_samples import assert_same_frf, assert_same_model, geometry
 from updyn.errors import FormatError, InputError, UpdynWarning
 from updyn.frf import FRF
 from updyn.io.hdf5 import read_model, write_model
+from updyn.modal import ModeSet
 from updyn.model import Group, Model
 from updyn.store.result import read_result, result_to_json, write_result, write_result_json
 from updyn.store.values import from_text, to_text
@@ -21,6 +22,7 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -53,6 +55,14 @@ def adequacy() -> Adequacy:
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
         explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3),),
     )
+
+
+def modal() -> ModalTable:
+    """Modes of a test at the DOFs of the model, with an unknown loss factor."""
+    shapes = np.array([[1.0, 2.0 / 3.0], [-1.0 + 0.1j, 1.0]])
+    test = ModeSet([45.0, 200.0], shapes, ["1:Z", "2:-Z"], [0.01, NAN])
+    model = start_model()
+    return compare_modes(model, model.scaled({"arm": {"stiffness": 1.0 / 3.0}}), test)
 
 
 def others() -> tuple[Alternative, ...]:
@@ -154,6 +164,7 @@ def sample(**changes: object) -> UpdateResult:
         "title": "Prüfstand 3",
         "adequacy": adequacy(),
         "alternatives": others(),
+        "modes": modal(),
     }
     return UpdateResult(**(everything | changes))
 
@@ -213,8 +224,19 @@ def assert_same(found: object, expected: object, where: str) -> None:
         },
         {"adequacy": None},
         {"alternatives": ()},
+        {"modes": None},
+        {"modes": ModalTable(notes=("No modes could be identified.",))},
     ],
-    ids=["full", "no history", "no figures", "failed", "residual not tested", "one answer"],
+    ids=[
+        "full",
+        "no history",
+        "no figures",
+        "failed",
+        "residual not tested",
+        "one answer",
+        "modes not looked for",
+        "no modes",
+    ],
 )
 def test_every_field_comes_back(tmp_path, changes):
     expected = sample(**changes)
@@ -229,8 +251,9 @@ def test_no_field_is_forgotten():
             "status message remedy method options start model frf lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
-            " alternatives"
+            " alternatives modes"
         ),
+        ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"
             " alike chi_square_p whiteness_p worst explained_by"
@@ -437,6 +460,32 @@ def test_a_record_from_before_other_answers_were_looked_for_has_none(tmp_path):
     with h5py.File(tmp_path / "run.nc", "r+") as file:
         del file["alternatives"]
     assert read_result(tmp_path / "run.nc").alternatives == ()
+
+
+def test_a_record_from_before_modes_were_looked_for_has_none(tmp_path):
+    write_result(sample(), tmp_path / "run.nc")
+    with h5py.File(tmp_path / "run.nc", "r+") as file:
+        del file["modes"]
+    assert read_result(tmp_path / "run.nc").modes is None
+
+
+def test_json_has_the_modes():
+    table = modal()
+    found = result_to_json(sample())["modes"]
+    assert found["known"]
+    assert [row["test"]["frequency"] for row in found["rows"] if row["test"]] == [45.0, 200.0]
+    assert found["rows"][-1]["test"]["loss_factor"] is None
+    paired = [row for row in found["rows"] if row["test"] and row["start"]]
+    assert paired
+    for row in paired:
+        start, test = row["start"], row["test"]
+        assert start["change"] == pytest.approx(100 * (start["frequency"] / test["frequency"] - 1))
+        assert start["mac"] == found["mac"]["start"][start["number"]][test["number"]]
+    assert np.array(found["auto_mac"]) == pytest.approx(table.correlations["start"].auto_mac)
+    assert list(found["comac"]["start"]) == list(found["ecomac"]["updated"]) == ["1:Z", "2:-Z"]
+    assert result_to_json(sample(modes=None))["modes"] is None
+    nothing = result_to_json(sample(modes=ModalTable(notes=("too few lines",))))["modes"]
+    assert (nothing["known"], nothing["rows"], nothing["notes"]) == (False, [], ["too few lines"])
 
 
 def test_json_says_what_is_left():

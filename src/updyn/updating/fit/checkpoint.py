@@ -48,12 +48,12 @@ class Checkpoint:
     head : mapping
         From `fingerprint`.
     resume : bool
-        Resume the run of the file that is there.
+        Resume the run of the file that is there; where there is none, begin anew, with a warning.
 
     Raises
     ------
     OptionError
-        If there is no folder for it; to resume, if it is not there or of another problem.
+        If there is no folder for it; to resume, if it is of another problem.
     FormatError
         If the file to resume is not a checkpoint.
     """
@@ -132,8 +132,14 @@ class Checkpoint:
         return self.path.open("r+b")
 
     def _open(self) -> None:
-        if not self.path.is_file():
-            raise OptionError(f"checkpoint {str(self.path)!r}: there is nothing to resume")
+        if not self.path.exists():
+            # One command, or one script, for the first start and for every later one.
+            warnings.warn(
+                f"nothing to resume: {str(self.path)!r} does not exist; the run begins anew",
+                UpdynWarning,
+                stacklevel=2,
+            )
+            return
         with ExitStack() as refused:
             file = refused.enter_context(self.path.open("r+b"))
             self._check_head(file)
@@ -155,7 +161,10 @@ class Checkpoint:
             raise FormatError("is the journal of a run, but its head is damaged", self.path)
         differing = _differing(json.loads(head), json.loads(self._head))
         if differing:
-            raise OptionError(f"checkpoint {str(self.path)!r} is of another run: {differing}")
+            raise OptionError(
+                f"checkpoint {str(self.path)!r} is of another run: {differing}; without resume the"
+                " run begins anew and replaces it"
+            )
 
 
 def fingerprint(

@@ -136,6 +136,11 @@ class Fit:
         empty: found among lines and sensors that could be added.
     rivals : tuple of Rival
         Other answers that fit as well.
+    cause : str
+        Of a fit that failed, stalled or ran out of steps: what of model and data stood in the way
+        of the method (`Method.cause`); may be empty.
+    remedy : str
+        Of a fit that failed: what to do about it (`Method.failure_remedy`); may be empty.
     """
 
     x: _Vector
@@ -148,6 +153,8 @@ class Fit:
     pull: Pull | None = None
     advice: str = ""
     rivals: tuple[Rival, ...] = ()
+    cause: str = ""
+    remedy: str = ""
 
     @classmethod
     def blind(cls, x: _Vector, reason: str, note: str = "") -> Fit:
@@ -207,6 +214,31 @@ class Method(ABC):
     can_regularise: ClassVar[bool] = False
     is_likelihood: ClassVar[bool] = False
     states_noise: ClassVar[bool] = False
+
+    @property
+    def stages(self) -> tuple[tuple[str, int], ...]:
+        """Stages of its progress, each with the number of steps after which it usually ends."""
+        return ((self.name, self.max_iterations),)
+
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down; empty: to start closer."""
+        return ""
+
+    def cause(self, problem: Problem) -> str:
+        """Return what of model and data stands in the way of this method; may be empty.
+
+        Asked for a fit that failed, stalled or ran out of steps.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns, at their start.
+        """
+        numbers = 2 * problem.n_values
+        if numbers >= problem.n:
+            return ""
+        return f"The data hold {numbers} real numbers for {problem.n} unknowns."
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where to begin: by default the unknowns' start.

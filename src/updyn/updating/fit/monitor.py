@@ -18,6 +18,7 @@ __all__ = [
     "Iteration",
     "Monitor",
     "Progress",
+    "condition",
     "iterations_made",
 ]
 
@@ -36,9 +37,8 @@ class Progress:
         Half the sum of squared weighted residuals after that step; nan before the first.
     lines_done, n_lines : int
         Lines solved so far in the whole run, and lines that a step solves.
-    made : int
-        Iterations made so far, through all stages: the steps that were taken, as the result counts
-        them.
+    accepted : int
+        Accepted steps so far, as `UpdateResult.iterations` counts them.
     """
 
     stage: str
@@ -46,7 +46,7 @@ class Progress:
     cost: float
     lines_done: int
     n_lines: int
-    made: int = 0
+    accepted: int = 0
 
 
 @dataclass(slots=True)
@@ -75,7 +75,7 @@ class Monitor:
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
     _n_lines: int = field(default=0, init=False)
-    _made: int = field(default=0, init=False)
+    _accepted: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
@@ -130,7 +130,7 @@ class Monitor:
                 dict(zip(names, values.tolist(), strict=True)),
             )
         )
-        self._made += self.history[-1].is_iteration
+        self._accepted += self.history[-1].counts
         self._shown()
         return self.stopped
 
@@ -142,14 +142,20 @@ class Monitor:
             if self.history:
                 number, cost = self.history[-1].number, self.history[-1].cost
             progress = Progress(
-                self._stage, number, cost, session.lines_solved, self._n_lines, self._made
+                self._stage, number, cost, session.lines_solved, self._n_lines, self._accepted
             )
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped
 
 
 def condition(R: NDArray[np.float64]) -> float:
-    """Return the condition number of a Jacobian with its columns scaled to unit norm."""
+    """Return the condition number of a Jacobian with its columns scaled to unit norm.
+
+    Parameters
+    ----------
+    R : ndarray of float, shape (k, n)
+        Jacobian, or the triangle of its QR factors.
+    """
     norms = np.linalg.norm(R, axis=0)
     if not norms.all() or not np.isfinite(norms).all():
         return np.inf
@@ -189,8 +195,8 @@ class Iteration:
     values: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def is_iteration(self) -> bool:
-        """Whether the unknowns moved: not where the step was refused, nor where a fit begins."""
+    def counts(self) -> bool:
+        """Whether it is an accepted step, and not a start."""
         return self.accepted and self.number > 0 and self.step > 0
 
 
@@ -202,6 +208,6 @@ def iterations_made(history: Sequence[Iteration]) -> list[int]:
     """
     made, out = 0, []
     for step in history:
-        made += step.is_iteration
+        made += step.counts
         out.append(made)
     return out

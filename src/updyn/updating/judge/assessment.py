@@ -128,7 +128,8 @@ def judge(
 
     names, even = problem.coordinates.parameters.names, None
     if fit.reason == "failed":  # where it broke down says nothing about the data; the start does
-        fit = Fit.blind(fit.x, fit.reason, fit.note)
+        blinded = Fit.blind(fit.x, fit.reason, fit.note)
+        fit = replace(blinded, cause=fit.cause, remedy=fit.remedy)
         blind = analyse(fit.R, names)
         analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
         misfit = 0.0

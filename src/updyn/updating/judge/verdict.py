@@ -33,6 +33,7 @@ _ARRIVED = 0.1
 #: A fit that was cut short is still falling if a step would take away this share of the misfit, or
 #: the last ten gained this share of what is left.
 _FALLING, _STEADY = 0.05, 0.1
+_CLOSER = "Start closer, or use the default method."
 _LOOK = (
     "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
     " groups."
@@ -148,7 +149,7 @@ def _cut_short(
     """Return message and remedy of a fit that ran out of steps, its unknowns being determined."""
     message = "The largest number of steps was reached before convergence."
     if end is None:
-        return message, "Raise max_iterations, or start closer."
+        return f"{message} {fit.cause}".strip(), "Raise max_iterations, or start closer."
     if _falls(end):
         message += (
             f" The misfit was still falling: the values are {end.deviations:.2g} standard"
@@ -187,11 +188,8 @@ def _ended(
     end: Ending | None,
 ) -> tuple[str, str, str]:
     if fit.reason == "failed":
-        remedy = (
-            "Start closer; or use the default method, or solver 'trust-region' where this one"
-            " has it."
-        )
-        return "failed", f"The fit broke down. {fit.note}".strip(), remedy
+        message = f"{fit.note or 'The fit broke down.'} {fit.cause}".strip()
+        return "failed", message, fit.remedy or _CLOSER
     if fit.reason == "stopped":
         message = (
             "Stopped before it had converged and been judged; the values are those of the best step"
@@ -204,6 +202,7 @@ def _ended(
         if analysis.report.complete:
             return "max-iterations", *_cut_short(fit, analysis, names, misfit, end)
         message = "The largest number of steps was reached before convergence."
+        message = f"{message} {fit.cause}".strip()
         return "max-iterations", f"{message} Besides, {_undetermined(analysis, names)}", advice
     if not analysis.report.complete:
         return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
@@ -214,8 +213,8 @@ def _ended(
         )
         return "stalled", message, "Raise starts, start closer, or fix what is known."
     if fit.reason == "stalled":
-        message = "No step lowers the misfit although its gradient is not zero."
-        return "stalled", message, "Start elsewhere or loosen bounds."
+        message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
+        return "stalled", message.strip(), "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)
 
 

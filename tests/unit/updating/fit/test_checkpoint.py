@@ -171,8 +171,6 @@ def test_another_run_is_refused_and_told_apart(file, change, message):
 
 
 def test_what_is_no_journal_is_refused(tmp_path, file):
-    with pytest.raises(OptionError, match="there is nothing to resume"):
-        Checkpoint(tmp_path / "absent", HEAD, resume=True)
     with pytest.raises(OptionError, match="the folder does not exist"):
         Checkpoint(tmp_path / "no" / "run.journal", HEAD)
     whole = file.read_bytes()
@@ -312,6 +310,24 @@ def test_everything_that_decides_the_answer_is_looked_at(chain12, data, unknowns
         }
         with pytest.raises(OptionError, match=message):
             updyn.update(**arguments, checkpoint=path, resume=True)
+
+
+def test_where_there_is_no_file_the_run_begins_anew_and_says_so(
+    chain12, data, unknowns, tmp_path, evaluated
+):
+    path = tmp_path / "run.journal"
+    plain = updyn.update(chain12, data, unknowns, method="output-error")
+    with pytest.warns(UpdynWarning, match=r"run\.journal' does not exist; the run begins anew"):
+        found = updyn.update(
+            chain12, data, unknowns, method="output-error", checkpoint=path, resume=True
+        )
+    assert outcome(found) == outcome(plain)
+    evaluated.clear()
+    again = updyn.update(
+        chain12, data, unknowns, method="output-error", checkpoint=path, resume=True
+    )
+    assert outcome(again) == outcome(plain)
+    assert evaluated == []
 
 
 def test_resume_needs_a_checkpoint(chain12, data, unknowns):

@@ -328,9 +328,7 @@ def one_unknown(chain12, full):
 
 def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
     problem, monitor = one_unknown
-    x, reason = Plain(50, 1e-6, "").run(
-        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
-    )
+    x, reason = Plain(50, 1e-6).run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
     assert reason == "converged"
     steps = [h.step for h in monitor.history]
     assert steps[-1] <= 1e-6 < steps[-2]
@@ -340,7 +338,7 @@ def test_the_plain_iteration_ends_where_a_step_is_short(one_unknown):
 def test_a_short_step_that_gets_no_shorter_is_rounding(one_unknown):
     problem, monitor = one_unknown
     sign = iter((-1.0) ** np.arange(50))
-    x, reason = Plain(50, 0.0, "").run(
+    x, reason = Plain(50, 0.0).run(
         problem, bowl, lambda _, x: x + 1e-8 * next(sign), np.array([0.03]), monitor
     )
     assert (reason, len(monitor.history)) == ("converged", 3)
@@ -349,26 +347,22 @@ def test_a_short_step_that_gets_no_shorter_is_rounding(one_unknown):
 
 def test_the_largest_number_of_steps_is_kept(one_unknown):
     problem, monitor = one_unknown
-    _, reason = Plain(4, 0.0, "").run(
-        problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor
-    )
+    _, reason = Plain(4, 0.0).run(problem, bowl, lambda _, x: 0.5 * x, np.array([0.03]), monitor)
     assert (reason, len(monitor.history)) == ("max-iterations", 5)
 
 
 def test_unknowns_without_bounds_are_a_divergence(one_unknown):
     problem, monitor = one_unknown
     with pytest.raises(
-        SolverError, match=r"grow beyond all bounds in step 11: .* diverged. Do this"
+        SolverError, match=r"grow beyond all bounds in step 11, .*condition number 1: .* diverged"
     ):
-        Plain(50, 0.0, "Do this.").run(
-            problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor
-        )
+        Plain(50, 0.0).run(problem, bowl, lambda _, x: 10.0 * x, np.array([0.03]), monitor)
 
 
 def test_a_step_that_helps_nowhere_has_stalled(one_unknown):
     problem, monitor = one_unknown
     start = np.array([0.03])
-    x, reason = Plain(50, 0.0, "", halving=True).run(
+    x, reason = Plain(50, 0.0, halving=True).run(
         problem, bowl, lambda _, x: 100.0 + 0 * x, start, monitor
     )
     assert (x, reason) == (start, "stalled")
@@ -377,7 +371,7 @@ def test_a_step_that_helps_nowhere_has_stalled(one_unknown):
 def test_halving_takes_the_first_part_of_a_step_that_lowers_the_cost(one_unknown):
     """From 1 to -7: all and half of it raise x^2, a quarter ends at -1, which does not lower it, an eighth at 0."""
     problem, monitor = one_unknown
-    settings = Plain(1, 0.0, "", halving=True)
+    settings = Plain(1, 0.0, halving=True)
     x, _ = settings.run(problem, bowl, lambda _, x: x - 8.0, np.array([1.0]), monitor)
     assert x == pytest.approx([0.0], abs=1e-9)
 
@@ -482,3 +476,104 @@ def test_what_is_sent_to_workers_can_be_sent(chain12, full):
         residual.block(there, x, slice(0, 4)), residual.block(problem, x, slice(0, 4)), strict=True
     ):
         assert np.array_equal(a, b)
+
+
+# -- why it failed -----------------------------------------------------------------------------------------
+@pytest.fixture
+def two_masses(chain12):
+    unknowns = updyn.parameters(chain12, mass=["part1", "part2"])
+    part = Part.build(chain12, updyn.response(chain12, [3.0, 5.0], ALL, ["2:X"]), unknowns)
+    return part, Monitor(Problem.of([part]))
+
+
+def test_a_factor_that_turns_negative_is_named_with_its_values(two_masses):
+    problem, monitor = two_masses
+    local = Local(1.0, np.diag([1.0, 2.0]), np.ones(2))
+    with pytest.raises(SolverError) as error:
+        Plain(5, 0.0).run(
+            problem, lambda _: local, lambda *_: np.array([-0.25, -0.5]), np.zeros(2), monitor
+        )
+    assert str(error.value) == (
+        "part2.mass would turn negative (from 1 to -0.5), with 1 more, in step 1, whose linear"
+        " problem has condition number 1: the plain iteration has diverged."
+    )
+
+
+def test_a_singular_step_is_called_so(two_masses):
+    problem, monitor = two_masses
+    local = Local(1.0, np.ones((2, 2)), np.ones(2))
+    with pytest.raises(SolverError, match="step 1, whose linear problem is singular: "):
+        Plain(5, 0.0).run(
+            problem, lambda _: local, lambda *_: np.array([1.0, -1.0]), np.zeros(2), monitor
+        )
+
+
+def guyan_errors(model, data):
+    """Relative errors of FRFs after static condensation, median of each line."""
+    n, at = model.n_dofs, model.dofs.match(data.responses, "response").index
+    rest = np.setdiff1d(np.arange(n), at)
+    K, M = model.stiffness.toarray(), model.mass.toarray()
+    T = np.zeros((n, len(at)))
+    T[at] = np.eye(len(at))
+    T[rest] = -np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, at)])
+    D = sum(g.loss_factor * g.stiffness.toarray() for g in model.groups.values())
+    out, force = [], model.dofs.match(data.references, "reference").index[0]
+    for f in data.freq:
+        Z = K + 1j * D - (2 * np.pi * f) ** 2 * M
+        exact = np.linalg.solve(Z, np.eye(n)[:, force])[at]
+        reduced = np.linalg.solve(T.T @ Z @ T, np.eye(n)[at][:, force])
+        out.append(np.median(np.abs(reduced - exact) / np.abs(exact)))
+    return np.array(out)
+
+
+def test_the_reduced_method_says_how_far_its_reduced_model_is_off(chain12, chain12_true):
+    data = updyn.response(
+        chain12_true, np.linspace(0.5, 20.0, 40), ["2:X", "7:X", "12:X"], ["12:X"]
+    )
+    unknowns = updyn.parameters(chain12, **EVERY)
+    result = updyn.update(chain12, data, unknowns, method="reduced-frf", max_iterations=3)
+    errors = guyan_errors(chain12, data)
+    first = int(np.flatnonzero(errors > 0.1)[0])
+    assert 0 < first < 39
+    assert result.status in ("failed", "max-iterations")
+    said = (
+        "9 of 12 DOFs were not measured, and the transformation that stands for them is not exact:"
+        f" where the fit starts, it puts the FRFs off by {100 * np.median(errors):.2g} % (median of"
+        f" all lines), and by less than 10 % only up to {data.freq[first - 1]:.4g} Hz."
+    )
+    assert said in result.message
+
+
+def test_the_sensitivity_method_says_how_far_its_first_step_holds():
+    """One factor on a mass on a spring: the FRF, and so the sum of squares, in closed form."""
+    spring = updyn.Model.from_groups(
+        {"m": updyn.Group(np.array([[1e4]]), np.array([[1.0]]), loss_factor=0.02)}, ["1:X"]
+    )
+    freq = np.array([10.0, 12.0, 14.0, 18.0, 20.0])
+    data = updyn.response(spring.scaled({"m": {"mass": 1.6}}), freq, ["1:X"], ["1:X"])
+    unknowns = updyn.parameters(spring, mass="all")
+    w = 2 * np.pi * freq
+
+    def H(mass):
+        return 1.0 / (1e4 * (1 + 0.02j) - w**2 * mass)
+
+    def cost(mass):
+        return np.sum(np.abs(data.values[:, 0, 0] - H(mass)) ** 2)
+
+    J, r = H(1.0) ** 2 * w**2, data.values[:, 0, 0] - H(1.0)
+    step = np.sum((J.conj() * r).real) / np.sum(np.abs(J) ** 2)
+    share = 1.0
+    while 1.0 + share * step <= 0.0 or cost(1.0 + share * step) >= cost(1.0):
+        share *= 0.5
+    assert share < 1.0
+    problem = Problem.of([Part.build(spring, data, unknowns)])
+    said = make_method("frf-sensitivity", {}).cause(problem)
+    assert f"falls only along the first 1/{1 / share:.0f} of the first step" in said
+
+
+def test_motion_that_was_not_measured_and_too_few_numbers_are_said(chain12, chain12_true):
+    data = updyn.response(chain12_true, [3.0, 9.0], ["2:X", "12:X"], ["12:X"])
+    unknowns = updyn.parameters(chain12, **EVERY)
+    result = updyn.update(chain12, data, unknowns, method="force-residual", max_iterations=2)
+    assert "10 of 12 DOFs were not measured: their motion is expanded with" in result.message
+    assert f"The data hold 8 real numbers for {len(unknowns)} unknowns." in result.message

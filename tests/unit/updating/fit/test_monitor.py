@@ -71,7 +71,7 @@ def test_progress_counts_the_steps_taken(problem):
     with monitor.stage("log"):
         monitor.start(x, local)
         monitor.step(Step(x, local, 0.1, True))
-    assert [p.made for p in seen if not np.isnan(p.cost)][-6:] == [0, 1, 1, 2, 2, 3]
+    assert [p.accepted for p in seen if not np.isnan(p.cost)][-6:] == [0, 1, 1, 2, 2, 3]
 
 
 def test_stages_nest_and_times_add_up(problem):

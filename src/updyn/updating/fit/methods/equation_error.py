@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.reduced import NOT_CONDENSED
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.updating.fit.method import Fit, Method, descend_to_scale, in_units, spread_of
-from updyn.updating.fit.methods.linear import basic_solution
+from updyn.updating.fit.methods.linear import basic_solution, turned_negative
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step, TrustRegion
 from updyn.updating.problem.local import Local
@@ -58,6 +58,13 @@ class EquationErrorMethod(Method):
                 f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
                 key=("solver",),
             )
+
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down."""
+        if self.solver == "gauss-newton":
+            return "Use solver='trust-region', or the default method."
+        return ""
 
     def fit(
         self,
@@ -133,10 +140,12 @@ def _gauss_newton(
         if stop or number == max_iterations:
             return x, "stopped" if stop else "max-iterations"
         values = coordinates.to_values(x)
-        if (values + change)[problem.coordinates.parameters.is_factor].min(initial=1.0) <= 0.0:
+        parameters = coordinates.parameters
+        negative = np.flatnonzero(parameters.is_factor & (values + change <= 0.0))
+        if negative.size:
             raise SolverError(
-                f"A mass or a stiffness would turn negative in step {number + 1}: the plain"
-                " iteration has diverged."
+                f"{turned_negative(parameters, values, values + change, negative)} in step"
+                f" {number + 1}: the plain iteration has diverged."
             )
         moved = coordinates.to_x(values + change)
         before, x, length = x, moved, float(np.abs(moved - x).max())

@@ -23,6 +23,7 @@ from updyn.updating.fit.methods.linear import (
     fit_of,
     linear_step,
     local_of,
+    not_measured,
 )
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
@@ -42,7 +43,6 @@ _NOTE = (
     " deviations do not show that. {}Use maximum likelihood where the data are noisy."
 )
 _UNBOUNDED = "The published iteration knows no bounds. "
-_ADVICE = "Use solver='trust-region'."
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +88,20 @@ class ForceResidualMethod(Method):
                 key=("solver",),
             )
 
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down."""
+        if self.solver == "alternating":
+            return "Use solver='trust-region', or the default method."
+        return ""
+
+    def cause(self, problem: Problem) -> str:
+        """Return how much of the motion is the model's own."""
+        missing = not_measured(problem)
+        if missing:
+            missing += ": their motion is expanded with the model as it is, right or wrong."
+        return f"{missing} {Method.cause(self, problem)}".strip()
+
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
@@ -102,7 +116,7 @@ class ForceResidualMethod(Method):
         with monitor.stage(_NAME):
             if plain:
                 step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
-                settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
+                settings = Plain(self.max_iterations, self.tolerance)
                 x, reason = settings.run(
                     problem, partial(local_of, problem, residual), step, x, monitor
                 )

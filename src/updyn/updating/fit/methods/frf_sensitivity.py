@@ -14,6 +14,7 @@ from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.least_squares import judged
 from updyn.updating.fit.methods.linear import Amounts, Plain, check_unknowns, linear_step, local_of
 from updyn.updating.fit.monitor import Monitor
+from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -62,6 +63,35 @@ class FrfSensitivityMethod(Method):
         " use tier 'sparse', or method 'output-error'"
     )
 
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down."""
+        if self.halving:
+            return "Use method 'output-error'."
+        return "Use method 'output-error', or halving=True."
+
+    def cause(self, problem: Problem) -> str:
+        """Return over which share of its first step the FRFs are linear enough."""
+        x, evaluate = problem.coordinates.home, partial(local_of, problem, self._residual(problem))
+        here, values = evaluate(x), problem.coordinates.to_values(x)
+        halved = Plain(1, self.tolerance, halving=True)
+        found = halved.next_point(problem, evaluate, values, _step(problem, here, x), here, 1)
+        text = "The misfit does not fall along the first step, however short."
+        if found is not None:
+            share = found[2]
+            text = (
+                f"The misfit falls only along the first 1/{1.0 / share:.0f} of the first step: the"
+                " start is too far for FRFs that are linearised there."
+            )
+            if share == 1.0:
+                text = "The FRFs are not linear enough in the unknowns for whole steps."
+        return f"{text} {Method.cause(self, problem)}".strip()
+
+    def _residual(self, problem: Problem) -> Each:
+        """Return the output error of every test, under the name of this method."""
+        errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
+        return Each(tuple(errors))
+
     def fit(
         self,
         problem: Problem,
@@ -71,13 +101,16 @@ class FrfSensitivityMethod(Method):
     ) -> Fit:
         """Fit the unknowns from x; weights are equal, standard deviations those of the noise."""
         check_unknowns(problem, self)
-        errors = [replace(OutputError.of_data(part), name=self.name) for part in problem.parts]
-        residual = Each(tuple(errors))
-        advice = "Use method 'output-error'" + ("." if self.halving else ", or halving=True.")
-        settings = Plain(self.max_iterations, self.tolerance, advice, self.halving)
-        step = partial(linear_step, problem, Amounts(()))  # no pairs: linearised in kappa and gamma
+        residual = self._residual(problem)
+        settings = Plain(self.max_iterations, self.tolerance, self.halving)
+        step = partial(_step, problem)
         with monitor.stage(self.name):
             x, reason = settings.run(
                 problem, partial(local_of, problem, residual), step, x, monitor
             )
             return judged(problem, residual, x, reason, _NOTE, noises)
+
+
+def _step(problem: Problem, local: Local, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values after a whole step, linearised in stiffness and loss factor each."""
+    return linear_step(problem, Amounts(()), local, x)

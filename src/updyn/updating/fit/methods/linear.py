@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, ParameterError, SolverError
 from updyn.updating.fit.method import Fit, Method, spread_of
-from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.monitor import Monitor, condition
 from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.parameters import ParameterSet
@@ -32,7 +32,9 @@ __all__ = [
     "fit_of",
     "linear_step",
     "local_of",
+    "not_measured",
     "scaled_solution",
+    "turned_negative",
 ]
 
 _Vector = NDArray[np.float64]
@@ -43,6 +45,8 @@ _BASES = {"loss_factor": "stiffness", "stiffness_damping": "stiffness", "mass_da
 _ABSURD = 1e9
 #: A step below this that is no shorter than the one before is rounding.
 _ROUNDING = 1e-6
+#: A condition number from which a linear problem is singular but for rounding.
+_SINGULAR = 1e12
 #: How often a step is halved before it is given up.
 _HALVINGS = 20
 #: Columns whose lengths differ by less than this share are equally long but for rounding.
@@ -114,8 +118,6 @@ class Plain:
     tolerance : float
         Converged when a step (logarithms of factors; loss factors) is not longer than this, or is
         rounding.
-    advice : str
-        What to do where it diverges, for the message.
     halving : bool
         Whether a step that does not lower the cost is halved; 20 times in vain, and the iteration
         has stalled.
@@ -123,7 +125,6 @@ class Plain:
 
     max_iterations: int
     tolerance: float
-    advice: str
     halving: bool = False
 
     def run(
@@ -163,14 +164,15 @@ class Plain:
                 return x, "stopped"
             for number in range(1, self.max_iterations + 1):
                 values = problem.coordinates.to_values(x)
-                found = self._next(problem, evaluate, values, solve(here, x), here, number)
+                found = self.next_point(problem, evaluate, values, solve(here, x), here, number)
                 if found is None:
                     return x, "stalled"
-                moved, there, whole = found
+                moved, there, share = found
                 length = float(np.abs(moved - x).max())
                 x, here = moved, there
                 stop = monitor.step(Step(x, here, length, True))
-                if whole and length <= max(self.tolerance, _ROUNDING if length >= before else 0.0):
+                rounding = _ROUNDING if length >= before else 0.0
+                if share == 1.0 and length <= max(self.tolerance, rounding):
                     return x, "converged"
                 if stop:
                     return x, "stopped"
@@ -179,7 +181,7 @@ class Plain:
             return x, "stopped"
         return x, "max-iterations"
 
-    def _next(
+    def next_point(
         self,
         problem: Problem,
         evaluate: Callable[[_Vector], Local],
@@ -187,39 +189,94 @@ class Plain:
         wanted: _Vector,
         here: Local,
         number: int,
-    ) -> tuple[_Vector, Local, bool] | None:
-        """Return the next point, its local problem, and whether the step is whole, or None."""
+    ) -> tuple[_Vector, Local, float] | None:
+        """Return the next point, its local problem, and the share of the step taken, or None.
+
+        Parameters
+        ----------
+        problem, evaluate
+            As for `run`.
+        values, wanted : ndarray of float, shape (n,)
+            Values of the unknowns before the step, and after the whole of it.
+        here : Local
+            The local problem before it.
+        number : int
+            Of the step, for messages.
+        """
         share = 1.0
         for _ in range(_HALVINGS + 1):
             try:
-                moved = self._checked(problem, values + share * (wanted - values), number)
+                moved = _checked(problem, values, values + share * (wanted - values), here, number)
                 there = evaluate(moved)
                 if (
                     not self.halving
                     or there.cost < here.cost
                     or _is_rounding(problem, moved, values)
                 ):
-                    return moved, there, share == 1.0
+                    return moved, there, share
             except SolverError:
                 if not self.halving:
                     raise
             share *= 0.5
         return None
 
-    def _checked(self, problem: Problem, values: _Vector, number: int) -> _Vector:
-        factors = values[problem.coordinates.parameters.is_factor]
-        again = f"in step {number}: the plain iteration has diverged. {self.advice}"
-        if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
-            raise SolverError(f"The unknowns grow beyond all bounds {again}")
-        if (factors <= 0.0).any():
-            raise SolverError(
-                f"A factor (of mass, stiffness or damping) would turn negative {again}"
-            )
-        return problem.coordinates.to_x(values)
+
+def _checked(
+    problem: Problem, before: _Vector, values: _Vector, here: Local, number: int
+) -> _Vector:
+    """Return x after a step to some values; refuse factors that are no longer above zero."""
+    parameters = problem.coordinates.parameters
+    size = condition(here.R)
+    is_what = f"has condition number {size:.2g}" if size < _SINGULAR else "is singular"
+    where = f"in step {number}, whose linear problem {is_what}: the plain iteration has diverged."
+    if not np.isfinite(values).all() or (np.abs(values) > _ABSURD).any():
+        raise SolverError(f"The unknowns grow beyond all bounds {where}")
+    negative = np.flatnonzero(parameters.is_factor & (values <= 0.0))
+    if negative.size:
+        raise SolverError(f"{turned_negative(parameters, before, values, negative)} {where}")
+    return problem.coordinates.to_x(values)
+
+
+def turned_negative(
+    parameters: ParameterSet, before: _Vector, after: _Vector, negative: NDArray[np.intp]
+) -> str:
+    """Return the beginning of a sentence about factors that a step makes negative.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    before, after : ndarray of float, shape (n,)
+        Their values before and after the step.
+    negative : ndarray of int
+        Positions of these factors.
+    """
+    worst = int(negative[np.argmin(after[negative] / before[negative])])
+    text = f"{parameters[worst].name} would turn negative (from {before[worst]:.3g} to"
+    text += f" {after[worst]:.3g})"
+    if negative.size > 1:
+        text += f", with {negative.size - 1} more,"
+    return text
 
 
 def _is_rounding(problem: Problem, x: _Vector, values: _Vector) -> bool:
     return bool(np.abs(x - problem.coordinates.to_x(values)).max() <= _ROUNDING)
+
+
+def not_measured(problem: Problem) -> str:
+    """Return how many DOFs of a model were not measured, as the beginning of a sentence; or empty.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model and data; of several tests the one with the most.
+    """
+    most = max(problem.parts, key=lambda part: part.solver.system.n - len(set(part.rows.tolist())))
+    n = most.solver.system.n
+    missing = n - len(set(most.rows.tolist()))
+    if not missing:
+        return ""
+    return f"{missing} of {n} DOFs were not measured"
 
 
 def linear_step(problem: Problem, amounts: Amounts, local: Local, x: _Vector) -> _Vector:

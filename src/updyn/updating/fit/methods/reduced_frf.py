@@ -22,6 +22,7 @@ from updyn.updating.fit.methods.linear import (
     fit_of,
     linear_step,
     local_of,
+    not_measured,
     scaled_solution,
 )
 from updyn.updating.fit.monitor import Monitor
@@ -41,10 +42,8 @@ _NOTE = (
     " deviations do not show that. The iteration knows no bounds. Use equation-error or maximum"
     " likelihood, which condense exactly."
 )
-_ADVICE = (
-    "Its reduced model may be too far from exact here: use lines below the first resonance, or"
-    " equation-error."
-)
+#: An error of the reduced FRFs that is called small.
+_SMALL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +89,22 @@ class ReducedFrfMethod(Method):
         "tier 'reduced': 'reduced-frf' makes a reduction of its own; use tier 'sparse'"
     )
 
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down."""
+        return "Use lines where its reduced model is exact enough, or 'equation-error'."
+
+    def cause(self, problem: Problem) -> str:
+        """Return how far the reduced model is from the exact one at the start."""
+        texts = []
+        for part in problem.parts:
+            missing = not_measured(Problem.of([part]))
+            if missing:
+                errors = _errors(part, self.frequency)
+                texts.append(f"{part.name}: {missing}, {_inexact(part.frf.freq, errors)}")
+        text = " ".join(texts).removeprefix(": ")
+        return f"{text} {Method.cause(self, problem)}".strip()
+
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
@@ -103,7 +118,7 @@ class ReducedFrfMethod(Method):
             reduced = Problem.of(parts)
             amounts = Amounts.find(problem.coordinates.parameters)
             step = partial(_in_turn if self.separate else linear_step, reduced, amounts)
-            settings = Plain(self.max_iterations, self.tolerance, _ADVICE)
+            settings = Plain(self.max_iterations, self.tolerance)
             x, reason = settings.run(
                 reduced, partial(local_of, reduced, residual), step, x, monitor
             )
@@ -176,6 +191,29 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
         rows=own,
         columns=np.array([int(np.flatnonzero(rows == c)[0]) for c in part.columns], dtype=np.intp),
     )
+
+
+def _errors(part: Part, frequency: float) -> _Vector:
+    """Return the error of the reduced FRFs at the start, relative, median of each line."""
+    x = part.coordinates.home
+    exact = part.responses(x)
+    size = np.maximum(np.abs(exact), np.finfo(float).tiny)
+    reduced = independently_reduced(part, x, frequency).responses(x)
+    return np.asarray(np.median(np.abs(reduced - exact) / size, axis=(1, 2)))
+
+
+def _inexact(freq: _Vector, errors: _Vector) -> str:
+    """Return in words how far the reduced FRFs are off, and up to which line they are not."""
+    text = (
+        "and the transformation that stands for them is not exact: where the fit starts, it puts"
+        f" the FRFs off by {100.0 * np.median(errors):.2g} % (median of all lines)"
+    )
+    wrong = np.flatnonzero(errors > _SMALL)
+    if not wrong.size:
+        return f"{text}."
+    if wrong[0] == 0:
+        return f"{text}, and by more than 10 % from the first line on."
+    return f"{text}, and by less than 10 % only up to {freq[wrong[0] - 1]:.4g} Hz."
 
 
 def _projected(

@@ -1,0 +1,61 @@
+"""`correlate`: FRFs with FRFs, modes with modes, or a model with either."""
+
+from __future__ import annotations
+
+from typing import Any, overload
+
+from updyn.correlation.frfs import Correlation, correlate_frfs
+from updyn.correlation.modes import ModeCorrelation, ModeShapes, correlate_modes
+from updyn.errors import DataError, suggest
+from updyn.frf import FRF
+from updyn.model import Model
+
+__all__ = ["correlate"]
+
+_OPTIONS = ("band", "gate", "least_mac", "dofs")
+
+
+@overload
+def correlate(computed: Model | FRF, measured: FRF) -> Correlation: ...
+@overload
+def correlate(
+    computed: Model | ModeShapes, measured: ModeShapes, **options: Any
+) -> ModeCorrelation: ...
+def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | ModeCorrelation:
+    """Compare a model, computed FRFs or computed modes with measured FRFs or modes.
+
+    Parameters
+    ----------
+    computed : Model, FRF, Modes or ModeSet
+        A model is asked for its response at the lines and DOFs of a measured FRF, or for its modes.
+        An FRF must have the same lines and DOFs as the measured one; their order and signs may
+        differ, and the quantity is converted.
+    measured : FRF, ModeSet or Modes
+        What it is compared with.
+    **options
+        For modes: ``band``, ``gate``, ``least_mac`` and ``dofs``, see
+        `updyn.correlation.modes.correlate_modes`.
+
+    Returns
+    -------
+    Correlation or ModeCorrelation
+        The latter for modes.
+
+    Raises
+    ------
+    DataError
+        If the two cannot be compared, such as FRFs that differ in lines or DOFs; the message says
+        which. Nothing is interpolated or dropped.
+    DofError
+        If a DOF of `measured` is not in the model or the computed modes.
+    ModelError, SolverError
+        If the model cannot be solved.
+    """
+    if isinstance(measured, ModeShapes):
+        for name in options:
+            if name not in _OPTIONS:
+                raise DataError(f"correlate: option {name!r}; {suggest(name, _OPTIONS)}")
+        return correlate_modes(computed, measured, **options)
+    if options:
+        raise DataError(f"correlate: {next(iter(options))} is an option for modes, not for FRFs")
+    return correlate_frfs(computed, measured)

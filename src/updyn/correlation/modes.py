@@ -1,0 +1,375 @@
+"""Correlation of modes: pairing, MAC, changes of frequency and damping; `correlate_modes`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation.shapes import (
+    ModePairs,
+    auto_mac,
+    comac,
+    cross_orthogonality,
+    ecomac,
+    mac,
+)
+from updyn.dofs import Dof, DofSet
+from updyn.dynamics import eigen
+from updyn.dynamics.modes import Modes, modes
+from updyn.errors import DataError, DofError, ModelError
+from updyn.model import Model
+from updyn.text_table import text_table
+
+__all__ = ["GATE", "LEAST_MAC", "ModeCorrelation", "ModeShapes", "correlate_modes", "model_modes"]
+
+Array = NDArray[np.float64]
+
+#: Modes are paired up to this relative difference of frequency.
+GATE = 0.5
+#: Least MAC of a pair. By Bessel's inequality a shape can have a MAC above one half with one shape
+#: of an orthogonal set at most.
+LEAST_MAC = 0.5
+#: Weight of the difference of frequency, squared, as a share of the gate, against MAC: it decides
+#: where the sensors cannot tell shapes apart.
+_FREQUENCY_WEIGHT = 0.1
+#: Modes of damped structures are computed as complex ones up to this many DOFs.
+_COMPLEX_UP_TO = 5_000
+#: Most modes of a model.
+_MOST = 400
+
+
+@runtime_checkable
+class ModeShapes(Protocol):
+    """Modes at signed DOFs, computed (`updyn.dynamics.modes.Modes`) or measured (`ModeSet`)."""
+
+    @property
+    def frequency(self) -> Array:
+        """Natural frequencies in Hz, shape (n,), ascending."""
+
+    @property
+    def loss_factor(self) -> Array:
+        """Modal loss factors, shape (n,); nan where not known."""
+
+    @property
+    def shapes(self) -> NDArray[Any]:
+        """Shapes as columns, (N, n)."""
+
+    @property
+    def dofs(self) -> DofSet:
+        """DOFs of the rows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModeCorrelation:
+    """The correlation of computed and measured modes.
+
+    Attributes
+    ----------
+    computed, measured : Modes
+        Both at the DOFs that are compared, with the labels and signs of the measured ones; shapes
+        of any scale.
+    mac : ndarray of float, shape (n_computed, n_measured)
+        Modal assurance criterion of each with each, see `updyn.correlation.mac`.
+    pairs : ModePairs
+        Columns of the computed (``first``) and of the measured modes (``second``) that belong
+        together, and their MAC, by ascending measured frequency.
+    """
+
+    computed: Modes
+    measured: Modes
+    mac: Array
+    pairs: ModePairs
+
+    def __repr__(self) -> str:
+        return (
+            f"ModeCorrelation({len(self.pairs.mac)} pairs of {len(self.computed)} computed and"
+            f" {len(self.measured)} measured modes at {len(self.dofs)} DOFs)"
+        )
+
+    @property
+    def dofs(self) -> DofSet:
+        """DOFs at which shapes are compared, in the order of their rows."""
+        return self.measured.dofs
+
+    @property
+    def frequency_change(self) -> Array:
+        """Computed over measured frequency less 1, in %, by pair; nan where both are 0."""
+        first = self.computed.frequency[self.pairs.first]
+        second = self.measured.frequency[self.pairs.second]
+        change = np.full(len(first), np.nan)
+        np.divide(first - second, second, out=change, where=second > 0)
+        return 100.0 * change
+
+    @property
+    def unpaired_computed(self) -> NDArray[np.intp]:
+        """Computed modes without a measured one."""
+        return np.setdiff1d(np.arange(len(self.computed)), self.pairs.first)
+
+    @property
+    def unpaired_measured(self) -> NDArray[np.intp]:
+        """Measured modes without a computed one."""
+        return np.setdiff1d(np.arange(len(self.measured)), self.pairs.second)
+
+    @property
+    def auto_mac(self) -> Array:
+        """MAC of the measured modes with each other, shape (n_measured, n_measured).
+
+        Large values off the diagonal: the sensors do not tell these shapes apart.
+        """
+        return auto_mac(self.measured.shapes)
+
+    def comac(self) -> Array:
+        """Return the co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
+
+        See `updyn.correlation.comac`. A low value points at a sensor, or at a place where the
+        model moves otherwise.
+        """
+        return self._by_dof(comac)
+
+    def ecomac(self) -> Array:
+        """Return the enhanced co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
+
+        See `updyn.correlation.ecomac`: 0 without difference; it sees signs and gains of sensors.
+        """
+        return self._by_dof(ecomac)
+
+    def _by_dof(self, criterion: Any) -> Array:
+        if not len(self.pairs.mac):
+            return np.full(len(self.dofs), np.nan)
+        computed = self.computed.shapes[:, self.pairs.first]
+        return np.asarray(criterion(computed, self.measured.shapes[:, self.pairs.second]))
+
+    def cross_orthogonality(self, mass: Any) -> NDArray[Any]:
+        """Return the cross-orthogonality of computed and measured modes.
+
+        Parameters
+        ----------
+        mass : array_like or sparse, shape (n_dofs, n_dofs)
+            Mass at `dofs`, in kg (kg m2), as `updyn.dynamics.guyan.reduced_mass` returns it.
+
+        Returns
+        -------
+        ndarray, shape (n_computed, n_measured)
+            See `updyn.correlation.cross_orthogonality`.
+
+        Raises
+        ------
+        DataError
+            If the size differs, or a shape has no mass.
+        """
+        return cross_orthogonality(self.computed.shapes, mass, self.measured.shapes)
+
+    def figures(self) -> dict[str, float]:
+        """Return counts of modes, MAC (median, min) and change of frequency (median, max, in %).
+
+        Without a pair the latter are nan.
+        """
+        change = np.abs(self.frequency_change)
+        found = {
+            "pairs": float(len(change)),
+            "unpaired_computed": float(len(self.unpaired_computed)),
+            "unpaired_measured": float(len(self.unpaired_measured)),
+        }
+        values = {"mac_median": np.nan, "mac_min": np.nan}
+        values |= {"frequency_change_median": np.nan, "frequency_change_max": np.nan}
+        if len(change):
+            values["mac_median"] = np.median(self.pairs.mac)
+            values["mac_min"] = self.pairs.mac.min()
+            values["frequency_change_median"] = np.median(change)
+            values["frequency_change_max"] = change.max()
+        return found | {name: float(value) for name, value in values.items()}
+
+    def table(self) -> str:
+        """Return the pairs, and the modes without one, as text by ascending frequency."""
+        rows = []
+        for i, j, value, change in zip(*self.pairs, self.frequency_change, strict=True):
+            cells = [*_cells(self.measured, j), *_cells(self.computed, i)]
+            frequency = float(self.measured.frequency[j])
+            rows.append((frequency, [*cells, f"{change:+.2f}", f"{value:.3f}"]))
+        for j in self.unpaired_measured:
+            cells = [*_cells(self.measured, j), "-", "-", "-", "-"]
+            rows.append((float(self.measured.frequency[j]), cells))
+        for i in self.unpaired_computed:
+            cells = ["-", "-", *_cells(self.computed, i), "-", "-"]
+            rows.append((float(self.computed.frequency[i]), cells))
+        rows.sort(key=lambda row: row[0])
+        header = ("measured (Hz)", "loss factor", "computed (Hz)", "loss factor", "change (%)")
+        return text_table((*header, "MAC"), [cells for _, cells in rows], left=())
+
+
+def _cells(of: Modes, at: int) -> list[str]:
+    """Return frequency and loss factor of a mode as text."""
+    loss = float(of.loss_factor[at])
+    frequency = f"{of.frequency[at]:#.5g}".rstrip(".")
+    return [frequency, "-" if np.isnan(loss) else f"{loss:#.3g}"]
+
+
+def correlate_modes(
+    computed: Model | ModeShapes,
+    measured: ModeShapes,
+    *,
+    band: tuple[float, float] | None = None,
+    gate: float = GATE,
+    least_mac: float = LEAST_MAC,
+    dofs: Iterable[str | Dof] | None = None,
+) -> ModeCorrelation:
+    """Pair computed and measured modes one to one and compare them.
+
+    Parameters
+    ----------
+    computed : Model, Modes or ModeSet
+        Of a model the modes are computed (`model_modes`); kept are those within `band` and those
+        that are paired. Of modes all are kept.
+    measured : ModeSet or Modes
+        The measured ones.
+    band : (float, float), optional
+        For a model: the band in Hz in which modes could have been measured. None: from the lowest
+        to the highest measured frequency.
+    gate : float
+        Modes whose frequencies differ by more than this share of the lower one are no pair.
+    least_mac : float
+        Modes of a lower MAC are no pair.
+    dofs : iterable of str or Dof, optional
+        Where shapes are compared. None: at all DOFs of the measured modes, which the computed ones
+        must have; labels may differ in sign and order.
+
+    Returns
+    -------
+    ModeCorrelation
+
+    Raises
+    ------
+    DataError
+        If an argument has another type or no valid value, a model has no mode there, or a shape
+        does not move at these DOFs.
+    DofError
+        If a DOF is not in one of the two.
+    ModelError, SolverError
+        If the modes of the model cannot be computed.
+
+    Notes
+    -----
+    The pairs maximise the sum of MAC - 0.1 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
+    one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), with the limits above. The
+    small second term decides where the sensors cannot tell shapes apart.
+    """
+    if not isinstance(measured, ModeShapes):
+        raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
+    if not gate > 0 or not 0 <= least_mac <= 1:
+        raise DataError(
+            f"correlate: gate = {gate!r}, least_mac = {least_mac!r}; expected a gate above 0 and a"
+            " MAC from 0 to 1"
+        )
+    at = measured.dofs
+    if dofs is not None:
+        at = DofSet(dofs)
+    if len(at) == 0:
+        raise DofError("correlate: no DOF to compare the shapes at")
+    b = _at(measured, at)
+    if isinstance(computed, Model):
+        low, high = band or (float(b.frequency[0]), float(b.frequency[-1]))
+        found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
+        seen = _at(found, at)
+        moving = _moving(seen, found)
+        a = seen.select(moving)
+        pairs = _paired(a, b, gate, least_mac)
+        listed = (a.frequency >= low) & (a.frequency <= high)
+        listed[pairs.first] = True
+        a = a.select(listed)
+    elif isinstance(computed, ModeShapes):
+        a = _at(computed, at)
+    else:
+        raise DataError(
+            f"correlate: expected a Model or modes, found {type(computed).__name__}; measured FRFs"
+            " are turned into modes by updyn.identify_modes"
+        )
+    values = mac(a.shapes, b.shapes)
+    values.flags.writeable = False
+    return ModeCorrelation(a, b, values, _paired(a, b, gate, least_mac))
+
+
+def model_modes(model: Model, highest: float) -> Modes:
+    """Compute the modes of a model up to a frequency, rigid-body modes left out.
+
+    Parameters
+    ----------
+    model : Model
+        The structure, with all its damping.
+    highest : float
+        In Hz.
+
+    Returns
+    -------
+    Modes
+        Complex modes where the model is damped, has at most 5000 DOFs and no loss factor that
+        depends on frequency; else real ones with loss factors by modal strain energy. At most 400.
+
+    Raises
+    ------
+    DataError
+        If there is no mode up to `highest`.
+    ModelError, SolverError
+        As `updyn.modes`.
+    """
+    most = min(eigen.mass_rank(model.mass), _MOST)
+    wanted = min(20, most)
+    found = modes(model, wanted)
+    while found.frequency[-1] <= highest and wanted < most:
+        wanted = min(2 * wanted, most)
+        found = modes(model, wanted)
+    if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
+        found = _damped(model, found)
+    kept = (found.frequency > 0) & (found.frequency <= highest)
+    if not kept.any():
+        raise DataError(f"the model has no mode above 0 and up to {highest:g} Hz")
+    return found.select(kept)
+
+
+def _damped(model: Model, undamped: Modes) -> Modes:
+    """Return the complex modes; the undamped ones where complex ones cannot be had."""
+    try:
+        return modes(model, len(undamped), complex=True)
+    except ModelError:  # loss factors over frequency, or motions damped beyond oscillation
+        return undamped
+
+
+def _at(of: ModeShapes, dofs: DofSet) -> Modes:
+    """Return modes at some of their DOFs, as sensors of these signs would see them."""
+    match = of.dofs.match(dofs, "DOF of the measured modes")
+    shapes = np.asarray(of.shapes[match.index] * match.sign[:, None])
+    return Modes(of.frequency, of.loss_factor, shapes, dofs)
+
+
+#: A mode of a model whose shape at the sensors is below this share of its largest component is at
+#: rest there.
+_AT_REST = 1e-9
+
+
+def _moving(seen: Modes, whole: Modes) -> NDArray[np.bool_]:
+    """Return which modes move at the sensors at all: the MAC of the others is not defined."""
+    largest = np.abs(whole.shapes).max(axis=0)
+    return np.asarray(np.abs(seen.shapes).max(axis=0) > _AT_REST * largest)
+
+
+def _paired(a: Modes, b: Modes, gate: float, least_mac: float) -> ModePairs:
+    """Return the pairs by ascending measured frequency."""
+    from scipy.optimize import linear_sum_assignment
+
+    values = mac(a.shapes, b.shapes)
+    apart = np.abs(a.frequency[:, None] - b.frequency)
+    limit = gate * np.minimum(a.frequency[:, None], b.frequency)
+    may = (apart <= limit) & (values >= least_mac)
+    share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
+    # A pair that may not be counts for nothing, and one that may for something: so that as many as
+    # possible are found, it is kept above 0.
+    score = np.where(may, np.maximum(values - _FREQUENCY_WEIGHT * share**2, 1e-6), 0.0)
+    first, second = linear_sum_assignment(score, maximize=True)
+    keep = may[first, second]
+    first, second = first[keep], second[keep]
+    order = np.argsort(second, kind="stable")
+    first, second = first[order], second[order]
+    return ModePairs(first, second, values[first, second])

@@ -1,0 +1,77 @@
+"""`reduced_mass`: mass of a model at its measured DOFs, by static condensation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from updyn.dofs import Dof, DofSet
+from updyn.errors import SolverError
+from updyn.model import Model
+
+__all__ = ["reduced_mass"]
+
+#: Largest backward error of the static solution.
+_ACCURATE = 1e-6
+_LOOSE = (
+    "with the measured DOFs held, the structure can still move without stiffness: its mass cannot"
+    " be reduced to them"
+)
+
+
+def reduced_mass(model: Model, dofs: Iterable[str | Dof]) -> NDArray[np.float64]:
+    """Reduce the mass of a model to some DOFs by static condensation.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    dofs : iterable of str or Dof
+        The n DOFs to keep, each once; a sign turns the DOF.
+
+    Returns
+    -------
+    ndarray of float, shape (n, n)
+        T^T M T with T = [I; -K_ss^-1 K_sn], in kg (kg m2), symmetric (Guyan, AIAA J. 3 (1965) 380).
+        Good for modes that move much as the structure under static loads at these DOFs; the modes
+        of the model themselves show whether it is (their cross-orthogonality with each other).
+
+    Raises
+    ------
+    DofError
+        If a DOF is not in the model.
+    SolverError
+        If the structure with these DOFs held has a motion without stiffness.
+    """
+    kept = DofSet(dofs)
+    match = model.dofs.match(kept, "DOF to keep")
+    rest = model.dofs.complement(kept)
+    T = np.zeros((model.n_dofs, len(kept)))
+    T[match.index, np.arange(len(kept))] = match.sign
+    K = sp.csr_array(model.stiffness)
+    loads = -(K @ T)[rest]
+    own = sp.csc_array(K[rest][:, rest])
+    if len(rest):
+        T[rest] = _solved(own, loads)
+    return np.asarray(T.T @ (model.mass @ T))
+
+
+def _solved(K: sp.csc_array, loads: NDArray[np.float64]) -> NDArray[np.float64]:
+    diagonal = K.diagonal()
+    if not (diagonal > 0).all():
+        raise SolverError(_LOOSE)
+    unit = 1.0 / np.sqrt(diagonal)  # translations and rotations, metres and millimetres weigh alike
+    scaled = sp.csc_array(sp.diags_array(unit) @ K @ sp.diags_array(unit))
+    right = unit[:, None] * loads
+    try:
+        found = splu(scaled, permc_spec="MMD_AT_PLUS_A").solve(right)
+    except RuntimeError as error:
+        raise SolverError(_LOOSE) from error
+    level = np.abs(found).max(initial=0.0) + np.abs(right).max(initial=0.0)
+    if not np.abs(scaled @ found - right).max(initial=0.0) <= _ACCURATE * level:
+        raise SolverError(_LOOSE)
+    return np.asarray(unit[:, None] * found)

@@ -1,0 +1,268 @@
+"""The section on modes: test, start and updated; MAC, AutoMAC, COMAC and cross-orthogonality."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dynamics.modes import Modes
+from updyn.report.formats import number
+from updyn.report.plots import (
+    PRINTED_CELLS,
+    Figure,
+    colour_bar,
+    existing,
+    label,
+    labels,
+    names_font,
+    numbers,
+    rows_height,
+)
+from updyn.report.section import Content, Section
+from updyn.updating.judge.modal_table import ModalTable, ModeEntry
+
+__all__ = ["MODES", "comac_bars", "modal_rows", "mode_map"]
+
+#: Marks along an axis of modes.
+_MARKS = 30
+#: Rows of the table that are not folded away.
+SHOWN_ROWS = 20
+#: Smallest and largest height in pixels of a map of modes.
+_HEIGHTS = 240, 560
+
+
+def mode_map(
+    values: ArrayLike, rows: Modes, columns: Modes, names: tuple[str, str], criterion: str
+) -> Figure:
+    """Return a heat map of modes against modes on the scale 0 to 1.
+
+    Parameters
+    ----------
+    values : array_like, shape (n_rows, n_columns)
+        The criterion; of complex or signed values the modulus is shown.
+    rows, columns : Modes
+        The modes, the first of each at the top and on the left.
+    names : tuple of str
+        Whose modes the rows and the columns are.
+    criterion : str
+        Its name.
+    """
+    size = np.abs(np.asarray(values))
+    hover = []
+    for at, row in zip(rows.frequency, size, strict=True):
+        first = f"{label(names[0])} {number(at, 5)} Hz<br>{label(names[1])}"
+        cells = zip(columns.frequency, row, strict=True)
+        hover.append([f"{first} {number(f, 5)} Hz<br>{criterion} {v:.3f}" for f, v in cells])
+    height = int(np.clip(rows_height(len(rows), extra=110), *_HEIGHTS))
+    trace: dict[str, Any] = {
+        "type": "heatmap",
+        "z": numbers(size),
+        "x": list(range(len(columns))),
+        "y": list(range(len(rows))),
+        "zmin": 0.0,
+        "zmax": 1.0,
+        "colorscale": "Cividis",
+        "xgap": 1,
+        "ygap": 1,
+        "hovertext": hover,
+        "hoverinfo": "text",
+        "colorbar": colour_bar(criterion, (0, 0.25, 0.5, 0.75, 1), height),
+    }
+    if size.size <= PRINTED_CELLS:
+        trace["text"] = [[f"{v:.2f}" for v in row] for row in size]
+        trace["texttemplate"] = "%{text}"
+    return {
+        "data": [trace],
+        "height": height,
+        "layout": {
+            "xaxis": _axis(columns.frequency, f"{names[1]} (Hz)"),
+            "yaxis": {**_axis(rows.frequency, f"{names[0]} (Hz)"), "autorange": "reversed"},
+        },
+    }
+
+
+def _axis(frequency: NDArray[np.float64], title: str) -> dict[str, Any]:
+    """Return an axis with a place for each mode, marked by its frequency in Hz."""
+    every = -(-len(frequency) // _MARKS)
+    at = list(range(0, len(frequency), every))
+    return {
+        "title": {"text": label(title)},
+        "tickvals": at,
+        "ticktext": [number(frequency[i], 4) for i in at],
+        "showgrid": False,
+        "zeroline": False,
+    }
+
+
+def comac_bars(table: ModalTable) -> Figure | None:
+    """Return COMAC by sensor before and after; None where no modes are paired."""
+    found = {}
+    for name, correlation in table.correlations.items():
+        values = correlation.comac()
+        if np.isfinite(values).any():
+            found[name] = (correlation.dofs.labels, values, len(correlation.pairs.mac))
+    if not found:
+        return None
+    traces, names = [], labels(next(iter(found.values()))[0])
+    looks = {"start": ("@before", "diamond-open"), "updated": ("@after", "circle")}
+    for name, (_, values, n) in found.items():
+        colour, symbol = looks[name]
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": f"{name} ({n} pairs)",
+                "x": numbers(values),
+                "y": list(range(len(values))),
+                "text": names,
+                "marker": {"color": colour, "symbol": symbol, "size": 9},
+                "hovertemplate": f"%{{text}}: COMAC {name} %{{x:.3f}}<extra></extra>",
+            }
+        )
+    return {
+        "data": traces,
+        "height": rows_height(len(names), extra=130),
+        "layout": {
+            "xaxis": {"title": {"text": "COMAC"}, "range": [-0.02, 1.03], "zeroline": False},
+            "yaxis": {
+                "title": {"text": "sensor"},
+                "tickvals": list(range(len(names))),
+                "ticktext": names,
+                "range": [len(names) - 0.4, -0.6],
+                "zeroline": False,
+                "tickfont": names_font(names),
+            },
+            "showlegend": True,
+        },
+    }
+
+
+def modal_rows(table: ModalTable) -> list[tuple[list[str], str]]:
+    """Return the cells of each row of the table, and the class of the row."""
+    shown = []
+    for count, row in enumerate(table.rows, 1):
+        cells = [str(count), _cell(row.test, "frequency", 5)]
+        for entry in (row.start, row.updated):
+            cells += [_cell(entry, "frequency", 5), _change(entry), _mac(entry)]
+        cells += [_cell(entry, "loss_factor", 3) for entry in (row.test, row.start, row.updated)]
+        alone = row.test is None or row.updated is None
+        shown.append((cells, "open" if alone else ""))
+    return shown
+
+
+def _cell(entry: ModeEntry | None, name: str, digits: int) -> str:
+    return number(getattr(entry, name, None), digits)
+
+
+def _change(entry: ModeEntry | None) -> str:
+    if entry is None or entry.change is None or np.isnan(entry.change):
+        return "–"
+    shown = f"{round(entry.change, 2) + 0.0:+.2f} %"  # + 0.0: no negative zero
+    return shown.replace("-", "−")
+
+
+def _mac(entry: ModeEntry | None) -> str:
+    if entry is None or entry.mac is None:
+        return "–"
+    return f"{entry.mac:.3f}"
+
+
+def _verdict(table: ModalTable) -> str:
+    """Return in words how well the updated model's modes agree with the test's."""
+    found = table.correlations.get("updated") or table.correlations["start"]
+    which = "updated" if "updated" in table.correlations else "start"
+    n, pairs = len(found.measured), found.pairs
+    text = f"{len(pairs.mac)} of {n} modes of the test have a mode of the {which} model."
+    if len(pairs.mac):
+        figures = found.figures()
+        text += (
+            f" Of these pairs the MAC is {number(figures['mac_median'], 3)} in the median and"
+            f" {number(figures['mac_min'], 3)} at least; frequencies differ by"
+            f" {number(figures['frequency_change_median'], 2)} % in the median and"
+            f" {number(figures['frequency_change_max'], 2)} % at most."
+        )
+    alone = len(found.unpaired_computed)
+    if alone:
+        text += f" {_counted_modes(alone)} of the model in this band is not found in the test."
+        if alone > 1:
+            text = text.replace("band is not", "band are not")
+    return text
+
+
+def _counted_modes(n: int) -> str:
+    return "1 mode" if n == 1 else f"{n} modes"
+
+
+class ModesSection(Section):
+    """Natural frequencies, damping and shapes of the modes: test, start and updated."""
+
+    anchor = "modes"
+    name = "Modes"
+    heading = "Modes: test, start and updated"
+    place = 40
+    template = "updyn.report/modes.html"
+    first_screen = True
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return MAC before and after, AutoMAC, COMAC, cross-orthogonality."""
+        table = content.modes
+        made: dict[str, Figure | None] = {"comac": comac_bars(table)}
+        for name, found in table.correlations.items():
+            if len(found.computed):
+                whose = (f"{name} model", "test")
+                made[f"mac-{name}"] = mode_map(
+                    found.mac, found.computed, found.measured, whose, "MAC"
+                )
+                made["auto-mac"] = mode_map(
+                    found.auto_mac, found.measured, found.measured, ("test", "test"), "AutoMAC"
+                )
+        if table.cross_orthogonality is not None:
+            assert table.updated is not None
+            assert table.test is not None
+            values, whose = table.cross_orthogonality, ("updated model", "test")
+            made["cross-orthogonality"] = mode_map(
+                values, table.updated, table.test, whose, "modulus"
+            )
+        return existing(made)
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the rows of the table, and what is said of them."""
+        table = content.modes
+        rows = modal_rows(table)
+        return {
+            "known": table.known,
+            "verdict": _verdict(table) if table.known else "",
+            "notes": table.notes,
+            "rows": rows,
+            "shown": SHOWN_ROWS,
+            "reduction": _reduction_error(table),
+            "alike": _alike(table),
+        }
+
+
+def _reduction_error(table: ModalTable) -> float | None:
+    """Return the largest off-diagonal entry of the updated model's own orthogonality."""
+    own = table.own_orthogonality
+    if own is None or len(own) < 2:
+        return None
+    size = np.abs(own)
+    np.fill_diagonal(size, 0.0)
+    return float(size.max())
+
+
+def _alike(table: ModalTable) -> str:
+    """Return which two modes of the test the sensors tell apart least; empty where all are."""
+    if not table.known or table.test is None or len(table.test) < 2:
+        return ""
+    auto = next(iter(table.correlations.values())).auto_mac.copy()
+    np.fill_diagonal(auto, 0.0)
+    i, j = sorted(np.unravel_index(int(np.argmax(auto)), auto.shape))
+    if auto[i, j] < 0.25:
+        return ""
+    at = table.test.frequency
+    return f"{number(at[i], 4)} and {number(at[j], 4)} Hz (AutoMAC {auto[i, j]:.2f})"
+
+
+MODES = ModesSection()

@@ -1,0 +1,259 @@
+"""`ModalTable`: the modes of the test, of the start model and of the updated model, paired."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation import cross_orthogonality
+from updyn.correlation.modes import ModeCorrelation, ModeShapes, correlate_modes
+from updyn.dynamics.guyan import reduced_mass
+from updyn.dynamics.modes import Modes
+from updyn.errors import UpdynError, UpdynWarning
+from updyn.model import Model
+from updyn.text_table import text_table
+
+__all__ = ["ModalRow", "ModalTable", "ModeEntry", "compare_modes"]
+
+#: Most measured DOFs for which the mass is reduced to them.
+_MOST_REDUCED = 300
+#: The columns of the table as text.
+_COLUMNS = (
+    "test (Hz)",
+    "start (Hz)",
+    "change",
+    "MAC",
+    "updated (Hz)",
+    "change",
+    "MAC",
+    "loss: test",
+    "start",
+    "updated",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ModeEntry:
+    """A mode in a row of the table.
+
+    Attributes
+    ----------
+    number : int
+        Its number in its set of modes, from 0.
+    frequency : float
+        Natural frequency in Hz.
+    loss_factor : float
+        Modal loss factor, twice the damping ratio; nan where not known.
+    change : float or None
+        Frequency over that of the test's mode less 1, in %; None of a mode without a pair.
+    mac : float or None
+        MAC with the test's mode; None of a mode without a pair.
+    """
+
+    number: int
+    frequency: float
+    loss_factor: float
+    change: float | None = None
+    mac: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ModalRow:
+    """One mode of the structure: as tested, at the start and updated; None where it is not found.
+
+    Attributes
+    ----------
+    test, start, updated : ModeEntry or None
+        The three.
+    """
+
+    test: ModeEntry | None = None
+    start: ModeEntry | None = None
+    updated: ModeEntry | None = None
+
+    @property
+    def frequency(self) -> float:
+        """Frequency in Hz of the first of the three, by which rows are sorted."""
+        first = self.test or self.updated or self.start
+        assert first is not None
+        return first.frequency
+
+
+@dataclass(frozen=True, eq=False)
+class ModalTable:
+    """Modes of the test, of the start model and of the updated model.
+
+    Attributes
+    ----------
+    test, start, updated : Modes or None
+        The three sets at the measured DOFs, with the test's labels and signs. Those of the models
+        are the modes in the band of the test, and others that are paired. None where they are not
+        known.
+    cross_orthogonality : ndarray, shape (n_updated, n_test), or None
+        Of the updated model's modes and the test's, with the mass of the updated model reduced to
+        the measured DOFs (`updyn.dynamics.guyan.reduced_mass`).
+    own_orthogonality : ndarray, shape (n_updated, n_updated), or None
+        Of the updated model's modes with each other, with the same mass: what stands off the
+        diagonal is the error of the reduction.
+    notes : tuple of str
+        What is not known and why, and what has to be known to read the table.
+    """
+
+    test: Modes | None = None
+    start: Modes | None = None
+    updated: Modes | None = None
+    cross_orthogonality: NDArray[Any] | None = None
+    own_orthogonality: NDArray[Any] | None = None
+    notes: tuple[str, ...] = ()
+    correlations: Mapping[str, ModeCorrelation] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        found = {}
+        for name, computed in (("start", self.start), ("updated", self.updated)):
+            if computed is not None and self.test is not None:
+                found[name] = correlate_modes(computed, self.test)
+        object.__setattr__(self, "correlations", found)
+
+    @property
+    def known(self) -> bool:
+        """Whether there are modes of the test, and modes of a model beside them."""
+        return bool(self.correlations)
+
+    @cached_property
+    def rows(self) -> tuple[ModalRow, ...]:
+        """A row for each mode of the test, and for each in its band that only the models have."""
+        if self.test is None:
+            return ()
+        entries: dict[str, dict[int, ModeEntry]] = {"start": {}, "updated": {}}
+        for name, found in self.correlations.items():
+            change = found.frequency_change.tolist()
+            for i, j, mac, by in zip(*found.pairs, change, strict=True):
+                entries[name][int(j)] = _entry(found.computed, i, by, float(mac))
+        rows = []
+        for j in range(len(self.test)):
+            computed = entries["start"].get(j), entries["updated"].get(j)
+            rows.append(ModalRow(_entry(self.test, j), *computed))
+        return tuple(sorted([*rows, *self._without_test()], key=lambda row: row.frequency))
+
+    def _without_test(self) -> list[ModalRow]:
+        """Return rows for the modes of the models that the test lacks."""
+        alone: dict[str, list[int]] = {"start": [], "updated": []}
+        for name, found in self.correlations.items():
+            alone[name] = found.unpaired_computed.tolist()
+        both: list[tuple[int, int]] = []
+        if all(alone.values()):
+            start = self.correlations["start"].computed.select(alone["start"])
+            updated = self.correlations["updated"].computed.select(alone["updated"])
+            for i, j in zip(*correlate_modes(start, updated).pairs[:2], strict=True):
+                both.append((alone["start"][i], alone["updated"][j]))
+        rows = []
+        for i, j in both:
+            rows.append(ModalRow(None, self._alone("start", i), self._alone("updated", j)))
+        for i in sorted(set(alone["start"]) - {i for i, _ in both}):
+            rows.append(ModalRow(None, self._alone("start", i), None))
+        for j in sorted(set(alone["updated"]) - {j for _, j in both}):
+            rows.append(ModalRow(None, None, self._alone("updated", j)))
+        return rows
+
+    def _alone(self, name: str, at: int) -> ModeEntry:
+        return _entry(self.correlations[name].computed, at)
+
+    def figures(self) -> dict[str, dict[str, float]]:
+        """Return the figures of `ModeCorrelation.figures` by ``"start"`` and ``"updated"``."""
+        return {name: found.figures() for name, found in self.correlations.items()}
+
+    def text(self) -> str:
+        """Return the table, or why there is none, as text for the terminal."""
+        if not self.known:
+            return "Modes: not known. " + " ".join(self.notes)
+        cells = [_row_cells(row) for row in self.rows]
+        title = "Modes in the test, at the start and updated (loss: loss factor)"
+        return "\n".join([title, text_table(_COLUMNS, cells, left=()), *self.notes])
+
+
+def _entry(of: Modes, at: int, change: float | None = None, mac: float | None = None) -> ModeEntry:
+    return ModeEntry(int(at), float(of.frequency[at]), float(of.loss_factor[at]), change, mac)
+
+
+def _row_cells(row: ModalRow) -> list[str]:
+    start, updated = row.start, row.updated
+    cells = [_number(row.test, "frequency", "#.5g")]
+    for entry in (start, updated):
+        cells.append(_number(entry, "frequency", "#.5g"))
+        cells.append(_number(entry, "change", "+.2f", " %").replace("-0.00", "+0.00"))
+        cells.append(_number(entry, "mac", ".3f"))
+    for entry in (row.test, start, updated):
+        cells.append(_number(entry, "loss_factor", "#.3g"))
+    return cells
+
+
+def _number(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> str:
+    """Return an attribute of an entry as text; ``-`` where there is none."""
+    value = getattr(entry, name, None)
+    if value is None or np.isnan(value):
+        return "-"
+    return format(value, form).rstrip(".") + unit
+
+
+def compare_modes(
+    start: Model,
+    updated: Model,
+    test: ModeShapes,
+    band: tuple[float, float] | None = None,
+) -> ModalTable:
+    """Compare the modes of a test with those of the model before and after an update.
+
+    Parameters
+    ----------
+    start, updated : Model
+        The model before and after.
+    test : ModeSet or Modes
+        The measured modes, at DOFs of the models.
+    band : (float, float), optional
+        The band in Hz in which modes could have been measured. None: from the lowest to the
+        highest measured frequency.
+
+    Returns
+    -------
+    ModalTable
+        What cannot be computed is None, and a note says why.
+    """
+    notes: list[str] = []
+    models = {"start": start, "updated": updated}
+    found: dict[str, Modes] = {}
+    for name, model in models.items():
+        try:
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always", UpdynWarning)
+                found[name] = correlate_modes(model, test, band=band).computed
+        except (UpdynError, np.linalg.LinAlgError) as error:
+            notes.append(f"The modes of the {name} model could not be computed: {error}.")
+            continue
+        notes += [f"The {name} model: {one.message}." for one in said]
+    measured = Modes(test.frequency, test.loss_factor, test.shapes, test.dofs)
+    cross, own = None, None
+    if "updated" in found and len(test.dofs) <= _MOST_REDUCED:
+        cross, own = _orthogonality(updated, found["updated"], measured, notes)
+    return ModalTable(measured, found.get("start"), found.get("updated"), cross, own, tuple(notes))
+
+
+def _orthogonality(
+    model: Model, computed: Modes, measured: Modes, notes: list[str]
+) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+    """Return cross-orthogonality with the measured modes, and of the computed with each other."""
+    try:
+        mass = reduced_mass(model, measured.dofs)
+        shapes = computed.shapes
+        return (
+            cross_orthogonality(shapes, mass, measured.shapes),
+            cross_orthogonality(shapes, mass, shapes),
+        )
+    except UpdynError as error:
+        notes.append(f"Cross-orthogonality is not known: {error}.")
+        return None, None

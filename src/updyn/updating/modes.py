@@ -1,0 +1,85 @@
+"""`modal_table`: the modes of the test beside those of the model before and after its update."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from updyn.errors import OptionError, UpdynError
+from updyn.modal import ModeSet, identify_modes
+from updyn.updating.judge.modal_table import ModalTable, compare_modes
+from updyn.updating.result import UpdateResult, gains_of
+
+__all__ = ["LARGEST", "modal_table"]
+
+#: Size in DOFs up to which the modes of models are computed without being asked for: seconds.
+LARGEST = 20_000
+
+
+def modal_table(
+    result: UpdateResult, modes: ModeSet | None = None, *, largest: int = LARGEST
+) -> ModalTable:
+    """Compare the modes of the test with those of the start model and of the updated model.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        From `updyn.update`.
+    modes : ModeSet, optional
+        The modes of the test. None: those that the update was given, or else identified from its
+        FRFs (`updyn.identify_modes`).
+    largest : int
+        Most DOFs of a model whose modes are computed.
+
+    Returns
+    -------
+    ModalTable
+        `ModalTable.known` says whether there is one; where modes cannot be identified or computed,
+        `ModalTable.notes` say why.
+
+    Raises
+    ------
+    OptionError
+        If `result` is not that of one test.
+
+    Notes
+    -----
+    Where calibration factors of sensors were among the unknowns, the FRFs are divided by them.
+    """
+    if not isinstance(result, UpdateResult):
+        raise OptionError(
+            f"modal_table: expected the result of one test, found {type(result).__name__}; of"
+            " several tests, one of result.results"
+        )
+    size = result.model.n_dofs
+    if size > largest:
+        note = (
+            f"The modes of a model of {size} DOFs are computed when asked for:"
+            f" updyn.modal_table(result, largest={size})."
+        )
+        return ModalTable(notes=(note,))
+    given = modes or result.options.get("modes")
+    if isinstance(given, ModeSet):
+        return compare_modes(result.start, result.model, given)
+    try:
+        found, notes = _identified(result)
+    except (UpdynError, np.linalg.LinAlgError) as error:
+        return ModalTable(notes=(f"No modes could be identified from the FRFs: {error}.",))
+    band = float(result.frf.freq[0]), float(result.frf.freq[-1])
+    table = compare_modes(result.start, result.model, found, band)
+    return replace(table, notes=(*notes, *table.notes))
+
+
+def _identified(result: UpdateResult) -> tuple[ModeSet, tuple[str, ...]]:
+    """Return the modes of the FRFs, and what has to be known of them."""
+    frf, notes = result.frf, []
+    gains = gains_of(result)
+    if gains is not None:
+        frf = replace(frf, values=frf.values / gains)
+        notes.append(
+            "The modes of the test are those of its FRFs over the estimated calibration factors."
+        )
+    # In the form of damping that the updated model has, so that both mean the same.
+    damping = "viscous" if result.model.viscous.nnz else "structural"
+    return identify_modes(frf, damping=damping), tuple(notes)

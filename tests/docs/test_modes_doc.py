@@ -1,0 +1,44 @@
+"""docs/modes.md: its example runs, its table is what comes out, its limits are those of the source."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import pytest
+
+from pages import ROOT, blocks, run_python
+from updyn.correlation import ModeCorrelation
+from updyn.correlation.modes import correlate_modes
+from updyn.updating.modes import LARGEST
+
+PAGE = ROOT / "docs" / "modes.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+WORDS = " ".join(TEXT.split())
+
+
+@pytest.fixture(scope="module")
+def page() -> dict[str, Any]:
+    namespace: dict[str, Any] = {"__name__": "page"}
+    for block in blocks(PAGE):
+        if block.language == "python":
+            run_python(block, "docs/modes.md", namespace)
+    return namespace
+
+
+def test_the_table_is_that_of_the_example(page: dict[str, Any]) -> None:
+    shown = next(b.text for b in blocks(PAGE) if b.language == "text")
+    assert shown.strip() == page["table"].text()
+
+
+def test_limits_are_those_of_the_source() -> None:
+    options = inspect.signature(correlate_modes).parameters
+    for name in ("gate", "least_mac"):
+        assert f"`{name}` ({options[name].default:g})" in WORDS
+    assert f"above {LARGEST:,} DOFs" in WORDS
+
+
+def test_figures_of_the_table_are_there() -> None:
+    for name in ("mac", "auto_mac", "comac", "ecomac", "cross_orthogonality"):
+        assert hasattr(ModeCorrelation, name)
+        assert f"`.{name}" in TEXT

@@ -1,0 +1,94 @@
+"""The section on modes: rows, maps and words, against the modal table; and what it says without one."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import updyn
+from pages_read import Page, attributes, dump
+from report_case import realistic
+from updyn.report.modes import MODES, SHOWN_ROWS, modal_rows
+from updyn.report.page import render
+from updyn.report.section import Content
+from updyn.updating.judge.modal_table import ModalTable
+
+
+@pytest.fixture(scope="module")
+def result():
+    one = realistic()
+    return dataclasses.replace(one, modes=updyn.modal_table(one))
+
+
+def test_figures_are_those_of_the_table(result):
+    content = Content(result)
+    table, figures = result.modes, MODES.figures(content)
+    assert content.modes is table  # nothing is computed again
+    found = table.correlations["updated"]
+    for name, values in (("mac-updated", found.mac), ("auto-mac", found.auto_mac)):
+        trace = figures[name]["data"][0]
+        assert np.array(trace["z"], dtype=float) == pytest.approx(values, abs=1e-6)
+        assert (trace["zmin"], trace["zmax"], trace["colorscale"]) == (0.0, 1.0, "Cividis")
+    axes = figures["mac-start"]["layout"]
+    assert axes["yaxis"]["title"]["text"] == "start model (Hz)"
+    assert axes["xaxis"]["title"]["text"] == "test (Hz)"
+    comac = {t["name"]: t["x"] for t in figures["comac"]["data"]}
+    assert comac["updated (12 pairs)"] == pytest.approx(found.comac())
+    assert len(figures["comac"]["layout"]["yaxis"]["ticktext"]) == len(found.dofs)
+    crossed = np.array(figures["cross-orthogonality"]["data"][0]["z"], dtype=float)
+    assert crossed == pytest.approx(np.abs(table.cross_orthogonality), abs=1e-6)
+
+
+def test_rows_are_those_of_the_table(result):
+    rows = modal_rows(result.modes)
+    assert len(rows) == len(result.modes.rows) == 12
+    cells, kind = rows[0]
+    first = result.modes.rows[0]
+    assert kind == ""
+    assert cells[:2] == ["1", f"{first.test.frequency:.5g}"]
+    assert cells[4] == f"{first.start.mac:.3f}"
+    assert cells[3] == f"{first.start.change:+.2f} %".replace("-", "−")
+
+
+def test_a_mode_that_one_lacks_is_marked_and_counted(result):
+    table = result.modes
+    fewer = ModalTable(table.test.select(np.arange(12) != 3), table.start, table.updated)
+    rows = modal_rows(fewer)
+    assert [kind for _, kind in rows] == ["", "", "", "open"] + [""] * 8
+    assert rows[3][0][1] == "–"
+    page = Page(render(dataclasses.replace(result, modes=fewer)))
+    assert "11 of 11 modes of the test have a mode of the updated model." in page.words
+    assert "1 mode of the model in this band is not found in the test." in page.words
+
+
+def test_what_is_not_known_is_said(result):
+    none = ModalTable(notes=("Too few lines to identify a mode.",))
+    page = Page(render(dataclasses.replace(result, modes=none)))
+    assert "not known here. Too few lines to identify a mode." in page.words
+    assert MODES.figures(Content(dataclasses.replace(result, modes=none))) == {}
+
+
+def test_many_modes_are_folded_away(result):
+    table = result.modes
+    often = np.tile(np.arange(12), 3)
+    order = np.argsort(table.test.frequency[often], kind="stable")
+    many = table.test.select(often[order])
+    page = render(dataclasses.replace(result, modes=ModalTable(many, table.start, table.updated)))
+    assert f"The other {36 - SHOWN_ROWS} modes" in page
+
+
+@pytest.mark.needs("browser")
+def test_the_section_is_drawn(result, tmp_path):
+    path = updyn.write_report(result, tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    opened = (
+        "<script>document.querySelectorAll('#modes details').forEach(d => d.open = true)</script>"
+    )
+    path.write_text(opened.join(text.rsplit("</body>", 1)) + "</body>", encoding="utf-8")
+    dom = dump(path, tmp_path / "profile")
+    assert "errors" not in attributes(dom)
+    section = dom[dom.index('<section id="modes"') :]
+    section = section[: section.index("</section>")]
+    assert section.count('class="main-svg"') >= 10  # five figures of two layers
