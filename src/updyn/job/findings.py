@@ -19,6 +19,11 @@ def job_findings(test: PreparedTest, unknowns: ParameterSet) -> tuple[Finding, .
         The test.
     unknowns : ParameterSet
         Those of the job; calibration factors that it seeks are held at their start.
+
+    Returns
+    -------
+    tuple of Finding
+        The likeliest first.
     """
     own = [p for p in unknowns if not p.is_channel]
     if not own:

@@ -23,11 +23,11 @@ __all__ = ["diagnosed", "is_looked_at", "strained"]
 _Real = NDArray[np.float64]
 
 #: Lines that are looked at.
-_LINES = 120
+_LINES = 60
 #: Faults that are refitted from each point, and those of each kind.
 _REFITTED, _OF_A_KIND = 6, 2
 #: Those of them that are fitted to the end.
-_KEPT = 5
+_KEPT = 4
 #: Logarithm of the odds from which a fault is found: 100 to 1; and of those between two faults
 #: below which the data do not tell them apart.
 _LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0

@@ -171,8 +171,8 @@ class Fault(ABC):
         return self.repair(evidence.frf)
 
     def slope(self, evidence: Evidence) -> _Complex:
-        """Return d ln(measured) / d value, shape (n_f, n_i, n_j), where `tunes`."""
-        raise NotImplementedError
+        """Return d ln(measured) / d value, shape (n_f, n_i, n_j); 0 where it does not tune."""
+        return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
 
     def relatives(self) -> Iterable[Fault]:
         """Return faults of other kinds that would do nearly the same, to be tried beside it."""

@@ -26,7 +26,7 @@ _Real = NDArray[np.float64]
 
 #: How often the size of a fault is estimated anew, and steps of each descent: of a whole trial, of
 #: a first one.
-_WHOLE, _GLANCE = (6, 25), (2, 8)
+_WHOLE, _GLANCE = (5, 20), (1, 8)
 #: Rounds of the robust fit, and its steps in each.
 _REWEIGHTED, _FEW = 4, 8
 #: Loss factor from which descents begin: resonances overlap.
