@@ -250,6 +250,7 @@ def correlate(job: Path, /) -> int:
     """
     from updyn.correlation import correlate as correlation_of
     from updyn.job import load_job, prepare
+    from updyn.job.modes import start_modes_text
     from updyn.text_table import text_table
 
     ready = prepare(load_job(job))
@@ -267,6 +268,7 @@ def correlate(job: Path, /) -> int:
         for label, values in by_response.items():
             rows.append([label, *(f"{value:.4g}" for value in values.values())])
         print_text("\n" + text_table(header, rows))
+        print_text("\n" + start_modes_text(test))
     return DONE
 
 

@@ -240,6 +240,8 @@ def test_correlate_agrees_with_the_library(
     expected = updyn.correlate(chain.build(), chain.measure()).figures()
     rows = dict(line.split() for line in out.splitlines() if line.startswith(tuple(expected)))
     assert {k: float(v) for k, v in rows.items()} == pytest.approx(expected, rel=1e-3)
+    modes = updyn.correlate(chain.build(), updyn.identify_modes(chain.measure()))
+    assert out.rstrip().endswith(modes.table())
 
 
 # -- convert, info -----------------------------------------------------------------------------------------
