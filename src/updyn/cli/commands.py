@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from updyn.cli.describe import describe_identifiability, describe_parameters
+from updyn.cli.progress import Stage, show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
+from updyn.cli.sections import CHECK, CORRELATE, RUN, Checked, Compared, Ran, joined, overview
 from updyn.cli.terminal import (
     DONE,
     NOT_DETERMINED,
     STOPPED,
     print_note,
     print_text,
-    show_progress,
     stderr,
 )
 from updyn.errors import InputError, OptionError
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.job import Job, Prepared
+    from updyn.job import Job
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["check", "compare", "convert", "correlate", "demo", "info", "open_engine", "run"]
@@ -81,29 +81,13 @@ def check(job: Path, /) -> int:
         The job file (TOML).
     """
     from updyn.job import check_out, job_identifiability, job_selection, load_job, prepare
-    from updyn.job.job_table import JOB_TABLES
 
     loaded = load_job(job)
     ready = prepare(loaded)
     folder = check_out(loaded)
     selection = job_selection(ready)
     found = job_identifiability(ready, selection)
-    print_text(_overview(ready))
-    for test in ready.tests:
-        print_text("")
-        if test.name:
-            print_text(test.name)
-        print_text(str(test.matching))
-    print_text("\n" + describe_parameters(ready.parameters))
-    for name in loaded.tables:
-        announced = JOB_TABLES[name].announce(ready)
-        if announced:
-            print_text(f"\n{announced}")
-    if selection is not None:
-        print_text(f"\nSelected before the fit:\n{selection.summary()}")
-    print_text("\nAt the start of the unknowns:")
-    print_text(describe_identifiability(found))
-    print_text(f"\nThe job can be run; results would go to {folder}.")
+    print_text(joined(CHECK, Checked(ready, selection, found, folder)))
     return DONE if found.complete else NOT_DETERMINED
 
 
@@ -250,25 +234,12 @@ def correlate(job: Path, /) -> int:
     """
     from updyn.correlation import correlate as correlation_of
     from updyn.job import load_job, prepare
-    from updyn.job.modes import start_modes_text
-    from updyn.text_table import text_table
 
     ready = prepare(load_job(job))
-    print_text(_overview(ready))
+    print_text(overview(ready))
     for test in ready.tests:
         found = correlation_of(test.model, test.frf)
-        print_text("")
-        if test.name:
-            print_text(test.name)
-        figures = [(name, f"{value:.4g}") for name, value in found.figures().items()]
-        print_text(text_table(("figure", "value"), figures))
-        by_response = found.by_response()
-        header = ["response", *next(iter(by_response.values()))]
-        rows = []
-        for label, values in by_response.items():
-            rows.append([label, *(f"{value:.4g}" for value in values.values())])
-        print_text("\n" + text_table(header, rows))
-        print_text("\n" + start_modes_text(test))
+        print_text("\n" + joined(CORRELATE, Compared(ready, test.name, found)))
     return DONE
 
 
@@ -321,6 +292,7 @@ def compare(
     from updyn.comparison.table import listing
     from updyn.job import check_out, load_job, prepare
     from updyn.job.comparison import COMPARED, compare_job, default_comparison_out
+    from updyn.updating.fit.methods import METHODS
 
     if list_:
         print_text(listing())
@@ -335,7 +307,11 @@ def compare(
         names = [name.strip() for name in methods.split(",") if name.strip()]
     folder = check_out(loaded, out or default_comparison_out(loaded), COMPARED)
     ready = prepare(loaded)
-    with open_engine(workers, cluster, engine) as opened, show_progress(stderr()) as display:
+    stages = [Stage(name) for name in names or METHODS]
+    with (
+        open_engine(workers, cluster, engine) as opened,
+        show_progress(stderr(), stages) as display,
+    ):
         found = compare_job(
             loaded,
             folder,
@@ -366,42 +342,32 @@ def _run(
 
     folder = check_out(job, out)
     ready = prepare(job)
-    with show_progress(stderr()) as display:
+    with show_progress(stderr(), _stages(job)) as display:
         done = run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
-    print_text(done.summary())
-    first = "report.html" if job.output.report else "result.json"
-    print_text(f"\nResults in {folder}: {folder / first}")
-    again = "updyn run JOB.toml --resume (with the same --out)"
-    if done.result.status == "stopped":
-        print_text(f"To go on from here: {again}")
-    elif done.result.status == "max-iterations":
-        print_text(f"To go on from here, with more max_iterations: {again}")
+    print_text(joined(RUN, Ran(job, done)))
     return done.result
+
+
+def _stages(job: Job) -> list[Stage]:
+    """Return the stages of a run, in their order."""
+    from updyn.job.job_table import JOB_TABLES
+    from updyn.updating.fit.methods import make_method
+
+    stages = [Stage("start")]
+    for name, most_steps in make_method(job.method.name, job.method.options).stages:
+        stages.append(Stage(name, most_steps))
+    stages.append(Stage("judge"))
+    for name, table in job.tables.items():
+        # Progress of a table counts its pieces of work as lines of one step.
+        stages += [Stage(begin, 1) for begin in JOB_TABLES[name].stages(table)]
+    if job.output.report:
+        stages.append(Stage("report"))
+    return stages
 
 
 def _exit_code(result: UpdateResult | JointResult) -> int:
     """Return the exit code of a run."""
     return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
-
-
-def _overview(ready: Prepared) -> str:
-    """Return model, test and fitted data of a job as text."""
-    job = ready.job
-    texts = [f"{job.title or job.path.stem}: {job.method.name}"]
-    for test in ready.tests:
-        if test.name:
-            texts.append(f"{test.name}:")
-        texts.append(f"model: {test.model!r}")
-        texts.append(f"test: {test.frf!r}, all matched to DOFs of the model")
-        lines = job.method.lines
-        if not isinstance(lines, str):
-            lines = str(len(lines or test.fitted.freq))
-        fitted = f"{len(test.fitted.freq)} lines, {len(test.fitted.responses)} responses"
-        text = f"fit: {fitted}, lines to use: {lines}"
-        if test.job.validation is not None:
-            text += f"; held out: {', '.join(map(str, test.job.validation))}"
-        texts.append(text)
-    return "\n".join(texts)
 
 
 def _kinds(

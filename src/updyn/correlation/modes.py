@@ -200,8 +200,9 @@ class ModeCorrelation:
             cells = ["-", "-", *_cells(self.computed, i), "-", "-"]
             rows.append((float(self.computed.frequency[i]), cells))
         rows.sort(key=lambda row: row[0])
-        header = ("measured (Hz)", "loss factor", "computed (Hz)", "loss factor", "change (%)")
-        return text_table((*header, "MAC"), [cells for _, cells in rows], left=())
+        header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
+        numbered = [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
+        return text_table((*header, "change (%)", "MAC"), numbered)
 
 
 def _cells(of: Modes, at: int) -> list[str]:

@@ -90,6 +90,16 @@ class JobTable(ABC):
             If the table does not fit them.
         """
 
+    def stages(self, table: Any) -> tuple[str, ...]:
+        """Return how the stages of its progress begin; none where it shows no progress.
+
+        Parameters
+        ----------
+        table : Table
+            The validated table.
+        """
+        return ()
+
     def announce(self, prepared: Prepared) -> str:
         """Return what the job asks for as text; empty where another table says it.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -29,6 +30,7 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
+from updyn.updating.fit.monitor import Progress
 from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, select_jointly
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.selection import Selection
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.updating.fit.monitor import Progress
     from updyn.updating.judge.identifiability import Identifiability
 
 __all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
@@ -144,6 +145,7 @@ def run_job(
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, temporary)
             if job.output.report:
+                _announce(callback, "report", result)
                 _write_reports(result, temporary, further)
             move_outputs([*stale_outputs(job, out), *outputs(job)], temporary, out)
         if result.status not in _UNFINISHED:
@@ -324,6 +326,17 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
         write_properties(one, source, target, format=job.model.format)
     (folder / "job.toml").write_text(resolved_job(job, out), encoding="utf-8")
     write_result_json(result, folder / "result.json")
+
+
+def _announce(
+    callback: Callable[[Progress], bool | None] | None,
+    stage: str,
+    result: UpdateResult | JointResult,
+) -> None:
+    """Show the caller that a stage after the update begins, which cannot be stopped."""
+    if callback is not None:
+        steps = result.first.iterations
+        callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:

@@ -101,6 +101,10 @@ class _UncertaintyJobTable(JobTable):
         draws = draw(result, **options)
         return replace(draws, options={**draws.options, "level": table.level})
 
+    def stages(self, table: Any) -> tuple[str, ...]:
+        """Return its kind."""
+        return (table.kind,)
+
     def write(self, found: Draws | Profiles, job: Job, folder: Path) -> None:
         write_uncertainty(found, folder / FILE)
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -50,18 +51,6 @@ _POWER = {"mobility": "/s", "accelerance": "/s²"}
 _WRITTEN_TERMS = 16
 _WRITTEN_ENTRIES = 20
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_FIGURE_WORDS = {
-    "frac_median": "FRAC, median over channels",
-    "frac_min": "FRAC, worst channel",
-    "correlation_median": "FRF correlation, median over channels",
-    "correlation_min": "FRF correlation, worst channel",
-    "residual_median": "relative residual, median over channels",
-    "residual_max": "relative residual, worst channel",
-    "csac_mean": "CSAC, mean over lines",
-    "csf_mean": "CSF, mean over lines",
-    "db_error_median": "level difference, median (dB)",
-    "db_error_p95": "level difference, 95 % of values below (dB)",
-}
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -268,4 +257,4 @@ def plain(value: Any) -> str:
 
 def agreement_name(key: str) -> str:
     """Return the name of a figure of agreement in a table."""
-    return _FIGURE_WORDS.get(key, key.replace("_", " "))
+    return FIGURE_NAMES.get(key, key.replace("_", " "))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
+from updyn.correlation.figures import agreement_table
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
@@ -140,8 +141,7 @@ class UpdateResult:
     @property
     def iterations(self) -> int:
         """Number of accepted steps, those of all tries of the search for a start included."""
-        counted = [h.accepted and h.number > 0 and h.step > 0 for h in self.history]
-        return sum(counted)
+        return sum(h.counts for h in self.history)
 
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return the confidence interval of each unknown that the data determine, in its unit.
@@ -226,11 +226,9 @@ class UpdateResult:
             lines.append(
                 "After: the updated model as the sensors read it, times their calibration factors."
             )
-        held = self.correlation.get("validation", {})
-        for what, table in (("fitted", self.correlation), ("held out", held)):
-            for when in ("before", "after"):
-                if table.get(when):
-                    lines.append(f"{what}, {when}: {_figures(table[when])}")
+        agreement = _agreement(self.correlation)
+        if agreement:
+            lines += ["", agreement]
         return "\n".join(lines)
 
 
@@ -314,20 +312,18 @@ class JointResult:
     def summary(self) -> str:
         """Return the outcome as text: unknowns once, agreement test by test."""
         of_first = _residual_lines(self.first.adequacy, self.first.message)
+        agreement = _agreement(self.first.correlation)
         lines = []
-        for line in self.first.summary().splitlines():
-            if line.startswith("fitted, before"):
-                break
+        for line in self.first.summary().removesuffix(agreement).rstrip().splitlines():
             if line not in of_first:
                 lines.append(line)
         lines[0] = lines[0].replace(self.first.title or "Update", self.title or "Update", 1)
         for name, result in self.results.items():
-            for line in result.summary().splitlines():
-                if line.startswith(("fitted,", "held out,")):
-                    lines.append(f"{name}: {line}")
             for line in _residual_lines(result.adequacy, result.message):
                 lines.append(f"{name}: {line.strip()}")
-        return "\n".join(lines)
+        for name, result in self.results.items():
+            lines += ["", name, _agreement(result.correlation)]
+        return "\n".join(lines).rstrip()
 
 
 def interval(
@@ -366,13 +362,17 @@ def _answer(other: Alternative, result: UpdateResult) -> str:
     return ", ".join(f"{name} {values[1]:.6g}" for name, values in different)
 
 
-def _figures(table: Mapping[str, Any]) -> str:
-    """Return the numbers of a table as text."""
-    shown = []
-    for name, value in table.items():
-        if isinstance(value, float):
-            shown.append(f"{name} {value:.3g}")
-    return ", ".join(shown)
+def _agreement(correlation: Mapping[str, Any]) -> str:
+    """Return figures of agreement before and after, of what was held out, too, as a table."""
+    held = correlation.get("validation") or {}
+    return agreement_table(
+        {
+            "before": correlation.get("before") or {},
+            "after": correlation.get("after") or {},
+            "held out, before": held.get("before") or {},
+            "held out, after": held.get("after") or {},
+        }
+    )
 
 
 def _residual_lines(found: Adequacy | None, message: str) -> list[str]:

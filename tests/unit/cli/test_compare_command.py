@@ -15,7 +15,7 @@ import pytest
 
 import updyn
 from updyn.cli import main
-from updyn.cli.terminal import ProgressDisplay
+from updyn.cli.progress import ProgressDisplay
 from updyn.demos import gear_train
 from updyn.demos.gear_train import true_model
 from updyn.updating.fit.methods import METHODS
@@ -299,7 +299,7 @@ def test_ctrl_c(inputs: Path, tmp_path: Path) -> None:
                 break
         _, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
-    assert "Stopping after these lines" in err
+    assert "Stopping after this step" in err
     found = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))
     assert found["stopped"] is True
     assert [row["method"] for row in found["rows"]] + found["not_run"] == METHODS_HERE.split(",")

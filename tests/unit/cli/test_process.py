@@ -94,7 +94,7 @@ def test_ctrl_c_stops_after_the_step_and_writes(long_job: Path) -> None:
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert "Stopping after these lines" in err
+    assert "Stopping after this step" in err
     assert "To go on from here: updyn run JOB.toml --resume" in out
     assert out.startswith("job: stopped after ")
     found = json.loads((long_job.parent / "job" / "result.json").read_text(encoding="utf-8"))
@@ -120,7 +120,7 @@ def test_a_second_ctrl_c_leaves_at_once_and_writes_no_results(long_job: Path) ->
     assert process.stderr is not None
     assert any("iteration 0" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
-    assert any("Stopping after these lines" in line for line in process.stderr)
+    assert any("Stopping after this step" in line for line in process.stderr)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 130, err

@@ -81,7 +81,11 @@ def test_both_together_find_what_the_locked_rotor_cannot() -> None:
     assert "motor" not in result["rotor locked"].model.groups
     text = result.summary()
     assert text.count("motor.mass") == 1
-    assert "rotor locked: fitted, after: frac_median 1" in text
+    for name in result.results:
+        table = text.split(f"\n\n{name}\n")[1].splitlines()
+        assert table[0].split() == ["agreement", "before", "after"]
+        assert table[1].split()[-1] in ("1.0000", ">0.9999")
+    assert text.count("agreement") == 2
 
 
 @pytest.mark.parametrize("method", ["log", "output-error"])

@@ -96,8 +96,10 @@ disc.mass                              1           100           -  at its upper
 The data determine 3 of 4 unknowns. Masses of shaft and disc act at the same DOFs.
   undetermined combination 1: +1 shaft.mass, -0.5 disc.mass
   of these, determined 1: +1 disc.mass, +0.5 shaft.mass
-fitted, before: frac_median 0.5, csac_mean 0.612
-fitted, after: frac_median 0.99"""
+
+agreement                   before   after
+FRAC, median over channels  0.5000  0.9900
+CSAC, mean over lines       0.6124       -"""
 
 
 def test_the_summary_word_by_word(result):
@@ -133,9 +135,9 @@ def test_other_answers_are_listed_with_what_they_have_different(result):
     )
     # the loss factor differs by 75 standard deviations, the stiffness by 60
     assert found.summary() == SUMMARY.replace(
-        "\nfitted, before",
+        "\n\nagreement",
         "\n  answer 2 fits as well: shaft.stiffness 2.5"
-        "\n  answer 3 fits as well: shaft.loss_factor 0.1, shaft.stiffness 0.5\nfitted, before",
+        "\n  answer 3 fits as well: shaft.loss_factor 0.1, shaft.stiffness 0.5\n\nagreement",
     )
 
 

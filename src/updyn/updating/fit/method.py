@@ -216,6 +216,11 @@ class Method(ABC):
     states_noise: ClassVar[bool] = False
 
     @property
+    def stages(self) -> tuple[tuple[str, int], ...]:
+        """Stages of its progress, each with the number of steps after which it usually ends."""
+        return ((self.name, self.max_iterations),)
+
+    @property
     def failure_remedy(self) -> str:
         """What to do where its iteration breaks down; empty: to start closer."""
         return ""

@@ -36,6 +36,8 @@ class Progress:
         Half the sum of squared weighted residuals after that step; nan before the first.
     lines_done, n_lines : int
         Lines solved so far in the whole run, and lines that a step solves.
+    accepted : int
+        Accepted steps so far, as `UpdateResult.iterations` counts them.
     """
 
     stage: str
@@ -43,6 +45,7 @@ class Progress:
     cost: float
     lines_done: int
     n_lines: int
+    accepted: int = 0
 
 
 @dataclass(slots=True)
@@ -71,6 +74,7 @@ class Monitor:
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
     _n_lines: int = field(default=0, init=False)
+    _accepted: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
@@ -125,6 +129,7 @@ class Monitor:
                 dict(zip(names, values.tolist(), strict=True)),
             )
         )
+        self._accepted += self.history[-1].counts
         self._shown()
         return self.stopped
 
@@ -135,7 +140,9 @@ class Monitor:
             number, cost = 0, np.nan
             if self.history:
                 number, cost = self.history[-1].number, self.history[-1].cost
-            progress = Progress(self._stage, number, cost, session.lines_solved, self._n_lines)
+            progress = Progress(
+                self._stage, number, cost, session.lines_solved, self._n_lines, self._accepted
+            )
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped
 
@@ -185,3 +192,8 @@ class Iteration:
     condition: float
     accepted: bool
     values: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is an accepted step, and not a start."""
+        return self.accepted and self.number > 0 and self.step > 0

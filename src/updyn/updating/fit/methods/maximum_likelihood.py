@@ -93,6 +93,14 @@ class MaximumLikelihood(Method):
     is_likelihood: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
+    @property
+    def stages(self) -> tuple[tuple[str, int], ...]:
+        """The search, where there is one, and the fit."""
+        fit = (self.name, self.max_iterations)
+        if not self.starts:
+            return (fit,)
+        return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
+
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where to begin: the best basins of the log error."""
         if not self.starts:

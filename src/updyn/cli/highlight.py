@@ -1,0 +1,59 @@
+"""Colours of the terminal: the text is the same as without, with a style for some of its words."""
+
+from __future__ import annotations
+
+from rich.highlighter import RegexHighlighter
+from rich.theme import Theme
+
+__all__ = ["STATUS_STYLES", "THEME", "SummaryHighlighter"]
+
+#: Colour of each status of a result, and of a method that does not apply.
+STATUS_STYLES = {
+    "converged": "good",
+    "not-identifiable": "warning",
+    "max-iterations": "warning",
+    "stalled": "warning",
+    "stopped": "warning",
+    "does not apply": "faint",
+    "failed": "bad",
+}
+THEME = Theme(
+    {
+        "updyn.good": "bold green",
+        "updyn.warning": "bold yellow",
+        "updyn.bad": "bold red",
+        "updyn.faint": "dim",
+        "updyn.heading": "bold",
+        "updyn.doubt": "yellow",
+    }
+)
+#: First words of the header lines of tables.
+_HEADINGS = ("unknown", "agreement", "method", "mode", "sensor", "response", "group")
+#: What to notice in rows and below tables.
+_DOUBTS = (
+    r"at its (?:lower|upper) bound",
+    r"not determined by the data",
+    r"undetermined combination \d+",
+    r"answer \d+ fits as well",
+)
+
+
+def _status_patterns() -> list[str]:
+    """Return patterns of a status: after the title of a summary, and as a cell of a table."""
+    patterns = []
+    for status, style in STATUS_STYLES.items():
+        patterns.append(rf": (?P<{style}>{status})(?= after \d+ iterations)")
+        patterns.append(rf"(?m)^\S+ +(?P<{style}>{status})(?=  )")
+        patterns.append(rf"(?m)^\S+ (?P<{style}>{status})(?=: )")
+    return patterns
+
+
+class SummaryHighlighter(RegexHighlighter):
+    """Colours status, headings of tables and what is in doubt."""
+
+    base_style = "updyn."
+    highlights = [  # noqa: RUF012
+        *_status_patterns(),
+        rf"(?m)^(?P<heading>(?:{'|'.join(_HEADINGS)}) {{2,}}\S.*)$",
+        *(rf"(?P<doubt>{doubt})" for doubt in _DOUBTS),
+    ]

@@ -1,0 +1,233 @@
+"""What the commands print, section by section: `RUN`, `CHECK` and `CORRELATE` list them in order.
+
+A section is a function that returns text, empty where it has nothing to say; `joined` puts a blank
+line between them. Colours are added when the text is printed (`updyn.cli.highlight`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from updyn.cli.describe import describe_identifiability, describe_parameters
+from updyn.correlation.figures import SHORT_NAMES, agreement_table, figure_text
+from updyn.text_table import text_table
+
+if TYPE_CHECKING:
+    from updyn.correlation import Correlation
+    from updyn.job import Prepared
+    from updyn.job.run import JobRun
+    from updyn.job.schema import Job
+    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.problem.selection import Selection
+
+__all__ = ["CHECK", "CORRELATE", "RUN", "Checked", "Compared", "Ran", "joined", "overview"]
+
+T = TypeVar("T")
+
+_AGAIN = "updyn run JOB.toml --resume (with the same --out)"
+
+
+def joined(sections: Sequence[Callable[[T], str]], content: T) -> str:
+    """Return the sections of a content as one text.
+
+    Parameters
+    ----------
+    sections : sequence of callable
+        Each returns text, or nothing.
+    content : object
+        What they are about.
+    """
+    texts = [section(content) for section in sections]
+    return "\n\n".join(filter(None, texts))
+
+
+# -- run -------------------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True)
+class Ran:
+    """A finished run of a job.
+
+    Attributes
+    ----------
+    job : Job
+        The job.
+    run : JobRun
+        What it gave.
+    """
+
+    job: Job
+    run: JobRun
+
+
+def _summary(ran: Ran) -> str:
+    return ran.run.summary()
+
+
+def _results(ran: Ran) -> str:
+    folder = ran.run.folder
+    first = "report.html" if ran.job.output.report else "result.json"
+    return f"Results in {folder}: {folder / first}"
+
+
+def _to_go_on(ran: Ran) -> str:
+    """Return how a run that has not finished goes on."""
+    status = ran.run.result.status
+    if status == "stopped":
+        return f"To go on from here: {_AGAIN}"
+    if status == "max-iterations":
+        return f"To go on from here, with more max_iterations: {_AGAIN}"
+    return ""
+
+
+#: Of ``updyn run``.
+RUN: tuple[Callable[[Ran], str], ...] = (_summary, _results, _to_go_on)
+
+
+# -- check -----------------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A job that was checked.
+
+    Attributes
+    ----------
+    ready : Prepared
+        The job with model, data and unknowns.
+    selection : Selection or None
+        What was joined and chosen of the unknowns.
+    found : Identifiability
+        What the data could determine.
+    folder : Path
+        Where its results would go.
+    """
+
+    ready: Prepared
+    selection: Selection | None
+    found: Identifiability
+    folder: Path
+
+
+def _job(checked: Checked) -> str:
+    return overview(checked.ready)
+
+
+def _matches(checked: Checked) -> str:
+    """Return the table of matches of each test."""
+    texts = [f"{test.name}\n{test.matching}".lstrip() for test in checked.ready.tests]
+    return "\n\n".join(texts)
+
+
+def _unknowns(checked: Checked) -> str:
+    return describe_parameters(checked.ready.parameters)
+
+
+def _announced(checked: Checked) -> str:
+    """Return what the further tables ask for."""
+    from updyn.job.job_table import JOB_TABLES
+
+    texts = [JOB_TABLES[name].announce(checked.ready) for name in checked.ready.job.tables]
+    return "\n\n".join(filter(None, texts))
+
+
+def _selected(checked: Checked) -> str:
+    if checked.selection is None:
+        return ""
+    return f"Selected before the fit:\n{checked.selection.summary()}"
+
+
+def _identifiability(checked: Checked) -> str:
+    return f"At the start of the unknowns:\n{describe_identifiability(checked.found)}"
+
+
+def _can_run(checked: Checked) -> str:
+    return f"The job can be run; results would go to {checked.folder}."
+
+
+#: Of ``updyn check``.
+CHECK: tuple[Callable[[Checked], str], ...] = (
+    _job,
+    _matches,
+    _unknowns,
+    _announced,
+    _selected,
+    _identifiability,
+    _can_run,
+)
+
+
+# -- correlate -------------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """The model of a job as it stands, compared with one of its tests.
+
+    Attributes
+    ----------
+    ready : Prepared
+        The job with model, data and unknowns.
+    test : str
+        Name of the test; empty where it has none.
+    found : Correlation
+        Model against test.
+    """
+
+    ready: Prepared
+    test: str
+    found: Correlation
+
+
+def _test(compared: Compared) -> str:
+    return compared.test
+
+
+def _figures(compared: Compared) -> str:
+    return agreement_table({"value": compared.found.figures()})
+
+
+def _by_response(compared: Compared) -> str:
+    """Return figures response by response."""
+    by_response = compared.found.by_response()
+    names = [name for name in SHORT_NAMES if name in next(iter(by_response.values()))]
+    rows = []
+    for label, values in by_response.items():
+        rows.append([label, *(figure_text(name, values[name]) for name in names)])
+    return text_table(("response", *(SHORT_NAMES[name] for name in names)), rows)
+
+
+def _modes(compared: Compared) -> str:
+    """Return the modes of test and model."""
+    from updyn.job.modes import start_modes_text
+
+    (test,) = (test for test in compared.ready.tests if test.name == compared.test)
+    return start_modes_text(test)
+
+
+#: Of ``updyn correlate``, for each test.
+CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response, _modes)
+
+
+# -- several commands ------------------------------------------------------------------------------
+def overview(ready: Prepared) -> str:
+    """Return model, test and fitted data of a job as text.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The job with model, data and unknowns.
+    """
+    job = ready.job
+    texts = [f"{job.title or job.path.stem}: {job.method.name}"]
+    for test in ready.tests:
+        if test.name:
+            texts.append(f"{test.name}:")
+        texts.append(f"model: {test.model!r}")
+        texts.append(f"test: {test.frf!r}, all matched to DOFs of the model")
+        lines = job.method.lines
+        if not isinstance(lines, str):
+            lines = str(len(lines or test.fitted.freq))
+        fitted = f"{len(test.fitted.freq)} lines, {len(test.fitted.responses)} responses"
+        text = f"fit: {fitted}, lines to use: {lines}"
+        if test.job.validation is not None:
+            text += f"; held out: {', '.join(map(str, test.job.validation))}"
+        texts.append(text)
+    return "\n".join(texts)

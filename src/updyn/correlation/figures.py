@@ -1,0 +1,80 @@
+"""Figures of agreement in words, and a table of them as text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from updyn.text_table import text_table
+
+__all__ = ["FIGURE_NAMES", "SHORT_NAMES", "agreement_table", "figure_text"]
+
+#: What the figures of `Correlation.figures` are called, in the order in which they are shown.
+FIGURE_NAMES: Mapping[str, str] = {
+    "frac_median": "FRAC, median over channels",
+    "frac_min": "FRAC, worst channel",
+    "correlation_median": "FRF correlation, median over channels",
+    "correlation_min": "FRF correlation, worst channel",
+    "residual_median": "relative residual, median over channels",
+    "residual_max": "relative residual, worst channel",
+    "csac_mean": "CSAC, mean over lines",
+    "csf_mean": "CSF, mean over lines",
+    "db_error_median": "level difference, median (dB)",
+    "db_error_p95": "level difference, 95 % of values below (dB)",
+}
+#: The same as headings of narrow columns.
+SHORT_NAMES: Mapping[str, str] = {
+    "frac_median": "FRAC",
+    "frac_min": "worst",
+    "correlation_median": "correlation",
+    "correlation_min": "worst",
+    "residual_median": "residual",
+    "residual_max": "worst",
+    "db_error_median": "dB",
+    "db_error_p95": "dB, 95 %",
+}
+#: Figures that are 1 at best, by the beginning of their names.
+_ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_")
+
+
+def figure_text(name: str, value: float) -> str:
+    """Return a figure of agreement as text.
+
+    Parameters
+    ----------
+    name : str
+        Of `FIGURE_NAMES`.
+    value : float
+        The figure.
+    """
+    if not name.startswith(_ONE_AT_BEST):
+        return f"{value:.3g}"
+    if 0.9999 < value < 1.0:
+        return ">0.9999"
+    return f"{value:.4f}"
+
+
+def agreement_table(columns: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return figures of agreement as a table, one row each; empty without any.
+
+    Parameters
+    ----------
+    columns : mapping of str to mapping
+        By heading, figures by name; a figure that a column lacks is a dash.
+
+    Returns
+    -------
+    str
+    """
+    shown = {heading: figures for heading, figures in columns.items() if figures}
+    rows = []
+    for name, words in FIGURE_NAMES.items():
+        cells = []
+        for figures in shown.values():
+            value = figures.get(name)
+            cells.append("-" if value is None else figure_text(name, value))
+        if any(cell != "-" for cell in cells):
+            rows.append([words, *cells])
+    if not rows:
+        return ""
+    return text_table(("agreement", *shown), rows)
