@@ -1,4 +1,4 @@
-"""Agreement of measured and computed FRFs: FRAC, CSAC and level differences, before and after."""
+"""Agreement of measured and computed FRFs: FRF correlation, FRAC, CSAC and level differences."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.report.data import ReportData
-from updyn.report.formats import figure_of_agreement, held_out
+from updyn.report.formats import figure_of_agreement, held_out, percentage
 from updyn.report.plots import (
+    DIVERGING,
+    MODEL_COLOURS,
     PRINTED_CELLS,
     Figure,
     categories,
@@ -28,43 +30,63 @@ __all__ = [
     "AGREEMENT",
     "VALIDATION",
     "agreement_figures",
+    "correlation_maps",
     "csac_lines",
-    "frac_map",
     "level_difference",
 ]
 
 
-def frac_map(data: ReportData, frac: NDArray[np.float64] | None) -> Figure | None:
-    """Return a heat map of FRAC, responses down, references across, on the scale 0 to 1."""
-    if frac is None:
-        return None
+def correlation_maps(data: ReportData) -> dict[str, Figure]:
+    """Return heat maps of the FRF correlation at the start and updated, by name of the figure."""
+    made = {}
+    for when, correlation, frac, residual in (
+        ("before", data.correlation_before, data.frac_before, data.residual_before),
+        ("after", data.correlation_after, data.frac_after, data.residual_after),
+    ):
+        if correlation is not None and frac is not None and residual is not None:
+            made[f"frf-correlation-{when}"] = _correlation_map(data, correlation, frac, residual)
+    return made
+
+
+def _correlation_map(
+    data: ReportData,
+    correlation: NDArray[np.float64],
+    frac: NDArray[np.float64],
+    residual: NDArray[np.float64],
+) -> Figure:
+    """Return a heat map, responses down, references across, on the scale -1 to 1."""
     rows, hover = [], []
-    for response, held, values in zip(data.responses, data.held_out, frac, strict=True):
+    for i, (response, held) in enumerate(zip(data.responses, data.held_out, strict=True)):
         rows.append(f"{response} ◆" if held else response)
         first = f"response {label(response)}"
         if held:
             first += " (held out)"
-        cells = zip(data.references, values, strict=True)
-        hover.append([f"{first}<br>reference {label(c)}<br>FRAC {v:.4f}" for c, v in cells])
+        texts = []
+        for j, reference in enumerate(data.references):
+            texts.append(
+                f"{first}<br>reference {label(reference)}<br>correlation {correlation[i, j]:.4f}"
+                f"<br>FRAC {frac[i, j]:.4f}<br>relative residual {percentage(residual[i, j])}"
+            )
+        hover.append(texts)
     height = max(rows_height(len(rows), extra=110), 190)
     trace = {
         "type": "heatmap",
-        "z": numbers(frac),
+        "z": numbers(correlation),
         "x": list(range(len(data.references))),
         "y": list(range(len(rows))),
-        "zmin": 0.0,
+        "zmin": -1.0,
         "zmax": 1.0,
-        "colorscale": "Cividis",
+        "colorscale": DIVERGING,
         "xgap": 1,
         "ygap": 1,
         "hovertext": hover,
         "hoverinfo": "text",
-        "colorbar": colour_bar("FRAC", (0, 0.25, 0.5, 0.75, 1), height),
+        "colorbar": colour_bar("correlation", (-1, -0.5, 0, 0.5, 1), height),
     }
-    if frac.size == 1:
+    if correlation.size == 1:
         trace["showscale"] = False
-    if frac.size <= PRINTED_CELLS:
-        trace["text"] = [labels(map(figure_of_agreement, values)) for values in frac]
+    if correlation.size <= PRINTED_CELLS:
+        trace["text"] = [labels(map(figure_of_agreement, values)) for values in correlation]
         trace["texttemplate"] = "%{text}"
     return {
         "data": [trace],
@@ -83,8 +105,8 @@ def csac_lines(data: ReportData) -> Figure | None:
     traces: list[dict[str, Any]] = []
     x = numbers(data.freq)
     for name, csac, dash in (
-        ("before", data.csac_before, "dot"),
-        ("after", data.csac_after, "solid"),
+        ("start", data.csac_before, "dot"),
+        ("updated", data.csac_after, "solid"),
     ):
         if csac is None:
             continue
@@ -95,7 +117,7 @@ def csac_lines(data: ReportData) -> Figure | None:
                 "name": name,
                 "x": x,
                 "y": numbers(csac),
-                "line": {"color": f"@{name}", "dash": dash, "width": 1.6},
+                "line": {"color": MODEL_COLOURS[name], "dash": dash, "width": 1.6},
                 "hovertemplate": f"%{{x:.5g}} Hz: CSAC {name} %{{y:.3f}}<extra></extra>",
             }
         )
@@ -163,24 +185,18 @@ def _scores(
 
 
 class Agreement(Section):
-    """FRAC before and after, CSAC over frequency."""
+    """FRF correlation at the start and updated, CSAC over frequency."""
 
     anchor = "agreement"
-    name = "Agreement"
-    heading = "Agreement channel by channel"
+    name = "Correlation"
+    heading = "Correlation"
     place = 200
     template = "updyn.report/agreement.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the maps of FRAC, and CSAC over frequency."""
+        """Return the maps of the FRF correlation, and CSAC over frequency."""
         data = content.data
-        return existing(
-            {
-                "frac-before": frac_map(data, data.frac_before),
-                "frac-after": frac_map(data, data.frac_after),
-                "csac": csac_lines(data),
-            }
-        )
+        return correlation_maps(data) | existing({"csac": csac_lines(data)})
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the lines compared and the figures of agreement of the fit."""
@@ -201,7 +217,7 @@ class Validation(Section):
 
     anchor = "validation"
     name = "Validation"
-    heading = "Validation on data held out"
+    heading = "Validation"
     place = 900
     template = "updyn.report/validation.html"
 
@@ -216,20 +232,22 @@ class Validation(Section):
         }
 
 
-def _validation_channels(data: ReportData) -> list[tuple[str, str, str]]:
-    """Return name, FRAC before and FRAC after of each channel held out."""
+def _validation_channels(data: ReportData) -> list[list[str]]:
+    """Return name and figures of agreement, start and updated, of each channel held out."""
+    measures = (
+        (data.correlation_before, data.correlation_after, figure_of_agreement),
+        (data.frac_before, data.frac_after, figure_of_agreement),
+        (data.residual_before, data.residual_after, percentage),
+    )
     out = []
     for i in np.flatnonzero(data.held_out).tolist():
         for j, reference in enumerate(data.references):
-            name = f"{data.responses[i]} / {reference}"
-            out.append((name, _cell(data.frac_before, i, j), _cell(data.frac_after, i, j)))
+            cells = [f"{data.responses[i]} / {reference}"]
+            for before, after, say in measures:
+                shown = ["–" if v is None else say(float(v[i, j])) for v in (before, after)]
+                cells.append(" → ".join(shown))
+            out.append(cells)
     return out
-
-
-def _cell(frac: NDArray[np.float64] | None, i: int, j: int) -> str:
-    if frac is None:
-        return "–"
-    return figure_of_agreement(float(frac[i, j]))
 
 
 AGREEMENT = Agreement()

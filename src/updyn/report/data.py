@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from updyn.correlation import csac, frac, frf_correlation, relative_residual
+from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
@@ -27,6 +29,12 @@ __all__ = [
 EVALUATION_BUDGET = 2_000_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
+#: Further lines at which the curves of the models are computed: even ones, and at most so many
+#: about resonances; of models that are costly to solve fewer, so many lines x DOFs. Where a reduced
+#: model answers at any line at little cost, all are even ones.
+_EVEN_LINES = 400
+_RESONANCE_LINES = 1_200
+_GRID_BUDGET = 500_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +49,11 @@ class ReportData:
         The data, in the unit of `quantity`.
     before, after : ndarray of complex, same shape, or None
         The start and the updated model; None where it could not be computed (`notes` says why).
+    grid : ndarray of float, shape (n_g,)
+        Lines of the curves of the models, in Hz: those of `freq`, and further ones that resolve the
+        resonances.
+    before_curve, after_curve : ndarray of complex, shape (n_g, n_responses, n_references), or None
+        The start and the updated model on `grid`.
     coherence : ndarray of float, same shape, or None
         Ordinary coherence of the data.
     responses, references : tuple of str
@@ -55,6 +68,10 @@ class ReportData:
         Lines over which FRAC and level differences are formed: all but those of a band held out.
     frac_before, frac_after : ndarray of float, shape (n_responses, n_references), or None
         Frequency response assurance criterion of each channel over the lines `compared`.
+    correlation_before, correlation_after : ndarray of float, same shape, or None
+        FRF correlation of each channel, with sign, over the same lines.
+    residual_before, residual_after : ndarray of float, same shape, or None
+        Relative residual of each channel over the same lines.
     csac_before, csac_after : ndarray of float, shape (n_f,), or None
         Cross signature assurance criterion at each line; None too where there is one channel only
         (it is 1 then).
@@ -66,6 +83,9 @@ class ReportData:
     measured: NDArray[np.complex128]
     before: NDArray[np.complex128] | None
     after: NDArray[np.complex128] | None
+    grid: NDArray[np.float64]
+    before_curve: NDArray[np.complex128] | None
+    after_curve: NDArray[np.complex128] | None
     coherence: NDArray[np.float64] | None
     responses: tuple[str, ...]
     references: tuple[str, ...]
@@ -75,15 +95,21 @@ class ReportData:
     compared: NDArray[np.bool_]
     frac_before: NDArray[np.float64] | None
     frac_after: NDArray[np.float64] | None
+    correlation_before: NDArray[np.float64] | None
+    correlation_after: NDArray[np.float64] | None
+    residual_before: NDArray[np.float64] | None
+    residual_after: NDArray[np.float64] | None
     csac_before: NDArray[np.float64] | None
     csac_after: NDArray[np.float64] | None
     notes: tuple[str, ...]
 
 
 def gather(result: UpdateResult) -> ReportData:
-    """Compute both models at the lines of the data and compare them with what was measured.
+    """Compute both models and compare them with what was measured.
 
-    Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks kept, and a note says so.
+    They are computed at the lines of the data, which figures of agreement are over, and on a finer
+    grid for their curves. Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks
+    kept, and a note says so.
     """
     frf, options = result.frf, result.options
     notes: list[str] = []
@@ -103,15 +129,23 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    before = computed(result.start, frf, freq, "start model", notes, options)
-    after = computed(result.model, frf, freq, "updated model", notes, options)
+    for grid in (_grid(result, freq), freq):
+        refused: list[str] = []
+        before_curve = computed(result.start, frf, grid, "start model", refused, options)
+        after_curve = computed(result.model, frf, grid, "updated model", refused, options)
+        if not refused:  # else one of them is singular: it may be so between lines only
+            break
+    notes += refused
     gains = gains_of(result)
     if gains is not None:
         notes.append(
             "The updated model is shown as the sensors read it: times their calibration factors."
         )
-        if after is not None:
-            after = after * gains
+        if after_curve is not None:
+            after_curve = after_curve * gains
+    at = np.searchsorted(grid, freq)
+    before = None if before_curve is None else before_curve[at]
+    after = None if after_curve is None else after_curve[at]
     compared = _outside(freq, result.validation_band)
     validation = set(result.validation_responses)
     return ReportData(
@@ -119,6 +153,9 @@ def gather(result: UpdateResult) -> ReportData:
         measured=measured,
         before=before,
         after=after,
+        grid=grid,
+        before_curve=before_curve,
+        after_curve=after_curve,
         coherence=None if frf.coherence is None else frf.coherence[keep],
         responses=tuple(frf.responses.labels),
         references=tuple(frf.references.labels),
@@ -126,12 +163,30 @@ def gather(result: UpdateResult) -> ReportData:
         quantity=frf.quantity,
         used=used,
         compared=compared,
-        frac_before=_frac(measured[compared], before, compared),
-        frac_after=_frac(measured[compared], after, compared),
+        frac_before=_scores(frac, measured, before, compared),
+        frac_after=_scores(frac, measured, after, compared),
+        correlation_before=_scores(frf_correlation, measured, before, compared),
+        correlation_after=_scores(frf_correlation, measured, after, compared),
+        residual_before=_scores(relative_residual, measured, before, compared),
+        residual_after=_scores(relative_residual, measured, after, compared),
         csac_before=_csac(measured, before),
         csac_after=_csac(measured, after),
         notes=tuple(notes),
     )
+
+
+def _grid(result: UpdateResult, freq: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lines of the data and those that resolve the resonances of both models."""
+    if freq.size < 2:
+        return freq
+    low, high = float(freq[0]), float(freq[-1])
+    if result.options.get("tier") == "reduced":  # modes of the whole model would take long
+        return np.union1d(freq, even_lines(low, high, _EVEN_LINES + _RESONANCE_LINES))
+    affordable = max(_GRID_BUDGET // result.model.n_dofs, _FEWEST_LINES)
+    parts = [freq, even_lines(low, high, min(_EVEN_LINES, affordable // 4))]
+    for model in (result.start, result.model):
+        parts.append(resonance_lines(model, low, high, min(_RESONANCE_LINES, affordable) // 2))
+    return np.unique(np.concatenate(parts))
 
 
 def _is_used(frf: FRF, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -195,16 +250,16 @@ def computed(
         return None
 
 
-def _frac(
+def _scores(
+    measure: Callable[[ArrayLike, ArrayLike], NDArray[np.float64]],
     measured: NDArray[np.complex128],
     computed: NDArray[np.complex128] | None,
     compared: NDArray[np.bool_],
 ) -> NDArray[np.float64] | None:
+    """Return a measure of agreement of each channel over some lines."""
     if computed is None:
         return None
-    from updyn.correlation import frac
-
-    return np.asarray(frac(measured, computed[compared]), dtype=np.float64)
+    return measure(measured[compared], computed[compared])
 
 
 def _csac(
@@ -212,8 +267,6 @@ def _csac(
 ) -> NDArray[np.float64] | None:
     if computed is None or measured[:1].size < 2:
         return None
-    from updyn.correlation import csac
-
     return np.asarray(csac(measured, computed), dtype=np.float64)
 
 

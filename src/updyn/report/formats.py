@@ -28,6 +28,7 @@ __all__ = [
     "interval",
     "noise_is_fitted",
     "number",
+    "percentage",
     "plain",
     "quantity_words",
     "unit",
@@ -182,7 +183,16 @@ def figure_of_agreement(value: float) -> str:
         return ">0.999"
     if 0.99 <= value < 1.0:
         return f"{value:.3f}"
-    return f"{value:.2f}"
+    return f"{value:.2f}".replace("-", "−")
+
+
+def percentage(share: float) -> str:
+    """Return a share in percent with two digits; what rounding leaves of zero is not spelt out."""
+    if 0.0 <= share < 1e-6:
+        return "<0.0001 %" if share else "0 %"
+    if 0.1 <= share < 100.0:
+        return f"{100.0 * share:.0f} %"
+    return f"{number(100.0 * share, 2)} %"
 
 
 def counted(n: int, noun: str) -> str:

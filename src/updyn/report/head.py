@@ -9,21 +9,22 @@ from typing import Any
 from urllib.parse import quote
 
 from updyn.report.formats import (
-    agreement_name,
     chi_hint,
     counted,
     decibels,
     extent,
     figure_of_agreement,
     held_out,
+    noise_is_fitted,
     number,
+    percentage,
 )
 from updyn.report.residual import residual_tile
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["TESTS", "Verdict", "head", "joint_head", "verdict"]
+__all__ = ["TESTS", "Part", "Verdict", "head", "joint_head", "verdict"]
 
 #: Short word for the badge and kind of colour by status.
 STATUS_WORDS = {
@@ -35,9 +36,22 @@ STATUS_WORDS = {
     "failed": ("Failed", "bad"),
 }
 #: Figures of agreement in the table of tests.
-_FIGURES = ("frac_median", "frac_min", "db_error_median")
+_FIGURES = {
+    "frac_median": "FRAC, median",
+    "correlation_min": "correlation, worst",
+    "residual_median": "residual, median",
+    "db_error_median": "level (dB), median",
+}
 #: Outcomes of the test of a residual, the worst first: the head shows the worst of all tests.
 _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
+
+#: Key figures: name, title, how it is said, the ideal, and whether more or less is better.
+_KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = (
+    ("frac_median", "FRAC, median", figure_of_agreement, "1 is the same shape", 1.0),
+    ("correlation_min", "Correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
+    ("residual_median", "Relative residual, median", percentage, "0 % is ideal", -1.0),
+    ("db_error_median", "Level difference, median", decibels, "0 dB is ideal", -1.0),
+)
 
 _Figures = Mapping[str, Mapping[str, float]]
 
@@ -58,7 +72,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     -------
     str
     """
-    said = verdict(result, figures)
+    said = verdict(result)
     unknowns = counted(len(result.parameters), "unknown")
     return render_template(
         "updyn.report/head.html",
@@ -66,49 +80,54 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
         about=f"{unknowns}, method {result.method}; {data or extent(result.frf)}",
         badge=said.badge,
         kind=said.kind,
-        status=said.status,
-        agreement=said.agreement,
-        cause=_cause(result),
+        parts=said.parts,
+        cause=said.rest,
         remedy=f"What to do next: {result.remedy}" if result.remedy else "",
-        key_figures=_key_figures(result, figures["before"], figures["after"]),
+        key_figures=_key_figures(result, figures),
     )
 
 
-def _cause(result: UpdateResult) -> str:
-    """Return the message; where all is well, without its first sentence, which is the verdict."""
-    if result.ok and not result.remedy:
-        return result.message.partition(". ")[2]
-    return result.message
-
-
-def _key_figures(
-    result: UpdateResult, before: Mapping[str, float], after: Mapping[str, float]
-) -> list[tuple[str, str, str]]:
+def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str, str]]:
     """Return name, value and hint of each key figure."""
+    before, after = figures.get("before", {}), figures.get("after", {})
     out = []
-    if "frac_median" in after:
-        text = _from_to(before.get("frac_median"), after["frac_median"], figure_of_agreement)
-        out.append(("Shape agreement, median FRAC", text, "1 is perfect, before → after"))
-    if "db_error_median" in after:
-        text = _from_to(before.get("db_error_median"), after["db_error_median"], decibels)
-        out.append(("Level difference, median", text, "0 dB is perfect, before → after"))
-    ident = result.identifiability
-    hint = "independent combinations of the unknowns"
-    if ident.complete:
-        hint = "all unknowns"
-    out.append(("Determined by the data", f"{ident.rank} of {ident.n_parameters}", hint))
+    for name, title, say, ideal, sign in _KEY_FIGURES:
+        if name in after:
+            out.append(_before_and_after(title, before.get(name), after[name], say, ideal, sign))
+    held = figures.get("validation", {})
+    if "residual_median" in held and "correlation_min" in held:
+        value = percentage(held["residual_median"])
+        lowest = (
+            f"relative residual; worst correlation {figure_of_agreement(held['correlation_min'])}"
+        )
+        out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
+    elif "frac_median" in held:
+        value = f"FRAC {figure_of_agreement(held['frac_median'])}"
+        out.append((f"Held out: {held_out(result) or 'validation set'}", value, "median, after"))
     chi = result.noise.get("chi_square")
-    if isinstance(chi, int | float) and math.isfinite(chi):
+    fitted = noise_is_fitted(result.noise)  # it is 1 by construction then
+    if isinstance(chi, int | float) and math.isfinite(chi) and not fitted:
         out.append(("Reduced chi-square", number(float(chi), 3), chi_hint(result.noise)))
-    if result.adequacy is not None:
+    if result.adequacy is not None and result.adequacy.verdict not in result.message:
         out.append(residual_tile(result.adequacy))
     return out
 
 
-def _from_to(before: float | None, after: float, say: Callable[[float], str]) -> str:
+def _before_and_after(
+    title: str,
+    before: float | None,
+    after: float,
+    say: Callable[[float], str],
+    ideal: str,
+    sign: float,
+) -> tuple[str, str, str]:
+    """Return a figure before and after; `sign` is 1 where more is better, else -1."""
     if before is None:
-        return say(after)
-    return f"{say(before).removesuffix(' dB')} → {say(after)}"
+        return title, say(after), ideal
+    hint = f"start → updated; {ideal}"
+    if sign * after < sign * before:
+        hint = f"worse than the start; {ideal}"
+    return title, f"{say(before).removesuffix(' dB').removesuffix(' %')} → {say(after)}", hint
 
 
 # -- several tests -------------------------------------------------------------------------------
@@ -145,6 +164,7 @@ class Tests(Section):
     heading = "Tests"
     place = 50
     template = "updyn.report/tests.html"
+    first_screen = True
 
     def applies(self, content: Content) -> bool:
         """Whether the page is that of several tests."""
@@ -152,9 +172,8 @@ class Tests(Section):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return one row a test: link, data, agreement before and after, residual."""
-        names = [agreement_name(name) for name in _FIGURES]
         return {
-            "head": ["test", "data", *names, "residual"],
+            "head": ["test", "data", *_FIGURES.values(), "residual test"],
             "kinds": ("text", "text", *[""] * len(_FIGURES), "text"),
             "tests": [
                 {"cells": _test_cells(name, test), "link": f"{quote(name)}/report.html"}
@@ -185,33 +204,61 @@ def _agreement(result: UpdateResult, when: str) -> dict[str, float]:
 
 # -- verdict -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
+class Part:
+    """One part of a verdict.
+
+    Attributes
+    ----------
+    name : str
+        The question, such as ``"Converged"``.
+    truth : bool or None
+        Yes, no, or not known.
+    why : str
+        A sentence with the figure that it rests on.
+    """
+
+    name: str
+    truth: bool | None
+    why: str
+
+    @property
+    def answer(self) -> str:
+        """The truth in a word."""
+        return {True: "yes", False: "no", None: "not known"}[self.truth]
+
+    @property
+    def kind(self) -> str:
+        """The class of the badge."""
+        return {True: "good", False: "bad", None: "warn"}[self.truth]
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a fit ended and how well the model agrees with the data, in words.
+    """Whether to believe the result, in words.
 
     Attributes
     ----------
     badge, kind : str
         Short word, and ``"good"``, ``"warn"`` or ``"bad"``.
-    status, agreement : str
-        One sentence each: how the fit ended, and how well the updated model agrees.
+    parts : tuple of Part
+        The questions that it answers.
+    rest : str
+        What the message of the result says beyond them.
     """
 
     badge: str
     kind: str
-    status: str
-    agreement: str
+    parts: tuple[Part, ...]
+    rest: str
 
 
-def verdict(result: UpdateResult, figures: _Figures) -> Verdict:
-    """Return in two sentences how the fit ended and how well the model agrees.
+def verdict(result: UpdateResult) -> Verdict:
+    """Return the verdict on a result, part by part; no sentence of its message is said twice.
 
     Parameters
     ----------
     result : UpdateResult
         The result.
-    figures : mapping of str to mapping of str to float
-        ``before``, ``after`` and ``validation``: each with ``frac_median`` and ``db_error_median``
-        where known.
 
     Returns
     -------
@@ -220,7 +267,18 @@ def verdict(result: UpdateResult, figures: _Figures) -> Verdict:
     badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
     if _is_ambiguous(result):
         badge = "Several answers fit"
-    return Verdict(badge, kind, _status_sentence(result), _agreement_sentence(result, figures))
+    first, _, rest = result.message.partition(". ")
+    said = f"{first.removesuffix('.')}." if first else ""
+    steps = f"After {counted(result.iterations, 'iteration')}."
+    converged, determined = Part("Converged", True, steps), _determined(result)
+    if result.status == "not-identifiable":
+        if not _is_ambiguous(result):
+            determined = replace(determined, why=said or determined.why)
+    elif not result.ok:
+        converged = Part("Converged", False, f"{said} {steps}".strip())
+        if result.status == "failed":
+            determined = replace(determined, truth=None)
+    return Verdict(badge, kind, (converged, determined), rest)
 
 
 def _is_ambiguous(result: UpdateResult) -> bool:
@@ -229,71 +287,21 @@ def _is_ambiguous(result: UpdateResult) -> bool:
     return determined and bool(result.alternatives)
 
 
-def _status_sentence(result: UpdateResult) -> str:
-    """Say how the fit ended and what the data determine."""
-    ident, steps = result.identifiability, result.iterations
-    n, rank = ident.n_parameters, ident.rank
-    in_steps = f"after {counted(steps, 'iteration')}"
-    if rank >= n == 1:
-        determined = "the data determine the one unknown"
-    elif rank >= n:
-        determined = f"the data determine all {n} unknowns"
-    elif rank == 0:
-        determined = f"the data determine none of the {n} unknowns"
-    else:
-        determined = f"the data determine only {rank} independent combinations of the {n} unknowns"
+def _determined(result: UpdateResult) -> Part:
+    """Return whether the data determine all unknowns."""
+    n, rank = result.identifiability.n_parameters, result.identifiability.rank
     if _is_ambiguous(result):
-        return (
-            f"The fit settled {in_steps}, but {1 + len(result.alternatives)} answers fit the data"
-            " equally well: the values below are those of one of them."
+        said = (
+            f"{1 + len(result.alternatives)} answers fit the data equally well: the values below"
+            " are those of one of them."
         )
-    texts = {
-        "converged": f"The fit converged {in_steps}, and {determined}.",
-        "not-identifiable": (
-            f"The fit settled {in_steps}, but {determined}: some of the values below are arbitrary."
-        ),
-        "max-iterations": (
-            f"The fit was still moving when it reached its limit {in_steps}; {determined}."
-        ),
-        "stalled": (
-            f"The fit did not settle {in_steps}: no step lowered the misfit further, or the search"
-            f" found no answer that it could believe; {determined}."
-        ),
-        "stopped": (
-            f"The fit was stopped by the user {in_steps}; the values are those of its best step."
-        ),
-        "failed": (
-            f"The fit failed {in_steps}; the values below are not an update and must not be used as"
-            " one."
-        ),
-    }
-    return texts.get(
-        result.status, f"The fit ended with status {result.status!r} {in_steps}; {determined}."
-    )
-
-
-def _agreement_sentence(result: UpdateResult, figures: _Figures) -> str:
-    """Say how FRAC and level difference changed, and the FRAC of the validation set."""
-    before, after = figures.get("before", {}), figures.get("after", {})
-    if "frac_median" not in after:
-        return "How well the updated model agrees with the measurement could not be computed."
-    text = _change(
-        "median FRAC", before.get("frac_median"), after["frac_median"], figure_of_agreement
-    )
-    if "db_error_median" in after:
-        level = before.get("db_error_median"), after["db_error_median"]
-        text += " and " + _change("the median level difference", *level, decibels)
-    held = figures.get("validation", {}).get("frac_median")
-    if held is not None:
-        what = held_out(result) or "the validation set"
-        text += f"; on the data held out ({what}) the median FRAC is {figure_of_agreement(held)}"
-    return text[0].upper() + text[1:] + "."
-
-
-def _change(what: str, before: float | None, after: float, say: Callable[[float], str]) -> str:
-    if before is None:
-        return f"{what} is {say(after)}"
-    if say(before) == say(after):
-        return f"{what} stays at {say(after)}"
-    verb = "rises" if after > before else "falls"
-    return f"{what} {verb} from {say(before)} to {say(after)}"
+        return Part("Determined", False, said)
+    if rank >= n == 1:
+        said = "The data determine the one unknown."
+    elif rank >= n:
+        said = f"The data determine all {n} unknowns."
+    elif rank == 0:
+        said = f"The data determine none of the {n} unknowns."
+    else:
+        said = f"The data determine {rank} independent combinations of the {n} unknowns."
+    return Part("Determined", rank >= n, said)

@@ -201,8 +201,9 @@ class ModesSection(Section):
     anchor = "modes"
     name = "Modes"
     heading = "Modes: test, start and updated"
-    place = 250
+    place = 40
     template = "updyn.report/modes.html"
+    first_screen = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return MAC before and after, AutoMAC, COMAC, cross-orthogonality."""

@@ -28,7 +28,7 @@ class Overlay(Section):
 
     anchor = "frfs"
     name = "FRFs"
-    heading = "Measured and computed FRFs"
+    heading = "FRFs of all channels"
     place = 100
     template = "updyn.report/frfs.html"
 
@@ -77,21 +77,28 @@ def overlay(
     dict
         ``freq`` (Hz) and ``measured``, ``before``, ``after``, ``coherence`` as base64 of
         little-endian float32, channel by channel (response, then reference), real and imaginary
-        parts in turn; labels, units and bands.
+        parts in turn; ``grid`` (Hz), the lines of ``before`` and ``after``; labels, units and
+        bands.
     str
         The note, or an empty text.
     """
     keep, note = _drawn_lines(data, budget)
+    curves = _drawn_grid(data, budget)
     payload: dict[str, Any] = {
         "freq": _packed(data.freq[keep], "<f8"),
         "measured": _channels(data.measured, keep, "<c8"),
-        "before": _channels(data.before, keep, "<c8"),
-        "after": _channels(data.after, keep, "<c8"),
+        "grid": _packed(data.grid[curves], "<f8"),
+        "before": _channels(data.before_curve, curves, "<c8"),
+        "after": _channels(data.after_curve, curves, "<c8"),
         "coherence": _channels(data.coherence, keep, "<f4"),
         "responses": labels(data.responses),
         "references": labels(data.references),
-        "fracBefore": _frac(data.frac_before),
-        "fracAfter": _frac(data.frac_after),
+        "fracBefore": _figures(data.frac_before),
+        "fracAfter": _figures(data.frac_after),
+        "correlationBefore": _figures(data.correlation_before),
+        "correlationAfter": _figures(data.correlation_after),
+        "residualBefore": _figures(data.residual_before),
+        "residualAfter": _figures(data.residual_after),
         "heldOut": list(data.held_out),
         "quantity": data.quantity,
         "units": _units(data),
@@ -105,10 +112,8 @@ def overlay(
 
 def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     """Return which lines are drawn, and a note where these are not all."""
-    n_channels = len(data.responses) * len(data.references)
-    n_sets = 1 + (data.before is not None) + (data.after is not None)
-    line_bytes = n_channels * (8 * n_sets + 4 * (data.coherence is not None))
-    keep = keep_lines(data.measured, data.used, max(budget // line_bytes, _FEWEST_LINES))
+    line_bytes = _n_channels(data) * (8 + 4 * (data.coherence is not None))
+    keep = keep_lines(data.measured, data.used, max(budget // 2 // line_bytes, _FEWEST_LINES))
     if keep.size == len(data.freq):
         return keep, ""
     note = (
@@ -116,6 +121,19 @@ def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
         " overlay; the highest peaks are among them."
     )
     return keep, note
+
+
+def _drawn_grid(data: ReportData, budget: int) -> NDArray[np.intp]:
+    """Return which lines of the curves of the models are drawn: within half of the budget."""
+    curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
+    if not curves:
+        return np.arange(0)
+    most = max(budget // 2 // (8 * len(curves) * _n_channels(data)), _FEWEST_LINES)
+    return keep_lines(curves[0], np.zeros(len(data.grid), dtype=np.bool_), most)
+
+
+def _n_channels(data: ReportData) -> int:
+    return len(data.responses) * len(data.references)
 
 
 def _units(data: ReportData) -> list[list[str]]:
@@ -139,10 +157,10 @@ def _floats(band: tuple[float, float] | None) -> list[float] | None:
     return [float(band[0]), float(band[1])]
 
 
-def _frac(values: NDArray[np.float64] | None) -> Any:
+def _figures(values: NDArray[np.float64] | None) -> Any:
     if values is None:
         return None
-    return numbers(values, packed=False)
+    return numbers(np.round(values, 6), packed=False)  # as many digits as are shown, and more
 
 
 def _every_line(data: ReportData) -> bool:

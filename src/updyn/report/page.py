@@ -33,11 +33,12 @@ def write_report(
 ) -> Path:
     """Write an update as one HTML page that needs no network and no other file.
 
-    The page shows the verdict, measured FRFs over those of the model before and after, the
-    agreement channel by channel, a picture of the structure where the model has a geometry, the
-    unknowns with their uncertainty, their identifiability, the convergence history, the
-    validation, the residual and the provenance. The models' FRFs are computed for it at the lines
-    of the data.
+    Its first screen shows the verdict, the changes of the unknowns with their intervals, and the
+    worst and the median channel. Folded below it: measured FRFs over those of the model before and
+    after, the correlation channel by channel, a picture of the structure where the model has a
+    geometry, the unknowns with their uncertainty, their identifiability, the convergence history,
+    the validation, the residual, the noise and the provenance. The models' FRFs are computed for it
+    at the lines of the data, and between them where a resonance needs it.
 
     Parameters
     ----------
@@ -90,10 +91,10 @@ def render(
     else:
         top = head(result, agreement_figures(result, content.data))
     title, version = content.result.title, content.result.versions.get("updyn", "")
-    return assemble(content, top, title, version)
+    return assemble(content, top, title, version, folds=True)
 
 
-def assemble(content: Content, head: str, title: str, version: str) -> str:
+def assemble(content: Content, head: str, title: str, version: str, *, folds: bool = False) -> str:
     """Return a page with every section that applies to its content.
 
     Parameters
@@ -104,6 +105,8 @@ def assemble(content: Content, head: str, title: str, version: str) -> str:
         Its head, HTML.
     title, version : str
         Title in the browser, and the version of updyn that made the page.
+    folds : bool
+        Whether sections that do not belong to the first screen are folded.
 
     Returns
     -------
@@ -116,7 +119,7 @@ def assemble(content: Content, head: str, title: str, version: str) -> str:
     embedded: dict[str, Any] = {}
     for section in sections_of(content):
         own = section.figures(content)
-        text = section.render(content, own)
+        text = section.render(content, own, folds=folds)
         if text:
             sections.append(section)
             bodies.append(text)
@@ -129,6 +132,7 @@ def assemble(content: Content, head: str, title: str, version: str) -> str:
         title=title,
         head=head,
         sections=sections,
+        folds=folds,
         bodies=bodies,
         figures=figures,
         embedded=embedded,

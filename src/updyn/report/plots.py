@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "DIVERGING",
+    "MODEL_COLOURS",
     "PRINTED_CELLS",
     "Figure",
     "Panel",
@@ -43,6 +45,16 @@ Figure = dict[str, Any]
 _GAP = 0.035
 #: Ticks as powers of 10, where plotly would write 2µ.
 _POWERS = {"exponentformat": "power", "showexponent": "all"}
+#: Colours of the two models.
+MODEL_COLOURS = {"start": "@before", "updated": "@after"}
+#: Colours of a scale from -1 to 1, orange below zero and blue above.
+DIVERGING = [
+    [0.0, "#b35806"],
+    [0.25, "#f1a340"],
+    [0.5, "#f7f7f7"],
+    [0.75, "#6a9fd4"],
+    [1.0, "#08519c"],
+]
 #: Heat maps with up to this many cells have their values printed.
 PRINTED_CELLS = 150
 

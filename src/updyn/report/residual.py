@@ -13,6 +13,7 @@ from updyn.report.agreement import level_difference
 from updyn.report.data import ReportData
 from updyn.report.formats import counted, noise_is_fitted, number, plain, unknown
 from updyn.report.plots import (
+    MODEL_COLOURS,
     Figure,
     categories,
     colour_bar,
@@ -27,11 +28,10 @@ from updyn.report.section import Content, Section
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 
 __all__ = [
-    "MODEL_ERROR",
     "MOST_ROWS",
     "NOISE",
+    "RESIDUAL",
     "misfit_map",
-    "relative_residual",
     "residual_tile",
     "shown_channels",
 ]
@@ -60,30 +60,34 @@ def residual_tile(found: Adequacy) -> tuple[str, str, str]:
     return ("Residual", *_TILES[found.outcome])
 
 
-# -- model error ---------------------------------------------------------------------------------
-class ModelError(Section):
-    """Tests of the residual, and what would explain it."""
+# -- residual ------------------------------------------------------------------------------------
+class Residual(Section):
+    """The residual: its size, tests of it against noise, and what would explain it."""
 
-    anchor = "model-error"
-    name = "Model error"
-    heading = "Model error"
+    anchor = "residual"
+    name = "Residual"
+    heading = "Residual"
     place = 1000
-    template = "updyn.report/model_error.html"
-
-    def applies(self, content: Content) -> bool:
-        """Whether the residual of the test was tested."""
-        return content.of_one_test and content.result.adequacy is not None
+    template = "updyn.report/residual.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the map of the misfit."""
-        return existing({"misfit-map": misfit_map(content.result.adequacy)})
+        """Return the map of the misfit, level differences and the residual by channel."""
+        return existing(
+            {
+                "misfit-map": misfit_map(content.result.adequacy),
+                "level-differences": level_differences(content.data),
+                "residual-by-channel": residual_by_channel(content.data),
+            }
+        )
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the outcome, the worst places and the suspects."""
+        """Return the outcome of the tests, the worst places and the suspects."""
         found = content.result.adequacy
-        assert found is not None
+        if found is None:
+            return {"found": None}
         return {
             "found": found,
+            "verdict": "" if found.verdict in content.result.message else found.verdict,
             "n_channels": found.misfit.shape[0] * found.misfit.shape[1],
             "n_shown": len(shown_channels(found)),
             "places": list(map(_place, found.worst)),
@@ -91,7 +95,7 @@ class ModelError(Section):
         }
 
 
-MODEL_ERROR = ModelError()
+RESIDUAL = Residual()
 
 
 def _place(place: Misfit) -> list[str]:
@@ -256,7 +260,7 @@ def _mark(
     }
 
 
-# -- noise and residual --------------------------------------------------------------------------
+# -- noise ---------------------------------------------------------------------------------------
 _NOISE_WORDS = {
     "kind": "how the noise is known",
     "relative": "part proportional to the level",
@@ -280,22 +284,13 @@ _NOISE_WORDS = {
 
 
 class Noise(Section):
-    """Noise model and residual."""
+    """The noise model."""
 
     anchor = "noise"
-    name = "Noise and residual"
-    heading = "Noise and residual"
+    name = "Noise"
+    heading = "Noise"
     place = 1100
     template = "updyn.report/noise.html"
-
-    def figures(self, content: Content) -> dict[str, Figure]:
-        """Return level differences and the residual by channel."""
-        return existing(
-            {
-                "level-differences": level_differences(content.data),
-                "residual-by-channel": residual_by_channel(content.data),
-            }
-        )
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the noise model, and in sentences how it compares with the residual."""
@@ -360,11 +355,11 @@ def level_differences(data: ReportData) -> Figure | None:
     """Return a histogram of 20 log10 |computed / measured| in dB, before and after."""
     traces = []
     if data.before is not None:
-        trace = _histogram(data, data.before, "before")
+        trace = _histogram(data, data.before, "start")
         trace["line"]["dash"] = "dot"
         traces.append(trace)
     if data.after is not None:
-        traces.append(_histogram(data, data.after, "after") | {"fill": "tozeroy"})
+        traces.append(_histogram(data, data.after, "updated") | {"fill": "tozeroy"})
     if not traces:
         return None
     return {
@@ -391,7 +386,7 @@ def _histogram(data: ReportData, computed: NDArray[np.complex128], name: str) ->
         "name": name,
         "x": numbers(0.5 * (edges[1:] + edges[:-1])),
         "y": numbers(100.0 * counts / max(level.size, 1)),
-        "line": {"color": f"@{name}", "shape": "hvh", "dash": "solid"},
+        "line": {"color": MODEL_COLOURS[name], "shape": "hvh", "dash": "solid"},
         "fill": "none",
         "fillcolor": "@after-faint",
         "hovertemplate": f"{name}: %{{y:.2f}} % of the values at %{{x:.2f}} dB<extra></extra>",
@@ -410,39 +405,19 @@ def _histogram_range(traces: list[dict[str, Any]]) -> list[float]:
     return [-reach, reach]
 
 
-def relative_residual(
-    measured: NDArray[np.complex128], computed: NDArray[np.complex128]
-) -> NDArray[np.float64]:
-    """Return rms |computed - measured| over rms |measured| of each channel.
-
-    Parameters
-    ----------
-    measured, computed : ndarray of complex, shape (n_f, n_responses, n_references)
-        In the same unit.
-
-    Returns
-    -------
-    ndarray of float, shape (n_responses, n_references)
-        NaN where all measured values are 0.
-    """
-    misfit = np.sqrt(np.mean(np.abs(computed - measured) ** 2, axis=0))
-    size = np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
-    return np.divide(misfit, size, out=np.full(size.shape, np.nan), where=size > 0)
-
-
 def residual_by_channel(data: ReportData) -> Figure | None:
-    """Return the root mean square residual of each channel in percent of its measured level."""
+    """Return the relative residual of each channel in percent."""
     names = []
     for response, held in zip(data.responses, data.held_out, strict=True):
         mark = " ◆" if held else ""
         names += [f"{response}{mark} / {reference}" for reference in data.references]
     traces, shown = [], []
-    if data.before is not None:
-        shown.append(_percent(data, data.before))
-        traces.append(_channel_trace(shown[-1], names, "before", "circle-open"))
-    if data.after is not None:
-        shown.append(_percent(data, data.after))
-        traces.append(_channel_trace(shown[-1], names, "after", "circle"))
+    if data.residual_before is not None:
+        shown.append(100.0 * data.residual_before.ravel())
+        traces.append(_channel_trace(shown[-1], names, "start", "circle-open"))
+    if data.residual_after is not None:
+        shown.append(100.0 * data.residual_after.ravel())
+        traces.append(_channel_trace(shown[-1], names, "updated", "circle"))
     if not traces:
         return None
     axis: dict[str, Any] = {
@@ -466,19 +441,13 @@ def residual_by_channel(data: ReportData) -> Figure | None:
         "layout": {
             "xaxis": axis,
             "yaxis": {
-                "title": {"text": "rms residual (% of rms level)"},
+                "title": {"text": "relative residual (%)"},
                 "type": "log",
                 "dtick": log_step(np.concatenate(shown)),
             },
             "showlegend": True,
         },
     }
-
-
-def _percent(data: ReportData, computed: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the residual of each channel over the lines compared, in percent, flat."""
-    residual = relative_residual(data.measured[data.compared], computed[data.compared])
-    return np.asarray(100.0 * residual.ravel())
 
 
 def _channel_trace(
@@ -492,7 +461,7 @@ def _channel_trace(
         "y": numbers(percent),
         "text": labels(names),
         "marker": {
-            "color": f"@{name}",
+            "color": MODEL_COLOURS[name],
             "symbol": symbol,
             "size": 9 if len(names) <= _LARGE_POINTS else 5,
         },

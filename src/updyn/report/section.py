@@ -105,10 +105,12 @@ class Section:
     heading : str
         Its heading.
     place : float
-        Sections are shown in ascending order of it. The built-in ones have the hundreds 100 to
-        1200; ``provenance``, the last, has 9000.
+        Sections are shown in ascending order of it. Those of the first screen have tens below 100,
+        the other built-in ones the hundreds 100 to 1200; ``provenance``, the last, has 9000.
     template : str
         Package and file of its template, as `updyn.report.templates` has it.
+    first_screen : bool
+        Whether it is open where the sections of a page are folded, as in the report of an update.
     """
 
     anchor: ClassVar[str]
@@ -116,6 +118,7 @@ class Section:
     heading: ClassVar[str]
     place: ClassVar[float]
     template: ClassVar[str]
+    first_screen: ClassVar[bool] = False
 
     def applies(self, content: Content) -> bool:
         """Whether a page with this content has the section; by default that of one test has."""
@@ -154,12 +157,29 @@ class Section:
         """Return JavaScript that runs once the figures are drawn."""
         return ""
 
-    def render(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return the section as HTML; empty where its body is blank."""
+    def render(
+        self, content: Content, figures: Mapping[str, Figure], *, folds: bool = False
+    ) -> str:
+        """Return the section as HTML; empty where its body is blank.
+
+        Parameters
+        ----------
+        content : Content
+            The objects that the page shows.
+        figures : mapping of str to Figure
+            The figures of the section.
+        folds : bool
+            Whether the page folds what does not belong to the first screen.
+
+        Returns
+        -------
+        str
+        """
         body = self.body(content, figures)
         if not body.strip():
             return ""
-        return render_template("updyn.report/section.html", section=self, body=body)
+        folded = folds and not self.first_screen
+        return render_template("updyn.report/section.html", section=self, body=body, folded=folded)
 
 
 #: Sections by name, each loaded when a page needs it.
@@ -167,7 +187,9 @@ SECTIONS: Registry[Section] = Registry(
     "report section",
     "updyn.report_sections",
     {
+        "changes": "updyn.report.changes:CHANGES",
         "tests": "updyn.report.head:TESTS",
+        "channels": "updyn.report.channels:CHANNELS",
         "frfs": "updyn.report.overlay:FRFS",
         "agreement": "updyn.report.agreement:AGREEMENT",
         "modes": "updyn.report.modes:MODES",
@@ -178,7 +200,7 @@ SECTIONS: Registry[Section] = Registry(
         "held": "updyn.report.regularisation:HELD",
         "convergence": "updyn.report.unknowns:CONVERGENCE",
         "validation": "updyn.report.agreement:VALIDATION",
-        "model-error": "updyn.report.residual:MODEL_ERROR",
+        "residual": "updyn.report.residual:RESIDUAL",
         "noise": "updyn.report.residual:NOISE",
         "plant.plant": "updyn.control.report.plant:PLANT",
         "plant.servo": "updyn.control.report.servo:SERVO",

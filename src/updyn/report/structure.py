@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.group import Group
 from updyn.model import Model
+from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
@@ -24,6 +25,7 @@ __all__ = [
     "STRUCTURE",
     "Callout",
     "group_changes",
+    "group_remarks",
     "groups_of_lines",
     "nodes_of_groups",
     "spread",
@@ -32,10 +34,8 @@ __all__ = [
 
 #: Steps of the colour scale to each side of no change.
 STEPS = 4
-#: The colour scale reaches at least this far, in the logarithm of the factor.
-_LEAST = 0.02
-#: A change up to this counts as none.
-_SAME = 0.005
+#: The colour scale reaches at least this far, in the logarithm of the factor: rounding.
+_LEAST = 1e-9
 #: Width and height of the picture, its margin above and below, and the columns of labels beside it.
 _WIDTH = 1130
 _HEIGHT = 660
@@ -136,17 +136,17 @@ class _Scene:
     lumps: Mapping[int, NDArray[np.intp]]
     names: Sequence[str]
     changes: Mapping[str, tuple[str, float]]
+    remarks: Mapping[str, str]
     reach: float
     notes: tuple[str, ...]
 
     def colour(self, group: int) -> str:
-        """Return the class of a group: s-4 to s4, or s-none where it has no unknown."""
-        change = None
-        if group >= 0:
-            change = self.changes.get(self.names[group])
-        if change is None:
+        """Return the class of a group: s-4 to s4, s0 with a remark, s-none without one."""
+        if group < 0 or self.names[group] not in self.changes:
             return "s-none"
-        return f"s{_step(math.log(change[1]), self.reach)}"
+        if self.remarks[self.names[group]]:
+            return "s0"
+        return f"s{_step(math.log(self.changes[self.names[group]][1]), self.reach)}"
 
     def title(self, group: int) -> str:
         """Return the name of a group and its change."""
@@ -156,7 +156,10 @@ class _Scene:
         if name not in self.changes:
             return f"{name}: no unknown"
         quantity, factor = self.changes[name]
-        return f"{name}: {quantity_words(quantity)} {_percent(factor)}"
+        text = f"{name}: {quantity_words(quantity)} {_percent(factor)}"
+        if self.remarks[name]:
+            text += f", {self.remarks[name]}"
+        return text
 
 
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
@@ -184,12 +187,38 @@ def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
     return out
 
 
+def group_remarks(result: UpdateResult) -> dict[str, str]:
+    """Return by group of `group_changes` why its change is not to be believed; empty where it is.
+
+    A change is significant where the 95 % interval of an unknown that makes it excludes the start.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+
+    Returns
+    -------
+    dict of str to str
+        ``"not significant"``, ``"not determined"`` or an empty text.
+    """
+    changes = group_changes(result)
+    out = dict.fromkeys(changes, "not significant")
+    for p in result.parameters:
+        for drive in () if p.is_channel else p.acts_on:
+            if drive.quantity != changes.get(drive.group, ("",))[0]:
+                continue
+            if is_significant(result, p):
+                out[drive.group] = ""
+            elif out[drive.group] and not math.isfinite(result.std[p.name]):
+                out[drive.group] = "not determined"
+    return out
+
+
 def _step(log: float, reach: float) -> int:
-    """Return the step of the colour scale; a change is never shown as none."""
+    """Return the step of the colour scale; a significant change is never shown as none."""
     step = int(np.clip(round(log / reach * STEPS), -STEPS, STEPS))
-    if step == 0 and abs(log) > _SAME:
-        return int(np.sign(log))
-    return step
+    return step or int(np.sign(log))
 
 
 def _percent(factor: float, digits: int = 3) -> str:
@@ -214,7 +243,8 @@ def _scene(result: UpdateResult) -> _Scene:
     names = list(model.groups)
     drawn = set(group.tolist())
     bare = [i for i, name in enumerate(names) if name in changes and i not in drawn]
-    logs = [abs(math.log(factor)) for _, factor in changes.values()]
+    remarks = group_remarks(result)
+    logs = [abs(math.log(changes[name][1])) for name in changes if not remarks[name]]
     return _Scene(
         geometry.xyz,
         lines,
@@ -222,6 +252,7 @@ def _scene(result: UpdateResult) -> _Scene:
         nodes_of_groups(model, np.array(bare, dtype=np.intp), _LUMPED),
         names,
         changes,
+        remarks,
         max([_LEAST, *logs]),
         notes,
     )
@@ -231,18 +262,24 @@ def _scale(scene: _Scene) -> list[tuple[str, str]]:
     """Return class and text of each step of the colour scale."""
     if not scene.changes:
         return []
-    out = []
+    out = [("s0", "not significant or not determined"), ("s-none", "no unknown")]
+    if all(scene.remarks.values()):
+        return out
+    steps = []
     for step in range(-STEPS, STEPS + 1):
-        text = "unchanged"
         if step:
             text = _percent(math.exp(scene.reach * step / STEPS), 2)
-        out.append((f"s{step}", text))
-    return [*out, ("s-none", "no unknown")]
+            steps.append((f"s{step}", text))
+    return steps + out
 
 
 def _legend(scene: _Scene) -> list[tuple[str, str]]:
-    """Return class and text of each part that changed, the largest change first."""
-    ordered = sorted(scene.changes, key=lambda name: -abs(math.log(scene.changes[name][1])))
+    """Return class and text of each part with an unknown, significant and large changes first."""
+
+    def rank(name: str) -> tuple[bool, float]:
+        return bool(scene.remarks[name]), -abs(math.log(scene.changes[name][1]))
+
+    ordered = sorted(scene.changes, key=rank)
     out = []
     for name in ordered:
         group = scene.names.index(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from updyn.report.formats import (
     quantity_words,
 )
 from updyn.report.plots import (
+    DIVERGING,
     PRINTED_CELLS,
     Figure,
     colour_bar,
@@ -34,7 +36,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.updating.fit.methods import METHODS
-from updyn.updating.fit.monitor import Iteration
+from updyn.updating.fit.monitor import Iteration, iterations_made
 from updyn.updating.judge.alternatives import differences
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -52,20 +54,11 @@ __all__ = [
 ]
 
 #: Explanation of the search for a start.
-_SEARCH = "trials from several starts, each jump up is the next"
+_SEARCH = "tries from several starts"
 #: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
 #: Steps up to which each is drawn as a point of its own.
 _SINGLE_STEPS = 60
-_DIVERGING = [
-    [0.0, "#b35806"],
-    [0.25, "#f1a340"],
-    [0.5, "#f7f7f7"],
-    [0.75, "#6a9fd4"],
-    [1.0, "#08519c"],
-]
-_STAGE_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "star")
-_STAGE_COLOURS = ("@after", "@before", "@third", "@fourth", "@measured")
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 
 
@@ -111,10 +104,13 @@ class Unknowns(_OfUnknowns):
     template = "updyn.report/unknowns.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the estimates of each kind of unknown."""
+        """Return the estimates of each kind that the figure of the changes leaves out."""
         result = content.result
-        chosen = _by_figure(result, "factors", "s", "calibrations")
-        return existing({name: estimates(result, some) for name, some in chosen.items()})
+        made = {}
+        for name, chosen in _by_figure(result, "factors", "s", "calibrations").items():
+            if any(p.start == 0.0 for p in chosen):  # no change in percent
+                made[name] = estimates(result, chosen)
+        return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the rows of the tables, and the titles of the figures."""
@@ -393,7 +389,13 @@ class IdentifiabilitySection(_OfUnknowns):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the identifiability of the unknowns."""
-        return {"ident": content.result.identifiability, "answers": _answers(content.result)}
+        result = content.result
+        advice = result.identifiability.advice
+        return {
+            "ident": result.identifiability,
+            "advice": "" if advice in result.remedy else advice,
+            "answers": _answers(result),
+        }
 
 
 def _answers(result: UpdateResult) -> dict[str, Any] | None:
@@ -530,7 +532,7 @@ def correlation_map(result: UpdateResult) -> Figure | None:
         "y": names,
         "zmin": -1.0,
         "zmax": 1.0,
-        "colorscale": _DIVERGING,
+        "colorscale": DIVERGING,
         "xgap": 1,
         "ygap": 1,
         "hovertemplate": "%{y}<br>%{x}<br>%{z:.3f}<extra></extra>",
@@ -618,86 +620,173 @@ def _explained(stages: Sequence[str]) -> list[str]:
     return [f"{stage}: {words[stage]}" for stage in stages if words.get(stage)]
 
 
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A fit within a stage: a try of the search, or the steps under one weighting of the residuals.
+
+    Attributes
+    ----------
+    stage : str
+        The stage.
+    taken, refused : list of (int, Iteration)
+        Its steps, with the iterations made until then through all stages; of a refused one those
+        that it would have made.
+    """
+
+    stage: str
+    taken: list[tuple[int, Iteration]]
+    refused: list[tuple[int, Iteration]]
+
+    def own(self, made: int) -> int:
+        """Return the iterations made since the fit began."""
+        return made - self.taken[0][0]
+
+
+def _fits(history: Sequence[Iteration]) -> list[_Fit]:
+    """Return the fits of a history in order.
+
+    An accepted step lowers the cost; where it does not, or has no length, or the stage is another
+    one, another fit has begun.
+    """
+    fits: list[_Fit] = []
+    for made, step in zip(iterations_made(history), history, strict=True):
+        if not np.isfinite(step.cost):
+            continue
+        begun = bool(fits) and fits[-1].stage == step.stage
+        if begun and not step.accepted:
+            fits[-1].refused.append((made + 1, step))
+            continue
+        if not begun or step.step == 0.0 or step.cost > fits[-1].taken[-1][1].cost:
+            fits.append(_Fit(step.stage, [], []))
+        fits[-1].taken.append((made, step))
+    return fits
+
+
 def cost_path(result: UpdateResult) -> Figure | None:
-    """Return the cost of each iteration, by stage; refused steps as crosses."""
-    steps = [step for step in result.history if np.isfinite(step.cost)]
-    if not steps:
+    """Return the costs of all fits, in a panel for each stage; refused steps as crosses."""
+    stages: dict[str, list[_Fit]] = {}
+    for fit in _fits(result.history):
+        stages.setdefault(fit.stage, []).append(fit)
+    if not stages:
         return None
-    stages: dict[str, list[Iteration]] = {}
-    refused = []
-    for step in steps:
-        taken = stages.setdefault(step.stage, [])
-        if step.accepted:
-            taken.append(step)
-        else:
-            refused.append(step)
-    costs = np.array([step.cost for step in steps])
+    traces: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {
+        "showlegend": any(fit.refused for fits in stages.values() for fit in fits),
+        "legend": {"y": 1.1},
+        "margin": {"l": 60, "r": 16, "t": 60, "b": 48},
+        "annotations": [],
+    }
+    named: set[str] = set()
+    for i, (stage, fits) in enumerate(stages.items()):
+        end = "" if i == 0 else str(i + 1)
+        width = 1.0 / len(stages)
+        domain = [i * width + 0.07 * width * (i > 0), (i + 1) * width - 0.02 * width]
+        costs = np.array([step.cost for fit in fits for _, step in fit.taken + fit.refused])
+        axes = {"xaxis": f"x{end}", "yaxis": f"y{end}"}
+        for trace in _cost_traces(fits, costs):
+            traces.append(trace | axes | {"showlegend": trace["name"] not in named})
+            named.add(trace["name"])
+        layout[f"xaxis{end}"] = _iterations(fits) | {"domain": domain, "anchor": f"y{end}"}
+        layout[f"yaxis{end}"] = _cost_axis(costs) | {"anchor": f"x{end}"}
+        layout["annotations"].append(_panel_title(f"{label(stage)}{_tries(fits)}", domain))
+    layout["yaxis"]["title"] = {"text": "cost"}
+    return {"data": traces, "height": 360, "layout": layout}
+
+
+def _tries(fits: Sequence[_Fit]) -> str:
+    return f" ({len(fits)} fits)" if len(fits) > 1 else ""
+
+
+def _panel_title(text: str, domain: Sequence[float]) -> dict[str, Any]:
+    return {
+        "text": f"<b>{text}</b>",
+        "x": domain[0],
+        "xref": "paper",
+        "xanchor": "left",
+        "y": 1.0,
+        "yref": "paper",
+        "yanchor": "bottom",
+        "showarrow": False,
+        "font": {"size": 12},
+    }
+
+
+def _foot(costs: NDArray[np.float64]) -> float:
+    """Return where costs of zero stand on a logarithmic axis."""
     positive = costs[costs > 0]
-    foot = float(positive.min()) / 10.0 if positive.size else 0.1
-    traces = []
-    for i, (stage, taken) in enumerate(stages.items()):
-        style = {
-            "name": label(stage),
-            "mode": "lines+markers",
-            "text": [f"{step.cost:.4g}, largest step {step.step:.2g}" for step in taken],
-            "marker": {
-                "symbol": _STAGE_SYMBOLS[i % len(_STAGE_SYMBOLS)],
-                "size": 8 if len(steps) <= _SINGLE_STEPS else 5,
-            },
-            "line": {"color": _STAGE_COLOURS[i % len(_STAGE_COLOURS)]},
-            "hovertemplate": "iteration %{x}: cost %{text}<extra></extra>",
-        }
-        traces.append(_cost_trace(taken, foot) | style)
-    if refused:
-        style = {
-            "name": "step refused",
-            "mode": "markers",
-            "marker": {
-                "symbol": "x-thin-open",
-                "color": "@muted",
-                "size": 9,
-                "line": {"width": 2},
-            },
-            "hovertemplate": "iteration %{x}: refused at cost %{y:.4g}<extra></extra>",
-        }
-        traces.append(_cost_trace(refused, foot) | style)
-    return {
-        "data": traces,
-        "height": 320,
-        "layout": {
-            "xaxis": _iterations(result),
-            "yaxis": {
-                "title": {"text": "cost"},
-                "type": "log",
-                "exponentformat": "power",
-                "dtick": log_step(positive),
-            },
-            "showlegend": True,
-        },
-    }
+    return float(positive.min()) / 10.0 if positive.size else 0.1
 
 
-def _cost_trace(steps: Sequence[Iteration], foot: float) -> dict[str, Any]:
-    """Return number and cost of some steps, costs below the foot of the axis at the foot."""
-    return {
+def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
+    """Return a logarithmic axis; a linear one where the costs are nearly alike."""
+    if costs.min() > 0.5 * costs.max():
+        return {"exponentformat": "power", "nticks": 6}
+    positive = costs[costs > 0]
+    return {"type": "log", "exponentformat": "power", "dtick": log_step(positive)}
+
+
+def _cost_traces(fits: Sequence[_Fit], costs: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """Return the fits of a stage over their own iterations, with gaps between them."""
+    foot = _foot(costs)
+    x: list[int | None] = []
+    y: list[float] = []
+    texts = []
+    refused_x, refused_y = [], []
+    for fit in fits:
+        for made, step in fit.taken:
+            x.append(fit.own(made))
+            y.append(max(step.cost, foot))
+            texts.append(f"{made}: cost {step.cost:.4g}, largest step {step.step:.2g}")
+        x.append(None)
+        y.append(np.nan)
+        texts.append("")
+        for made, step in fit.refused:
+            refused_x.append(fit.own(made))
+            refused_y.append(max(step.cost, foot))
+    taken: dict[str, Any] = {
         "type": "scatter",
-        "x": [step.number for step in steps],
-        "y": numbers([max(step.cost, foot) for step in steps]),
+        "mode": "lines+markers",
+        "name": "step taken",
+        "legendgroup": "taken",
+        "x": x,
+        "y": numbers(y, packed=False),
+        "text": texts,
+        "marker": {"size": 7 if len(x) <= _SINGLE_STEPS else 4, "color": "@after"},
+        "line": {"color": "@after", "width": 1.3},
+        "hovertemplate": "iteration %{text}<extra></extra>",
     }
+    if not refused_x:
+        return [taken]
+    refused = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "step refused",
+        "legendgroup": "refused",
+        "x": refused_x,
+        "y": numbers(refused_y, packed=False),
+        "marker": {"symbol": "x-thin-open", "color": "@muted", "size": 8, "line": {"width": 2}},
+        "hovertemplate": "refused at cost %{y:.4g}<extra></extra>",
+    }
+    return [taken, refused]
 
 
-def _iterations(result: UpdateResult) -> dict[str, Any]:
-    """Return the axis of iterations."""
-    last = max(step.number for step in result.history)
-    return {
-        "title": {"text": "iteration"},
-        "range": [-0.02 * last - 0.2, 1.02 * last + 0.2],
+def _iterations(fits: Sequence[_Fit]) -> dict[str, Any]:
+    """Return the axis of the iterations of some fits, each from its own beginning."""
+    last = max(fit.own(made) for fit in fits for made, _ in fit.taken + fit.refused)
+    axis: dict[str, Any] = {
+        "title": {"text": "iteration of the fit"},
+        "range": [-0.03 * last - 0.3, 1.03 * last + 0.3],
         "zeroline": False,
     }
+    if last <= 6:
+        axis["dtick"] = 1
+    return axis
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of the unknowns over the iterations; of many, the most moved are named.
+    """Return the values of the unknowns over the iterations, with gaps between fits.
+
+    Of many unknowns, the most moved are named.
 
     Parameters
     ----------
@@ -711,12 +800,12 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     Figure or None
         None without unknowns or steps.
     """
-    steps = [step for step in result.history if step.accepted and step.values]
+    made, steps = _paths(result.history)
     if not chosen or not steps:
         return None
     paths = {}
     for p in chosen:
-        path = np.array([step.values.get(p.name, np.nan) for step in steps])
+        path = np.array([step.values.get(p.name, np.nan) if step else np.nan for step in steps])
         paths[p.name] = path / p.start if p.is_factor else path
     moved = sorted(paths, key=lambda name: -_excursion(paths[name]))
     named = sorted(moved[:_LEGEND_ENTRIES], key=list(paths).index)
@@ -727,7 +816,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
             "type": "scatter",
             "mode": "lines",
             "name": shown,
-            "x": [step.number for step in steps],
+            "x": made,
             "y": numbers(paths[p.name]),
             "marker": {"size": 5},
             "line": {"color": "@faint", "width": 1},
@@ -745,12 +834,27 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
         "data": traces,
         "height": 380,
         "layout": {
-            "xaxis": _iterations(result),
+            "xaxis": {"title": {"text": "iteration"}, "zeroline": False},
             "yaxis": {"title": {"text": axis_title(chosen[0])}},
             "showlegend": True,
             "legend": {"orientation": "v"},
         },
     }
+
+
+def _paths(
+    history: Sequence[Iteration],
+) -> tuple[list[int | None], list[Iteration | None]]:
+    """Return the iterations made and the steps taken, with None between one fit and the next."""
+    made: list[int | None] = []
+    steps: list[Iteration | None] = []
+    for fit in _fits(history):
+        for at, step in fit.taken:
+            made.append(at)
+            steps.append(step)
+        made.append(None)
+        steps.append(None)
+    return made[:-1], steps[:-1]
 
 
 def _excursion(path: NDArray[np.float64]) -> float:

@@ -29,7 +29,15 @@ ACTIONS = """<script>
   root.dataset.first = plot.calcdata[0][0].y.toPrecision(5);
   const svg = await Plotly.toImage(plot, { format: "svg", imageDataOnly: true });
   root.dataset.svg = svg.startsWith("<svg");
-  document.querySelector("[data-figure=frac-after]").emit("plotly_click", { points: [{ x: 0, y: 3 }] });
+  const folds = [...document.querySelectorAll("details.fold")], open = () => folds.filter((part) => part.open).length;
+  const counts = [open()]; // all folded; a link opens its section, the button all, and folds them again
+  document.querySelector('a[href="#identifiability"]').click(); counts.push(open());
+  const button = document.getElementById("unfold");
+  button.click(); counts.push(folds.length - open());
+  button.click(); counts.push(open());
+  root.dataset.folds = counts.join(" ");
+  document.querySelector("[data-figure=frf-correlation-after]").emit("plotly_click", { points: [{ x: 0, y: 3 }] });
+  root.dataset.shown = document.querySelector("#frfs details").open; // a cell opens the section that it leads to
   root.dataset.cell = `${at()}; ${document.getElementById("channel-figures").textContent}`;
 })();
 </script></body>"""
@@ -43,8 +51,8 @@ def test_page_is_drawn_and_works(tmp_path):
     dom = dump(path, tmp_path / "profile")
     found = attributes(dom)
     assert "errors" not in found, found["errors"]
-    # 12 figures and the overlay, of two layers each at least
-    assert len(re.findall(r'class="main-svg"', dom)) >= 26
+    # 14 figures and the overlay, of two layers each at least
+    assert len(re.findall(r'class="main-svg"', dom)) >= 30
     names = [re.sub(r"\(channel.*", "", c).strip() for c in found["channels"].split("|")]
     assert names == [
         "Response at 1:Z, force at 3:Z",
@@ -56,6 +64,8 @@ def test_page_is_drawn_and_works(tmp_path):
     # the browser draws what was measured: the first line of the channel that the keys led to
     assert float(found["first"]) == pytest.approx(abs(result.frf.values[0, 4, 1]), rel=1e-4)
     assert found["svg"] == "true"
+    assert found["folds"] == "0 1 0 0"
+    assert found["shown"] == "true"
     assert "Response at 9:Z, force at 3:Z" in found["cell"]
     assert "held out" in found["cell"]
 

@@ -17,6 +17,7 @@ from updyn.report.page import render
 from updyn.report.structure import (
     STEPS,
     group_changes,
+    group_remarks,
     groups_of_lines,
     nodes_of_groups,
     spread,
@@ -134,7 +135,9 @@ def test_the_picture_says_where_what_and_how_much() -> None:
         by_class.setdefault(element.get("class", ""), []).append(element)
     assert [e.findtext("title") for e in by_class[f"s-{STEPS}"]] == ["first: stiffness \u221250 %"]
     assert [e.findtext("title") for e in by_class[f"s{STEPS}"]] == ["second: stiffness +100 %"]
-    assert [(e.tag, e.findtext("title")) for e in by_class["s0"]] == [("rect", "lump: mass +0 %")]
+    assert [(e.tag, e.findtext("title")) for e in by_class["s0"]] == [
+        ("rect", "lump: mass +0 %, not significant")
+    ]
     assert sum(e.get("d", "").count("M") for e in by_class["s-none"]) == 3
     assert sorted(e.text or "" for e in by_class["label"]) == ["10: X", "20: -X"]
     assert [e.text for e in by_class["label force"]] == ["30: force -X"]
@@ -145,11 +148,25 @@ def test_the_picture_says_where_what_and_how_much() -> None:
     assert max(numbers[1::2]) <= 1130.0
 
 
-def test_a_small_change_beside_a_large_one_is_not_shown_as_none() -> None:
-    changed = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.02})])
-    assert '<i class="s1"></i>second: stiffness +2 %' in changed
-    same = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.001})])
-    assert '<i class="s0"></i>second: stiffness +0.1 %' in same
+def test_a_small_significant_change_beside_a_large_one_is_not_shown_as_none() -> None:
+    changed = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.025})])
+    assert '<i class="s1"></i>second: stiffness +2.5 %' in changed
+
+
+def test_changes_within_their_interval_have_no_colour_and_are_said_so() -> None:
+    """The standard deviation is 0.01: 1.5 % is within the 95 % interval, whatever else changed."""
+    same = structure_of([fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 1.015})])
+    assert '<i class="s0"></i>second: stiffness +1.5 %, not significant' in same
+    open_ = fitted(square(), {"first.stiffness": 3.0, "second.stiffness": 2.0})
+    found = dataclasses.replace(open_, std={"first.stiffness": 0.01, "second.stiffness": np.inf})
+    assert '<i class="s0"></i>second: stiffness +100 %, not determined' in structure_of([found])
+    assert group_remarks(found) == {"first": "", "second": "not determined"}
+
+
+def test_the_colours_reach_to_the_largest_significant_change() -> None:
+    small = structure_of([fitted(square(), {"first.stiffness": 0.97, "second.stiffness": 1.0})])
+    assert f'<i class="s-{STEPS}"></i>first: stiffness \u22123 %' in small
+    assert f'<i class="s-{STEPS}"></i>\u22123 %</span>' in small
 
 
 def test_a_sensor_without_a_position_is_named() -> None:

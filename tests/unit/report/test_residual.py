@@ -65,9 +65,9 @@ def test_without_a_suspect_other_causes_are_named(found):
     )
 
 
-def test_a_residual_that_was_not_tested_has_no_section():
+def test_a_residual_that_was_not_tested_is_said_so():
     page = Page(render(realistic(adequacy=None)))
-    assert "model-error" not in [a["id"] for a in page.of("section")]
+    assert "The residual was not tested against noise." in page.words
     assert "Residual noise" not in page.words
     assert misfit_map(None) is None
 

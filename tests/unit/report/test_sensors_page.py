@@ -31,18 +31,15 @@ def result():
     return updyn.update(model, frf, unknowns, method="log")
 
 
-def test_each_kind_of_unknown_has_its_own_figure(result):
+def test_kinds_that_start_at_zero_have_a_figure_in_their_unit(result):
+    """The others are in that of the changes in percent."""
     figures = all_figures(result)
-    assert {"factors", "mass-dampings", "stiffness-dampings", "calibrations"} <= figures.keys()
-    assert "loss-factors" not in figures
-    title = {
-        name: figures[name]["layout"]["xaxis"]["title"]["text"]
-        for name in ("mass-dampings", "calibrations")
-    }
-    assert title == {
-        "mass-dampings": "mass damping (1/s)",
-        "calibrations": "value relative to the start (log scale)",
-    }
+    assert {"mass-dampings", "stiffness-dampings"} <= figures.keys()
+    assert not {"factors", "calibrations"} & figures.keys()
+    title = figures["mass-dampings"]["layout"]["xaxis"]["title"]["text"]
+    assert title == "mass damping (1/s)"
+    ticks = figures["changes"]["layout"]["yaxis"]["ticktext"]
+    assert {"<b>stiffness</b>", "part1", "<b>calibration factor</b>", "5:X"} == set(ticks)
     assert (
         figures["stiffness-damping-paths"]["layout"]["yaxis"]["title"]["text"]
         == "stiffness damping (s)"

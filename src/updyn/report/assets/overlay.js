@@ -1,5 +1,5 @@
 // The overlay of measured and computed FRFs: one channel at a time, chosen by lists, buttons, arrow keys or a click on
-// the FRAC maps. Arrays come as base64 and are decoded once.
+// the maps of correlation. Arrays come as base64 and are decoded once.
 "use strict";
 const updynOverlay = (() => {
   const data = updynReport.read("updyn-frf");
@@ -14,26 +14,28 @@ const updynOverlay = (() => {
     return out.buffer; // little-endian, as every browser's machine is
   }
   const freq = data.freq ? new Float64Array(bytes(data.freq)) : new Float64Array(0);
+  const grid = data.grid ? new Float64Array(bytes(data.grid)) : new Float64Array(0); // lines of the models' curves
   const n = freq.length;
+  const linesOf = (name) => name === "measured" ? freq : grid;
   const sets = {};
   for (const name of ["measured", "before", "after"]) if (data[name]) sets[name] = new Float32Array(bytes(data[name]));
   const coherence = data.coherence ? new Float32Array(bytes(data.coherence)) : null;
 
   const channel = () => Number(pick.response.value) * nC + Number(pick.reference.value);
 
-  function magnitude(values, k) {
-    const out = new Float64Array(n);
-    for (let i = 0, at = 2 * n * k; i < n; i++, at += 2) out[i] = Math.hypot(values[at], values[at + 1]);
+  function magnitude(values, k, size) {
+    const out = new Float64Array(size);
+    for (let i = 0, at = 2 * size * k; i < size; i++, at += 2) out[i] = Math.hypot(values[at], values[at + 1]);
     return out;
   }
 
   // Degrees in -180..180; where the phase wraps the line is broken, not drawn across.
-  function phase(values, k) {
+  function phase(values, k, lines) {
     const x = [], y = [];
-    for (let i = 0, at = 2 * n * k, last = null; i < n; i++, at += 2) {
+    for (let i = 0, at = 2 * lines.length * k, last = null; i < lines.length; i++, at += 2) {
       const now = Math.atan2(values[at + 1], values[at]) * 180 / Math.PI;
-      if (last !== null && Math.abs(now - last) > 180) { x.push(freq[i]); y.push(null); }
-      x.push(freq[i]); y.push(now); last = now;
+      if (last !== null && Math.abs(now - last) > 180) { x.push(lines[i]); y.push(null); }
+      x.push(lines[i]); y.push(now); last = now;
     }
     return { x, y };
   }
@@ -44,13 +46,18 @@ const updynOverlay = (() => {
     after: { color: "@after", width: 1.6 },
   };
 
+  const words = { measured: "measured", before: "start", after: "updated" };
+
   function traces(k, held) {
     const out = [];
     for (const name of Object.keys(sets)) {
-      const level = magnitude(sets[name], k), common = { type: "scatter", mode: "lines", line: styles[name], name };
-      out.push({ ...common, legendgroup: name, x: freq, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${name}<extra></extra>` });
-      out.push({ ...common, ...phase(sets[name], k), legendgroup: name, showlegend: false, yaxis: "y2",
-        hovertemplate: `%{x:.5g} Hz: %{y:.1f}° ${name}<extra></extra>` });
+      const lines = linesOf(name), level = magnitude(sets[name], k, lines.length);
+      // Few measured lines are points: nothing is known between them.
+      const points = name === "measured" && n <= 200 ? { mode: "markers", marker: { color: "@measured", size: 7 } } : {};
+      const common = { type: "scatter", mode: "lines", line: styles[name], name: words[name], ...points };
+      out.push({ ...common, legendgroup: name, x: lines, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${words[name]}<extra></extra>` });
+      out.push({ ...common, ...phase(sets[name], k, lines), legendgroup: name, showlegend: false, yaxis: "y2",
+        hovertemplate: `%{x:.5g} Hz: %{y:.1f}° ${words[name]}<extra></extra>` });
       if (name === "measured" && (!data.everyLineUsed || n <= 60) && !held && data.used.length) {
         out.push({ type: "scatter", mode: "markers", name: "lines used in the fit", x: data.used.map((i) => freq[i]),
           y: data.used.map((i) => level[i]), hoverinfo: "skip",
@@ -102,11 +109,14 @@ const updynOverlay = (() => {
 
   function say() {
     const i = Number(pick.response.value), j = Number(pick.reference.value);
-    const frac = (name) => data[name] ? data[name][i][j] : null;
-    const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2) : v < 0.9995 ? v.toFixed(3) : ">0.999";
+    const of = (name) => data[name] ? data[name][i][j] : null;
+    const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2).replace("-", "−") : v < 0.9995 ? v.toFixed(3) : ">0.999";
+    const percent = (v) => v === null ? "–" : v < 1e-4 ? "<0.01 %" : `${100 * v < 10 ? (100 * v).toPrecision(2) : (100 * v).toFixed(0)} %`;
+    const both = (what, name, say) => `${what} ${say(of(name + "Before"))} → ${say(of(name + "After"))}`;
     find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
       `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
-    find("channel-figures").textContent = `FRAC ${digits(frac("fracBefore"))} before, ${digits(frac("fracAfter"))} after` +
+    find("channel-figures").textContent = [both("FRAC", "frac", digits), both("correlation", "correlation", digits),
+      both("relative residual", "residual", percent)].join(", ") +
       (data.heldOut[i] ? "; held out: this response did not enter the fit" : "");
   }
 
@@ -142,10 +152,11 @@ const updynOverlay = (() => {
       else return;
       event.preventDefault();
     });
-    for (const name of ["frac-before", "frac-after"]) {
+    for (const name of ["frf-correlation-before", "frf-correlation-after"]) {
       const map = document.querySelector(`[data-figure=${name}]`);
       if (map) map.on("plotly_click", (event) => {
         select(event.points[0].y, event.points[0].x);
+        updynReport.reveal("frfs");
         root.scrollIntoView();
         root.focus({ preventScroll: true });
       });

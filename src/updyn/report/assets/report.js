@@ -80,6 +80,29 @@ const updynReport = (() => {
     for (const place of document.querySelectorAll(".js-plotly-plot")) if (place.clientWidth) Plotly.Plots.resize(place);
   }
 
+  // A link to a folded section opens it.
+  function reveal(id) {
+    const target = id && document.getElementById(id);
+    if (!target) return;
+    for (const part of target.querySelectorAll("details.fold")) part.open = true;
+    for (let part = target.closest("details"); part; part = part.parentElement.closest("details")) part.open = true;
+  }
+  function folding() {
+    const button = document.getElementById("unfold"), folds = document.querySelectorAll("details.fold");
+    if (!button) return;
+    button.addEventListener("click", () => {
+      const open = button.getAttribute("aria-pressed") !== "true";
+      for (const part of folds) part.open = open;
+      button.setAttribute("aria-pressed", String(open));
+      button.textContent = open ? "Fold all" : "Open all";
+    });
+    for (const link of document.querySelectorAll('a[href^="#"]')) {
+      link.addEventListener("click", () => reveal(decodeURIComponent(link.hash.slice(1))));
+    }
+    addEventListener("hashchange", () => reveal(decodeURIComponent(location.hash.slice(1))));
+    reveal(decodeURIComponent(location.hash.slice(1)));
+  }
+
   function start() {
     const figures = read("updyn-figures");
     for (const place of document.querySelectorAll("[data-figure]")) {
@@ -91,10 +114,11 @@ const updynReport = (() => {
         if (part.open) for (const place of part.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
       });
     }
+    folding();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
     addEventListener("beforeprint", toPaper);
     addEventListener("afterprint", fromPaper);
     document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);
   }
-  return { read, draw, start };
+  return { read, draw, reveal, start };
 })();

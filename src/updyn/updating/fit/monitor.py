@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -19,6 +19,7 @@ __all__ = [
     "Monitor",
     "Progress",
     "condition",
+    "iterations_made",
 ]
 
 
@@ -197,3 +198,16 @@ class Iteration:
     def counts(self) -> bool:
         """Whether it is an accepted step, and not a start."""
         return self.accepted and self.number > 0 and self.step > 0
+
+
+def iterations_made(history: Sequence[Iteration]) -> list[int]:
+    """Return how many iterations had been made at each entry of a history.
+
+    An iteration is a step that was taken. Refused steps, and the points where stages and tries
+    begin, are entries too, but no iterations.
+    """
+    made, out = 0, []
+    for step in history:
+        made += step.counts
+        out.append(made)
+    return out

@@ -58,6 +58,22 @@ def test_callback_sees_progress_and_stops(problem):
     assert {(p.stage, p.n_lines) for p in seen} == {("log", 60)}
 
 
+def test_progress_counts_the_steps_taken(problem):
+    """Not those refused, nor the points where fits begin."""
+    seen = []
+    monitor, x = Monitor(Problem.of([problem]), seen.append), np.zeros(2)
+    local = LogError().local(Problem.of([problem]), x)
+    with monitor.stage("search"):
+        monitor.start(x, local)
+        monitor.step(Step(x, local, 0.1, True))
+        monitor.step(Step(x, local, 0.1, False))
+        monitor.step(Step(x, local, 0.1, True))
+    with monitor.stage("log"):
+        monitor.start(x, local)
+        monitor.step(Step(x, local, 0.1, True))
+    assert [p.accepted for p in seen if not np.isnan(p.cost)][-6:] == [0, 1, 1, 2, 2, 3]
+
+
 def test_stages_nest_and_times_add_up(problem):
     monitor = Monitor(Problem.of([problem]))
     with monitor.stage("a"):

@@ -1,0 +1,353 @@
+"""The changes of all unknowns from their start as one figure, with 95 % intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from updyn.report.formats import change, interval, number, quantity_words, unknown
+from updyn.report.plots import Figure, error_bars, existing, label, labels, names_font, numbers
+from updyn.report.section import Content, Section
+from updyn.updating.problem.parameters import Parameter
+from updyn.updating.result import UpdateResult
+
+__all__ = ["CHANGES", "MOST_ROWS", "changes_figure", "is_significant"]
+
+#: Unknowns that the figure shows at most: those that changed most.
+MOST_ROWS = 40
+#: Ratios to the start that the axis reaches at most; bars beyond are cut.
+_LEAST, _MOST = 0.02, 50.0
+#: Changes in percent that the axis may mark.
+_MARKS = (
+    *(-98, -95, -90, -80, -70, -60, -50, -40, -30, -20, -10, -5, -2, -1, -0.5, -0.2, -0.1),
+    *(0, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 40, 50, 75, 100, 150, 200, 300, 400, 600, 900),
+    *(1400, 1900, 2900, 3900, 4900),
+)
+#: How far apart its marks are at least, as a share of the axis.
+_APART = 0.07
+#: Quantities in the order in which they stand; others follow.
+_ORDER = ("stiffness", "mass", "viscous", "loss_factor")
+#: Outcome of an unknown: name in the legend, colour and symbol.
+_STYLES = {
+    "changed": ("changed: the 95 % interval excludes the start", "@after", "circle"),
+    "insignificant": (
+        "not significant: the 95 % interval includes the start",
+        "@muted",
+        "circle-open",
+    ),
+    "bound": ("ended at a bound", "@before", "diamond"),
+    "undetermined": ("not determined by the data", "@muted", "x-thin-open"),
+}
+
+
+def is_significant(result: UpdateResult, parameter: Parameter) -> bool:
+    """Whether the 95 % interval of an unknown excludes its start; not where it has none.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+    parameter : Parameter
+        One of its unknowns.
+    """
+    span = _interval(result, parameter)
+    if span is None:
+        return False
+    return not span[0] <= parameter.start <= span[1]
+
+
+def _interval(result: UpdateResult, p: Parameter) -> tuple[float, float] | None:
+    freedom = result.noise.get("degrees_of_freedom")
+    return interval(p, result.values[p.name], result.std[p.name], freedom)
+
+
+class Changes(Section):
+    """The changes of the unknowns."""
+
+    anchor = "changes"
+    name = "Changes"
+    heading = "Parameter changes"
+    place = 20
+    template = "updyn.report/changes.html"
+    first_screen = True
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update."""
+        return content.update is not None
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the figure of the changes."""
+        return existing({"changes": changes_figure(content.result)})
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return what the figure leaves out."""
+        result = content.result
+        percents = [p for p in result.parameters if _has_percent(result, p)]
+        from_zero = [p for p in result.parameters if p.start == 0.0]
+        grown, still = [], []
+        for p in from_zero:
+            if is_significant(result, p):
+                grown.append(f"{unknown(p.name)} {_value_words(result, p)}")
+            else:
+                still.append(unknown(p.name))
+        return {"grown": grown, "still": still, "left_out": max(len(percents) - MOST_ROWS, 0)}
+
+
+CHANGES = Changes()
+
+
+def _value_words(result: UpdateResult, p: Parameter) -> str:
+    value, span = result.values[p.name], _interval(result, p)
+    if span is None:
+        return f"{number(value)} (not determined)"
+    return f"{number(value)} ({number(span[0])} to {number(span[1])})"
+
+
+def _has_percent(result: UpdateResult, p: Parameter) -> bool:
+    """Whether the change of an unknown is a number of percent."""
+    return p.start > 0.0 and math.isfinite(result.values[p.name])
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """An unknown on the figure: its place from the top, its outcome, and ratios to its start."""
+
+    place: int
+    parameter: Parameter
+    outcome: str
+    ratio: float
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        return label(f"{self.parameter.group}: {quantity_words(self.parameter.quantity)}")
+
+
+def _chosen(result: UpdateResult) -> list[Parameter]:
+    """Return the unknowns to show, in their order; of too many, those that changed most."""
+    shown = [p for p in result.parameters if _has_percent(result, p)]
+    if len(shown) <= MOST_ROWS:
+        return shown
+
+    def size(p: Parameter) -> tuple[bool, float]:
+        ratio = max(result.values[p.name] / p.start, _LEAST)
+        return is_significant(result, p), abs(math.log(ratio))
+
+    kept = {p.name for p in sorted(shown, key=size, reverse=True)[:MOST_ROWS]}
+    return [p for p in shown if p.name in kept]
+
+
+def _outcome(result: UpdateResult, p: Parameter) -> str:
+    if p.name in result.at_bound:
+        return "bound"
+    if not math.isfinite(result.std[p.name]):
+        return "undetermined"
+    return "changed" if is_significant(result, p) else "insignificant"
+
+
+def _rows(result: UpdateResult) -> tuple[list[_Row], dict[int, str]]:
+    """Return the rows by quantity, and the headings between them by their place."""
+    by_quantity: dict[str, list[Parameter]] = {quantity: [] for quantity in _ORDER}
+    for p in _chosen(result):
+        by_quantity.setdefault(p.quantity, []).append(p)
+    rows: list[_Row] = []
+    headings = {}
+    place = 0
+    for quantity, members in by_quantity.items():
+        if not members:
+            continue
+        headings[place] = quantity_words(quantity)
+        place += 1
+        for p in members:
+            low, high = _interval(result, p) or (math.nan, math.nan)
+            ratios = np.array([result.values[p.name], low, high]) / p.start
+            rows.append(_Row(place, p, _outcome(result, p), *ratios.tolist()))
+            place += 1
+    return rows, headings
+
+
+def changes_figure(result: UpdateResult) -> Figure | None:
+    """Return the change of each unknown from its start, with its 95 % interval, by quantity.
+
+    The axis is logarithmic in the ratio to the start and marked in percent: halved and doubled are
+    equally far from no change.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result.
+
+    Returns
+    -------
+    Figure or None
+        None where no unknown starts above zero.
+    """
+    rows, headings = _rows(result)
+    if not rows:
+        return None
+    view = _view(rows)
+    traces = [_bounds(rows, view)]
+    for outcome, (name, colour, symbol) in _STYLES.items():
+        chosen = [row for row in rows if row.outcome == outcome]
+        if chosen:
+            traces.append(_estimates(result, chosen, view, name, colour, symbol))
+    ticks = [*headings, *(row.place for row in rows)]
+    names = [f"<b>{label(text)}</b>" for text in headings.values()]
+    names += labels(row.parameter.group for row in rows)
+    last = rows[-1].place
+    height = 22 if len(rows) > 8 else 26
+    right = [change(row.parameter, result.values[row.parameter.name]) for row in rows]
+    common = {"range": [last + 0.7, -0.7], "zeroline": False, "showgrid": False}
+    font = names_font(names)
+    traces.append(_invisible(rows))
+    marks = _marks(view)
+    return {
+        "data": traces,
+        "height": 110 + height * (last + 1),
+        "layout": {
+            "xaxis": {
+                "type": "log",
+                "range": np.log10(view).tolist(),
+                "tickvals": [1.0 + mark / 100.0 for mark in marks],
+                "ticktext": [
+                    f"{mark:+g} %".replace("-", "−").replace("+0 ", "0 ") for mark in marks
+                ],
+                "title": {"text": "change from the start"},
+                "zeroline": False,
+            },
+            "yaxis": {"tickvals": ticks, "ticktext": names, "tickfont": font, **common},
+            "yaxis2": {
+                "overlaying": "y",
+                "side": "right",
+                "tickvals": [row.place for row in rows],
+                "ticktext": labels(right),
+                "tickfont": font,
+                **common,
+            },
+            "shapes": [_start_line(last)],
+            "showlegend": True,
+        },
+    }
+
+
+def _view(rows: Sequence[_Row]) -> tuple[float, float]:
+    """Return the range of the axis: estimates, intervals and no change, with a margin."""
+    shown = np.array([[row.ratio, row.low, row.high] for row in rows]).ravel()
+    shown = np.append(shown[np.isfinite(shown)], 1.0)
+    low = max(float(shown.min()), _LEAST)
+    high = min(float(shown.max()), _MOST)
+    margin = max((high / low) ** 0.06, 1.0005)
+    return low / margin, high * margin
+
+
+def _marks(view: tuple[float, float]) -> list[float]:
+    """Return the changes in percent to mark: no change first, then the roundest that have room."""
+    low, high = np.log(view)
+    apart = _APART * (high - low)
+    taken: list[float] = []
+    for mark in sorted(_MARKS, key=_roundness):
+        at = math.log1p(mark / 100.0)
+        if low <= at <= high and all(abs(at - math.log1p(t / 100.0)) >= apart for t in taken):
+            taken.append(mark)
+    return sorted(taken)
+
+
+def _roundness(mark: float) -> tuple[bool, int]:
+    """Return a key that puts 0 first, then marks that begin with 1, with 5, with 2, the rest."""
+    if mark == 0.0:
+        return False, 0
+    return True, "152".find(f"{abs(mark):.0e}"[0]) % 10
+
+
+def _estimates(
+    result: UpdateResult,
+    rows: Sequence[_Row],
+    view: tuple[float, float],
+    name: str,
+    colour: str,
+    symbol: str,
+) -> dict[str, Any]:
+    """Return points with their intervals, cut where the axis ends."""
+    x = np.clip([row.ratio for row in rows], *view)
+    texts = []
+    for row in rows:
+        p = row.parameter
+        shown = change(p, result.values[p.name])
+        texts.append(f"{row.name} {label(shown)}, {label(_value_words(result, p))}")
+    trace: dict[str, Any] = {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": numbers(x),
+        "y": [row.place for row in rows],
+        "text": texts,
+        "marker": {
+            "symbol": symbol,
+            "color": colour,
+            "size": 9,
+            "line": {"width": 2, "color": colour},
+        },
+        "hovertemplate": "%{text}<extra></extra>",
+    }
+    low = np.clip([row.low for row in rows], *view)
+    high = np.clip([row.high for row in rows], *view)
+    if np.isfinite(low).any():
+        trace["error_x"] = error_bars(
+            np.nan_to_num(x - low, nan=0.0), np.nan_to_num(high - x, nan=0.0), colour
+        )
+    return trace
+
+
+def _bounds(rows: Sequence[_Row], view: tuple[float, float]) -> dict[str, Any]:
+    """Return the bounds that lie in view."""
+    x: list[float] = []
+    y: list[int] = []
+    for row in rows:
+        p = row.parameter
+        for ratio in (p.lower / p.start, p.upper / p.start):
+            if view[0] < ratio < view[1]:
+                x.append(ratio)
+                y.append(row.place)
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": "bound",
+        "x": x,
+        "y": y,
+        "showlegend": bool(x),
+        "marker": {"symbol": "line-ns-open", "color": "@muted", "size": 14, "line": {"width": 3}},
+        "hovertemplate": "bound<extra></extra>",
+    }
+
+
+def _invisible(rows: Sequence[_Row]) -> dict[str, Any]:
+    """Return a trace without marks, for which the axis on the right is drawn."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [1.0],
+        "y": [rows[0].place],
+        "yaxis": "y2",
+        "marker": {"opacity": 0},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+
+
+def _start_line(last: int) -> dict[str, Any]:
+    return {
+        "type": "line",
+        "xref": "x",
+        "x0": 1.0,
+        "x1": 1.0,
+        "yref": "y",
+        "y0": -0.7,
+        "y1": last + 0.7,
+        "layer": "below",
+        "line": {"color": "@text", "width": 1},
+    }

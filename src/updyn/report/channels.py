@@ -1,0 +1,198 @@
+"""The worst and the median channel: measured FRF, and the curves of both models on a fine grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.report.data import ReportData
+from updyn.report.formats import figure_of_agreement, percentage, unit
+from updyn.report.plots import (
+    MODEL_COLOURS,
+    Figure,
+    Panel,
+    curve,
+    existing,
+    log_range,
+    numbers,
+    stacked,
+    with_peaks,
+)
+from updyn.report.section import Content, Section
+
+__all__ = ["CHANNELS", "MOST_POINTS", "channel_curves", "worst_and_median"]
+
+#: Measured lines up to which they are drawn as points; more of them are a line.
+MOST_POINTS = 200
+#: Lines of a curve at most.
+_MOST_LINES = 3_000
+
+
+class Channels(Section):
+    """The FRFs of the channel that agrees worst and of the median one."""
+
+    anchor = "channels"
+    name = "Channels"
+    heading = "Worst and median channel"
+    place = 60
+    template = "updyn.report/channels.html"
+    first_screen = True
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return magnitude and phase of both channels."""
+        data = content.data
+        made = {}
+        for name, at in worst_and_median(data).items():
+            made[f"{name}-channel"] = channel_curves(data, *at)
+        return existing(made)
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return title and caption of each channel by the name of its figure."""
+        data = content.data
+        shown = []
+        for name, at in worst_and_median(data).items():
+            shown.append((f"{name}-channel", _title(data, name, *at), _caption(data, *at)))
+        return {"channels": shown}
+
+
+CHANNELS = Channels()
+
+
+def worst_and_median(data: ReportData) -> dict[str, tuple[int, int]]:
+    """Return position of response and reference of the ``worst`` and the ``median`` channel.
+
+    By the relative residual of the updated model (of the start where that one could not be
+    computed), which sees level, sign and phase. Channels measured as zero are left out.
+
+    Parameters
+    ----------
+    data : ReportData
+        The FRFs and their agreement.
+
+    Returns
+    -------
+    dict of str to (int, int)
+        Of one channel ``"only"``; empty where no model could be computed.
+    """
+    residual = data.residual_after
+    if residual is None:
+        residual = data.residual_before
+    if residual is None:
+        return {}
+    at = np.argwhere(np.isfinite(residual))
+    if not len(at):
+        return {}
+    ordered = at[np.argsort(-residual[tuple(at.T)], kind="stable")].tolist()
+    worst, median = tuple(ordered[0]), tuple(ordered[len(ordered) // 2])
+    if len(ordered) == 1:
+        return {"only": worst}
+    if len(ordered) == 2:
+        return {"worst": worst, "other": median}
+    return {"worst": worst, "median": median}
+
+
+def _title(data: ReportData, name: str, i: int, j: int) -> str:
+    held = ", held out" if data.held_out[i] else ""
+    where = f"response {data.responses[i]}, force {data.references[j]}{held}"
+    return f"{name.capitalize()} channel: {where}"
+
+
+def _caption(data: ReportData, i: int, j: int) -> str:
+    """Return the figures of agreement of a channel, before and after."""
+    figures = (
+        ("Relative residual", data.residual_before, data.residual_after, percentage),
+        (
+            "FRF correlation",
+            data.correlation_before,
+            data.correlation_after,
+            figure_of_agreement,
+        ),
+        ("FRAC", data.frac_before, data.frac_after, figure_of_agreement),
+    )
+    said = []
+    for name, before, after, say in figures:
+        shown = [say(float(values[i, j])) for values in (before, after) if values is not None]
+        said.append(f"{name} {' → '.join(shown)}")
+    return "; ".join(said) + "."
+
+
+def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
+    """Return magnitude and phase of a channel over frequency.
+
+    Parameters
+    ----------
+    data : ReportData
+        The FRFs: measured at its lines, both models on its finer grid.
+    i, j : int
+        Positions of response and reference.
+
+    Returns
+    -------
+    Figure or None
+        None without lines.
+    """
+    if not data.freq.size:
+        return None
+    unit_of = unit(data.quantity, data.responses[i], data.references[j])
+    measured = data.measured[:, i, j]
+    level = [_measured(data.freq, np.abs(measured), f"%{{y:.4g}} {unit_of}")]
+    phase = [_measured(*_wrapped(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}]
+    drawn = [np.abs(measured)]
+    for name, values, dash in (
+        ("start", data.before_curve, "dot"),
+        ("updated", data.after_curve, "solid"),
+    ):
+        if values is None:
+            continue
+        at = _thinned(values[:, i, j])
+        x, H = data.grid[at], values[at, i, j]
+        colour = MODEL_COLOURS[name]
+        level.append(curve(x, np.abs(H), name, colour, unit=unit_of, dash=dash, width=1.5))
+        phase.append(
+            curve(*_wrapped(x, H), name, colour, unit="°", dash=dash, legend=False, width=1.5)
+        )
+        drawn.append(np.abs(H))
+    degrees = {"range": [-190, 190], "tickvals": [-180, -90, 0, 90, 180]}
+    panels = [
+        Panel(f"{data.quantity} ({unit_of})", level, log_range(np.concatenate(drawn)), 2.2),
+        Panel("phase (°)", phase, degrees),
+    ]
+    axis = {"title": {"text": "frequency (Hz)"}, "range": _ends(data.freq)}
+    return stacked(panels, axis, height=430)
+
+
+def _ends(freq: NDArray[np.float64]) -> list[float]:
+    low, high = float(freq[0]), float(freq[-1])
+    margin = 0.01 * (high - low) or 0.01 * high
+    return [low - margin, high + margin]
+
+
+def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict[str, Any]:
+    """Return measured values: points, or where there are many a wide line below the curves."""
+    style: dict[str, Any] = {"mode": "markers", "marker": {"color": "@measured", "size": 6}}
+    if x.size > MOST_POINTS:
+        style = {"mode": "lines", "line": {"color": "@measured", "width": 4}}
+    return {
+        "type": "scatter",
+        "name": "measured",
+        "legendgroup": "measured",
+        "x": numbers(x),
+        "y": numbers(y),
+        "hovertemplate": f"%{{x:.5g}} Hz: measured {said}<extra></extra>",
+    } | style
+
+
+def _wrapped(
+    x: NDArray[np.float64], H: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lines and phase in -180 to 180 degrees, with a gap where it goes round."""
+    degrees = np.degrees(np.angle(H))
+    after = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
+    return np.insert(x, after, x[after]), np.insert(degrees, after, np.nan)
+
+
+def _thinned(H: NDArray[np.complex128]) -> NDArray[np.intp]:
+    """Return which lines of a curve are drawn: all of a few thousand, else with every peak."""
+    return with_peaks(np.log(np.maximum(np.abs(H), np.finfo(np.float64).tiny)), _MOST_LINES)

@@ -1,0 +1,73 @@
+"""The worst and the median channel: which they are, and what is drawn of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pages_read import values
+from report_case import realistic, smallest
+from updyn.report.channels import channel_curves, worst_and_median
+from updyn.report.data import gather
+
+
+@pytest.fixture(scope="module")
+def data():
+    return gather(realistic())
+
+
+def test_a_channel_of_the_wrong_sign_is_the_worst(data):
+    """FRAC does not see it."""
+    result = realistic()
+    values_ = result.frf.values.copy()
+    values_[:, 3, 1] *= -1.0
+    found = gather(dataclasses.replace(result, frf=dataclasses.replace(result.frf, values=values_)))
+    assert worst_and_median(found)["worst"] == (3, 1)
+    assert found.frac_after[3, 1] == pytest.approx(data.frac_after[3, 1])
+    assert found.residual_after[3, 1] == pytest.approx(2.0, abs=0.01)
+
+
+def test_half_of_the_channels_agree_better_than_the_median_one(data):
+    chosen = worst_and_median(data)
+    residual = data.residual_after
+    assert residual[chosen["worst"]] == residual.max()
+    assert np.sum(residual < residual[chosen["median"]]) in (4, 5)
+
+
+def test_channels_measured_as_zero_are_left_out(data):
+    residual = data.residual_after.copy()
+    residual[0] = np.inf
+    chosen = worst_and_median(dataclasses.replace(data, residual_after=residual))
+    assert 0 not in (chosen["worst"][0], chosen["median"][0])
+    nothing = dataclasses.replace(data, residual_after=None, residual_before=None)
+    assert worst_and_median(nothing) == {}
+
+
+def test_few_channels():
+    one = gather(smallest())
+    assert worst_and_median(one) == {"only": (0, 0)}
+    two = dataclasses.replace(one, residual_after=np.array([[0.1], [0.2]]))
+    assert worst_and_median(two) == {"worst": (1, 0), "other": (0, 0)}
+
+
+def test_models_are_curves_on_the_grid_and_few_lines_are_points():
+    data = gather(smallest())
+    figure = channel_curves(data, 0, 0)
+    measured, start, updated = figure["data"][:3]
+    assert [t["name"] for t in (measured, start, updated)] == ["measured", "start", "updated"]
+    assert measured["mode"] == "markers"
+    assert values(measured["x"]) == pytest.approx(data.freq)
+    assert len(values(updated["x"])) == len(data.grid) > 10 * len(data.freq)
+    assert values(updated["y"]) == pytest.approx(np.abs(data.after_curve[:, 0, 0]), rel=1e-6)
+
+
+def test_many_measured_lines_are_a_line_and_its_phase_has_gaps_where_it_goes_round(data):
+    figure = channel_curves(data, 4, 0)
+    assert figure["data"][0]["mode"] == "lines"
+    phase = next(t for t in figure["data"] if t["name"] == "updated" and t["yaxis"] == "y2")
+    degrees = values(phase["y"])
+    drawn = np.abs(np.diff(degrees))
+    assert np.nanmax(np.abs(degrees)) <= 180.0
+    assert np.nanmax(drawn) <= 180.0

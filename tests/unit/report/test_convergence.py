@@ -1,0 +1,93 @@
+"""Convergence: fits of a history, panels by stage, and iterations as the result counts them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from pages_read import Page
+from report_case import realistic
+from updyn.report.page import render
+from updyn.report.unknowns import cost_path, value_paths
+from updyn.updating.fit.monitor import Iteration, iterations_made
+
+
+def steps(*entries):
+    """Stage, cost and step of each entry; a negative step is one that was refused."""
+    return tuple(
+        Iteration(stage, number, cost, abs(step), 1.0, step >= 0, {"bay 2.stiffness": 1.0 + cost})
+        for number, (stage, cost, step) in enumerate(entries)
+    )
+
+
+HISTORY = steps(
+    ("search", 9.0, 0.0), ("search", 4.0, 0.5), ("search", 6.0, -0.4), ("search", 1.0, 0.2),
+    ("search", 8.0, 0.0), ("search", 1.0, 0.9),
+    ("fit", 70.0, 0.0), ("fit", 50.0, 0.1), ("fit", 60.0, 0.05), ("fit", 59.0, 0.01),
+)  # fmt: skip
+
+
+def test_iterations_are_the_steps_taken():
+    assert iterations_made(HISTORY) == [0, 1, 1, 2, 2, 3, 3, 4, 5, 6]
+    assert realistic(history=HISTORY).iterations == 6
+
+
+def test_each_stage_has_a_panel_and_each_fit_a_line():
+    """Costs of the search and of the fit have nothing to do with each other."""
+    figure = cost_path(realistic(history=HISTORY))
+    layout = figure["layout"]
+    titles = [a["text"] for a in layout["annotations"]]
+    assert titles == ["<b>search (2 fits)</b>", "<b>fit (2 fits)</b>"]
+    search, refused, fit = figure["data"]
+    assert (search["yaxis"], fit["yaxis"]) == ("y", "y2")
+    assert search["x"] == [0, 1, 2, None, 0, 1, None]
+    assert search["y"] == [9.0, 4.0, 1.0, None, 8.0, 1.0, None]
+    assert (refused["name"], refused["x"], refused["y"]) == ("step refused", [2], [6.0])
+    # New weights raised the cost: another line begins.
+    assert fit["x"] == [0, 1, None, 0, 1, None]
+    assert fit["y"] == [70.0, 50.0, None, 60.0, 59.0, None]
+    assert "iteration 6: cost 59" in fit["hovertemplate"].replace("%{text}", fit["text"][4])
+    for domain in (layout["xaxis"]["domain"], layout["xaxis2"]["domain"]):
+        assert 0.0 <= domain[0] < domain[1] <= 1.0
+    assert layout["xaxis"]["domain"][1] < layout["xaxis2"]["domain"][0]
+
+
+def test_no_line_of_the_cost_goes_up():
+    figure = cost_path(realistic(history=HISTORY))
+    for trace in figure["data"]:
+        if trace["name"] == "step taken":
+            costs = np.array([np.nan if y is None else y for y in trace["y"]])
+            assert not (np.diff(costs) > 0).any()
+
+
+def test_costs_that_are_nearly_alike_have_a_linear_axis():
+    close = steps(("fit", 471.2, 0.0), ("fit", 470.9, 0.1))
+    assert "type" not in cost_path(realistic(history=close))["layout"]["yaxis"]
+    far = steps(("fit", 471.2, 0.0), ("fit", 0.0, 0.1))
+    figure = cost_path(realistic(history=far))
+    assert figure["layout"]["yaxis"]["type"] == "log"
+    assert figure["data"][0]["y"][1] == pytest.approx(47.12)  # zero stands at the foot
+
+
+def test_paths_have_a_gap_between_fits():
+    result = realistic(history=HISTORY)
+    (trace,) = value_paths(result, [result.parameters.items[0]])["data"]
+    assert trace["x"] == [0, 1, 2, None, 2, 3, None, 3, 4, None, 5, 6]
+    assert trace["y"][3] is None
+
+
+def test_steps_without_a_cost_are_left_out():
+    odd = dataclasses.replace(HISTORY[2], cost=np.nan)
+    assert cost_path(realistic(history=(*HISTORY[:2], odd, HISTORY[3])))["data"][0]["x"][:3] == [
+        *(0, 1, 2)
+    ]
+    assert cost_path(realistic(history=(odd,))) is None
+
+
+def test_the_page_counts_iterations_as_the_result_does():
+    result = realistic(history=HISTORY)
+    words = Page(render(result)).words
+    assert f"After {result.iterations} iterations." in words
+    assert "6 iterations (steps taken, those of the search included), 1 step refused." in words
