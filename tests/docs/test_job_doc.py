@@ -286,3 +286,27 @@ def test_a_message_is_as_documented(
     assert str(caught.value) in messages()
     assert main(["check", "job.toml"]) == 2
     assert capsys.readouterr().err == f"error: {caught.value}\n"
+
+
+@pytest.mark.parametrize(
+    ("table", "schema"),
+    [
+        ("[test]", TestTable),
+        ("[match]", MatchTable),
+        ("[[parameter]]", ParameterTable),
+        ("[method]", MethodTable),
+        ("[output]", OutputTable),
+    ],
+)
+def test_what_a_new_job_says_of_a_key_is_what_the_page_says(table: str, schema: Any) -> None:
+    described = 0
+    for key, info in schema.model_fields.items():
+        if info.description is None:
+            continue
+        described += 1
+        rows = [line for line in TEXT.splitlines() if line.startswith(f"| `{key}` |")]
+        plain = [re.sub(r"[`]|\[([^]]*)\]\([^)]*\)", r"\1", row) for row in rows]
+        words = info.description.removeprefix('"label": ').removeprefix("Hz; ")
+        words = words.removesuffix('; or "coordinates"')
+        assert any(words in row for row in plain), (table, key, words)
+    assert described

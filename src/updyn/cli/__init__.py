@@ -36,6 +36,7 @@ COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",
     {
+        "new": "updyn.cli.commands:new",
         "run": "updyn.cli.commands:run",
         "check": "updyn.cli.commands:check",
         "demo": "updyn.cli.commands:demo",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from updyn.cli.describe import describe_frf, describe_model
 from updyn.cli.progress import Stage, show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
 from updyn.cli.sections import CHECK, CORRELATE, RUN, Checked, Compared, Ran, joined, overview
@@ -27,9 +28,62 @@ if TYPE_CHECKING:
 
     from updyn.engines import Engine
     from updyn.job import Job
+    from updyn.job.proposal import Inputs
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["check", "compare", "convert", "correlate", "demo", "info", "open_engine", "run"]
+__all__ = ["check", "compare", "convert", "correlate", "demo", "info", "new", "open_engine", "run"]
+
+
+def new(
+    model: Path,
+    measurement: Path,
+    /,
+    *,
+    out: Path = Path("job.toml"),
+    quantity: str | None = None,
+    scale: float | None = None,
+    unit: str | None = None,
+) -> int:
+    """Write a commented job file for a model and a measurement, after a look at both.
+
+    It matches sensors to the model by label, else by coordinates, says what does not match, and
+    proposes unknowns and method. An existing file is never written over.
+
+    Parameters
+    ----------
+    model
+        The model's file.
+    measurement
+        The file with measured FRFs.
+    out
+        The job file to write.
+    quantity
+        What was measured, where the file does not say: receptance, mobility or accelerance.
+    scale
+        Factor that turns the values into SI, where the file does not: 9.80665 for g/N.
+    unit
+        Unit of length of a model's deck, which does not state it: m, mm or in.
+    """
+    from updyn.job.proposal import describe_inputs, job_text, look_at
+
+    if out.exists():
+        raise InputError(f"{out}: exists already; choose another name with --out")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: the folder {str(out.parent)!r} does not exist")
+    stated = {"quantity": quantity, "scale": scale, "unit": unit}
+    inputs = look_at(model, measurement, stated)
+    with out.open("x", encoding="utf-8") as file:
+        file.write(job_text(inputs, out, describe_model(inputs.model), _measured(inputs)))
+    print_text(f"{out}: written\n{describe_inputs(inputs)}\n\nNext: updyn check {out}")
+    return DONE
+
+
+def _measured(inputs: Inputs) -> str:
+    """Return what the measurement holds; a quantity that is not known is not named."""
+    text = describe_frf(inputs.frf)
+    if inputs.has_quantity:
+        return text
+    return text.replace(f"FRF: {inputs.frf.quantity}, ", "FRF of a quantity that is not stated, ")
 
 
 def run(

@@ -194,8 +194,16 @@ def _by_response(compared: Compared) -> str:
     return text_table(("response", *(SHORT_NAMES[name] for name in names)), rows)
 
 
+def _modes(compared: Compared) -> str:
+    """Return the modes of test and model."""
+    from updyn.job.modes import start_modes_text
+
+    (test,) = (test for test in compared.ready.tests if test.name == compared.test)
+    return start_modes_text(test)
+
+
 #: Of ``updyn correlate``, for each test.
-CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response)
+CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response, _modes)
 
 
 # -- several commands ------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ __all__ = [
     "is_of_a_run",
     "move_outputs",
     "outputs",
+    "relative_path",
     "resolved_job",
     "run_journal",
     "stale_outputs",
@@ -326,7 +327,7 @@ def resolved_job(job: Job, out: Path) -> str:
         if isinstance(value, bool | int | float | str):
             content["method"].setdefault(key, value)
     document = tomlkit.document()
-    document.add(tomlkit.comment(f"{HEADER} {__version__} from {_relative(job.path, out)}"))
+    document.add(tomlkit.comment(f"{HEADER} {__version__} from {relative_path(job.path, out)}"))
     for key, value in content.items():
         if value not in ({}, (), {"table": {}}):
             document.add(key, _toml_item(value))
@@ -339,13 +340,24 @@ def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
         return
     named = table[key]
     if isinstance(named, str):
-        table[key] = _relative(job.beside(named), out)
+        table[key] = relative_path(job.beside(named), out)
     else:
-        table[key] = [_relative(job.beside(file), out) for file in named]
+        table[key] = [relative_path(job.beside(file), out) for file in named]
 
 
-def _relative(path: Path, folder: Path) -> str:
-    """Return a path as seen from a folder."""
+def relative_path(path: Path, folder: Path) -> str:
+    """Return a path as seen from a folder.
+
+    Parameters
+    ----------
+    path, folder : Path
+        Both may be relative to the current folder.
+
+    Returns
+    -------
+    str
+        With slashes; absolute where there is no relative path.
+    """
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:  # on another drive, to which there is no relative path

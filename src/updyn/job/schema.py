@@ -108,8 +108,14 @@ class ParameterTable(Table):
     drives: Annotated[tuple[str, ...] | dict[str, float] | None, BeforeValidator(_driven)] = None
     nominal: float | None = Field(default=None, gt=0)
     unit: str = ""
-    bounds: Pair | None = None
-    prior_std: float | None = Field(default=None, gt=0)
+    bounds: Pair | None = Field(
+        default=None, description="of a factor above 0, of a value at least 0"
+    )
+    prior_std: float | None = Field(
+        default=None,
+        gt=0,
+        description="standard deviation of a Gaussian prior about the start",
+    )
     start: float | None = None
 
     @model_validator(mode="after")
@@ -252,9 +258,21 @@ class MethodTable(Table):
     model_config = ConfigDict(extra="allow")
 
     name: str = "maximum-likelihood"
-    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = None
-    noise: Noise = None
-    validation: HeldOut = None
+    lines: Annotated[str | tuple[float, ...] | None, BeforeValidator(_lines)] = Field(
+        default=None,
+        description=(
+            '"d-optimal:N": the N frequency lines with the most information about the unknowns'
+        ),
+    )
+    noise: Noise = Field(
+        default=None,
+        description=(
+            "{ relative = a, floor = b }: standard deviation a of the magnitude, b of the rms"
+        ),
+    )
+    validation: HeldOut = Field(
+        default=None, description="held out of the fit and scored afterwards"
+    )
     tier: str | None = None
     backend: str | None = None
     accuracy: float | None = Field(default=None, ge=1e-10, le=0.1)
@@ -341,19 +359,26 @@ class TestTable(Table):
     )  # further files of the same test, averaged
     modes: str | None = None  # a file of measured modes, for the method "modal"
     format: str | None = None
-    quantity: str | None = None
+    quantity: str | None = Field(
+        default=None,
+        description='"receptance", "mobility" or "accelerance", where the file does not say',
+    )
     duplicates: str | None = None
     scalar_direction: str | None = None
-    scale: float | None = Field(default=None, gt=0)
+    scale: float | None = Field(
+        default=None, gt=0, description="universal files: factor that turns values into SI"
+    )
     local_axes: bool | None = None
     response_labels: Texts | None = None  # of a file that holds bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
     averages: int | None = Field(default=None, ge=1)
-    band: Pair | None = None
+    band: Pair | None = Field(default=None, description="Hz; lines to use, both ends included")
     responses: Texts | None = Field(
-        default=None, min_length=1
-    )  # labels as the file has them; all where left out
+        default=None,
+        min_length=1,
+        description="responses to use, in this order, as the file labels them",
+    )
     references: Texts | None = Field(default=None, min_length=1)
     name: str = ""
     grounded: Texts | None = None  # the configuration: what is held, and what is added
@@ -385,13 +410,21 @@ class TestTable(Table):
 class MatchTable(Table):
     """``[match]``: how sensors map to DOFs of the model."""
 
-    by: Literal["label", "coordinates"] = "label"
+    by: Literal["label", "coordinates"] = Field(
+        default="label",
+        description='"label": test and model call the same thing the same; or "coordinates"',
+    )
     geometry: str | None = None
-    tolerance: Annotated[float | str | None, BeforeValidator(_tolerance)] = None
+    tolerance: Annotated[float | str | None, BeforeValidator(_tolerance)] = Field(
+        default=None, description="by coordinates: largest distance between a sensor and its node"
+    )
     unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
     alignment: Annotated[Any, BeforeValidator(_alignment)] = None
     angle: float | None = Field(default=None, ge=0, le=45)
-    table: dict[str, str] = Field(default_factory=dict)
+    table: dict[str, str] = Field(
+        default_factory=dict,
+        description="label in the test = label in the model, whatever by says",
+    )
     directions: dict[str, Annotated[tuple[float, float, float], Strict(False)]] = Field(
         default_factory=dict
     )
@@ -400,7 +433,7 @@ class MatchTable(Table):
 class OutputTable(Table):
     """``[output]``: what is written beside the numbers."""
 
-    report: bool = True
+    report: bool = Field(default=True, description="whether report.html is written")
     properties: str | None = None
 
 

@@ -1,0 +1,376 @@
+"""`job_text`: a commented job file for a model and a measurement, after a look at both.
+
+What is found stands in comments beside the keys that it decides; what a key means is the
+description of its field in `updyn.job.schema`.
+"""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from updyn import __version__
+from updyn.errors import FormatError, InputError
+from updyn.frf import FRF, QUANTITIES
+from updyn.io import read_frf, read_model
+from updyn.job.folder import relative_path
+from updyn.job.schema import (
+    MatchTable,
+    MethodTable,
+    OutputTable,
+    ParameterTable,
+    Table,
+    TestTable,
+)
+from updyn.matching import Matching, match
+from updyn.matching.result import MatchError
+from updyn.model import Model
+
+__all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
+
+#: Sensors that a comment lists.
+_SENSORS = 24
+#: Responses from which one is held out.
+_HOLD_OUT_FROM = 4
+#: Lines from which the most informative ones are proposed, and how many.
+_MANY_LINES, _CHOSEN_LINES = 200, 100
+#: Proposed bounds: how far factors of stiffness and mass, and loss factors, may go.
+_BOUNDS = {"stiffness": (0.2, 5.0), "mass": (0.5, 2.0), "viscous": (0.01, 100.0)}
+_MOST_LOSS, _START_LOSS = 0.3, 0.01
+_WIDTH = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What was found in the two files.
+
+    Attributes
+    ----------
+    model_file, frf_file : Path
+        The files.
+    model : Model
+        The model.
+    frf : FRF
+        The measurement.
+    stated : dict of str to object
+        Options of the readers that were stated, by name: ``quantity``, ``scale``, ``unit``.
+    has_quantity : bool
+        Whether file or options say what was measured.
+    matching : Matching or None
+        Sensors and forces on the model; None where some are no DOFs of it.
+    lost : tuple of str
+        These, as the test labels them.
+    trouble : str
+        Why they could not be matched; empty where they were.
+    """
+
+    model_file: Path
+    frf_file: Path
+    model: Model
+    frf: FRF
+    stated: dict[str, Any]
+    has_quantity: bool
+    matching: Matching | None
+    lost: tuple[str, ...] = ()
+    trouble: str = ""
+
+    @property
+    def sensors(self) -> list[str]:
+        """Sensors and forces as the test labels them, unsigned, each once."""
+        dofs = (*self.frf.responses, *self.frf.references)
+        return list(dict.fromkeys(f"{dof.node}:{dof.direction}" for dof in dofs))
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of unknowns that the job proposes."""
+        groups = self.model.groups.values()
+        return 2 * sum(group.stiffness is not None for group in groups)
+
+    @property
+    def open(self) -> list[str]:
+        """What has to be stated before the job can run."""
+        texts = []
+        if not self.has_quantity:
+            texts.append("what was measured: quantity in [test]")
+        if self.matching is None and not self.lost:
+            texts.append("how the sensors lie on the model: [match]")
+        elif self.matching is None:
+            n, of = len(self.lost), len(self.sensors)
+            texts.append(f"where {n} of {of} sensors and forces are on the model: [match.table]")
+        return texts
+
+
+# -- reading ---------------------------------------------------------------------------------------
+def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
+    """Read model and measurement, and match them by label, else by coordinates.
+
+    Parameters
+    ----------
+    model_file, frf_file : Path
+        The files.
+    stated : dict of str to object
+        ``unit`` of the model's deck; ``quantity`` and ``scale`` of the measurement; None where one
+        is not stated.
+
+    Returns
+    -------
+    Inputs
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    """
+    given = {name: value for name, value in stated.items() if value is not None}
+    of_model = {name: value for name, value in given.items() if name == "unit"}
+    of_frf = {name: value for name, value in given.items() if name != "unit"}
+    model = read_model(model_file, **of_model)
+    frf, has_quantity = _read_frf(frf_file, of_frf)
+    inputs = (model_file, frf_file, model, frf, given, has_quantity)
+    try:
+        return Inputs(*inputs, match(model, frf))
+    except MatchError as error:
+        lost, trouble = tuple(error.lost), str(error)
+    if model.geometry is not None and frf.geometry is not None:
+        try:
+            return Inputs(*inputs, match(model, frf, by="coordinates"))
+        except InputError as error:
+            trouble += f"\nBy coordinates: {error}"
+    return Inputs(*inputs, None, lost, trouble)
+
+
+def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
+    """Return a measurement, and whether it is known what was measured."""
+    try:
+        return read_frf(path, **stated), True
+    except FormatError:
+        if "quantity" in stated:
+            raise
+        try:
+            frf = read_frf(path, quantity="accelerance", **stated)
+        except InputError:
+            frf = None
+        if frf is None:
+            raise
+        return frf, False
+
+
+def describe_inputs(inputs: Inputs) -> str:
+    """Return what was found, and what the user has to state before the job can run, as text.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        From `look_at`.
+    """
+    model, of = inputs.model, len(inputs.sensors)
+    how = "" if inputs.matching is None else f", by {inputs.matching.by}"
+    matched = f"{of - len(inputs.lost)} of {of} sensors and forces are DOFs of the model{how}"
+    if inputs.trouble and not inputs.lost:
+        matched = inputs.trouble
+    texts = [
+        f"model: {model.n_dofs} DOFs, {len(model.groups)} groups",
+        f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
+        f" {len(inputs.frf.references)} references",
+        matched,
+        f"{inputs.n_unknowns} unknowns are proposed",
+    ]
+    texts += [f"Before it can run, state {text}" for text in inputs.open]
+    return "\n".join(texts)
+
+
+# -- writing ---------------------------------------------------------------------------------------
+def job_text(inputs: Inputs, out: Path, of_model: str = "", of_frf: str = "") -> str:
+    """Return the text of a job file.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        From `look_at`.
+    out : Path
+        Where the job will lie; its files are named from there.
+    of_model, of_frf : str
+        What model and measurement hold, as text for comments.
+
+    Returns
+    -------
+    str
+        TOML with comments.
+    """
+    tables = (
+        _head(inputs, out),
+        [*_comments(inputs.model_file.name, of_model), *_model(inputs, out)],
+        [*_comments(inputs.frf_file.name, of_frf), *_test(inputs, out)],
+        _match(inputs, out),
+        _parameters(inputs),
+        _method(inputs),
+        ["[output]", _key(OutputTable, "report", True)],
+    )
+    return "\n\n".join("\n".join(table) for table in tables) + "\n"
+
+
+def _head(inputs: Inputs, out: Path) -> list[str]:
+    lines = [
+        f"# A job for updyn {__version__}, proposed after a look at model and measurement. What",
+        "# stands in comments can be used by taking the # away. All keys: docs/job.md.",
+        f"# Next: updyn check {out.name}, then updyn run {out.name}",
+    ]
+    if inputs.open:
+        lines += ["#", "# Before that, state:", *(f"# - {text}" for text in inputs.open)]
+    return [*lines, "", f"title = {_value(inputs.model.title or inputs.frf_file.stem)}"]
+
+
+def _model(inputs: Inputs, out: Path) -> list[str]:
+    lines = ["[model]", f"file = {_value(relative_path(inputs.model_file, out.parent))}"]
+    if "unit" in inputs.stated:
+        lines.append(f"unit = {_value(inputs.stated['unit'])}")
+    return lines
+
+
+def _test(inputs: Inputs, out: Path) -> list[str]:
+    frf = inputs.frf
+    lines = ["[test]", f"file = {_value(relative_path(inputs.frf_file, out.parent))}"]
+    for name in ("quantity", "scale"):
+        if name in inputs.stated:
+            lines.append(_key(TestTable, name, inputs.stated[name]))
+    if not inputs.has_quantity:
+        lines.append("# The file does not say what was measured. Take one:")
+        lines += [f"# quantity = {_value(name)}" for name in QUANTITIES]
+    band = [float(frf.freq[0]), float(frf.freq[-1])]
+    lines.append(_key(TestTable, "band", band, off=True))
+    labels = [str(dof) for dof in frf.responses]
+    if inputs.lost:
+        labels = [label for label in labels if label.lstrip("+-") not in inputs.lost] or labels
+    if len(labels) <= _SENSORS:
+        lines.append(_key(TestTable, "responses", labels, off=True))
+    return lines
+
+
+def _match(inputs: Inputs, out: Path) -> list[str]:
+    matching = inputs.matching
+    if matching is not None:
+        rows = str(matching).splitlines()
+        shown = rows[: _SENSORS + 3]
+        lines = _comments("Sensors and forces", "\n".join(shown))
+        if len(rows) > len(shown):
+            lines.append(f"#   ... and {len(rows) - len(shown)} more: updyn check {out.name}")
+        lines += ["[match]", _key(MatchTable, "by", matching.by)]
+        if matching.by == "coordinates":
+            lines.append(_key(MatchTable, "tolerance", "1 %", off=True))
+        return lines
+    lines = _comments("Sensors and forces", inputs.trouble)
+    lines += ["[match]", _key(MatchTable, "by", "label"), "", "[match.table]"]
+    lines.append(f"# {_about(MatchTable, 'table')}")
+    lines += [f'# {_value(label)} = ""' for label in inputs.lost]
+    return lines
+
+
+def _parameters(inputs: Inputs) -> list[str]:
+    groups = inputs.model.groups.values()
+    elastic = [group for group in groups if group.stiffness is not None]
+    lines: list[str] = []
+    if elastic:
+        loss = [group.loss_factor for group in elastic]
+        most = max(_MOST_LOSS, 2.0 * max(loss))
+        lines += [
+            f"# The unknowns: {inputs.n_unknowns}, stiffness and loss factor of"
+            f" {len(elastic)} groups.",
+            "# Fewer are better determined: name the groups that can be wrong, such as",
+            f"# groups = [{_value(next(iter(inputs.model.groups)))}].",
+            *_unknown("stiffness", _BOUNDS["stiffness"]),
+            "",
+            *_unknown("loss_factor", (0.0, most)),
+        ]
+        if max(loss) == 0.0:
+            lines.append(f"start = {_START_LOSS}  # the model has no structural damping")
+    if any(group.viscous is not None for group in groups):
+        lines += ["", *_unknown("viscous", _BOUNDS["viscous"], off=True)]
+    if any(group.mass is not None for group in groups):
+        lines += ["", "# Masses are mostly known better than stiffnesses; free those that are not."]
+        lines += _unknown("mass", _BOUNDS["mass"], off=bool(elastic))
+        lines.append(_key(ParameterTable, "prior_std", 0.1, off=True))
+    return lines
+
+
+def _method(inputs: Inputs) -> list[str]:
+    frf = inputs.frf
+    known = "estimated from the residual, as the file holds neither variance nor coherence"
+    if frf.coherence is not None:
+        known = "taken from the coherence in the file"
+    if frf.variance is not None:
+        known = "taken from the variance in the file"
+    n = len(frf.freq)
+    lines = ["[method]", 'name = "maximum-likelihood"']
+    chosen = f"d-optimal:{min(_CHOSEN_LINES, n)}"
+    lines.append(_key(MethodTable, "lines", chosen, off=n < _MANY_LINES))
+    lines.append(f"# The noise is {known}.")
+    lines.append(_key(MethodTable, "noise", {"relative": 0.02, "floor": 0.001}, off=True))
+    held = _held_out(inputs)
+    lines.append(_key(MethodTable, "validation", held or [str(frf.responses[0])], off=not held))
+    return lines
+
+
+def _held_out(inputs: Inputs) -> list[str]:
+    """Return a response to hold out, as the model labels it: one that is no drive point."""
+    if inputs.matching is None or len(inputs.frf.responses) < _HOLD_OUT_FROM:
+        return []
+    frf = inputs.matching.frf
+    driven = {str(dof).lstrip("+-") for dof in frf.references}
+    free = [str(dof) for dof in frf.responses if str(dof).lstrip("+-") not in driven]
+    if not free:
+        return []
+    return [free[len(free) // 2]]
+
+
+def _unknown(quantity: str, bounds: tuple[float, float], *, off: bool = False) -> list[str]:
+    """Return a ``[[parameter]]`` table, commented out where it is `off`."""
+    mark = "# " if off else ""
+    return [
+        f"{mark}[[parameter]]",
+        f'{mark}groups = "all"',
+        f'{mark}quantity = "{quantity}"',
+        _key(ParameterTable, "bounds", list(bounds), off=off),
+    ]
+
+
+def _key(table: type[Table], key: str, value: Any, *, off: bool = False) -> str:
+    """Return a key with its meaning as a comment; commented out where it is `off`."""
+    return f"{'# ' if off else ''}{key} = {_value(value)}  # {_about(table, key)}"
+
+
+def _about(table: type[Table], key: str) -> str:
+    """Return what a key means."""
+    about = table.model_fields[key].description
+    assert about is not None
+    return about
+
+
+def _comments(title: str, text: str) -> list[str]:
+    """Return text as comments below a title, its long lines broken."""
+    lines = [f"# {title}:"]
+    for line in text.splitlines():
+        if "  " in line.strip():  # a row of a table
+            lines.append(f"#   {line}")
+        else:
+            lines += textwrap.wrap(
+                line,
+                _WIDTH,
+                initial_indent="#   ",
+                subsequent_indent="#     ",
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
+    return lines
+
+
+def _value(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    # Strings and truth values of JSON are those of TOML.
+    return json.dumps(value, ensure_ascii=False)

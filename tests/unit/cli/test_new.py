@@ -1,0 +1,226 @@
+"""`updyn new`: a job that loads, says what was found, and never writes over a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.cli import main
+from updyn.demos import chain
+from updyn.dofs import DofSet
+from updyn.elements.beam import beam
+from updyn.geometry import Geometry
+from updyn.io import write_frf, write_model
+from updyn.job import load_job, prepare
+
+
+def test_the_job_of_the_chain_can_be_checked(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    assert main(["new", "chain.h5", "chain.npz"]) == 0
+    said = capsys.readouterr().out
+    assert "5 of 5 sensors and forces are DOFs of the model, by label" in said
+    assert said.endswith("Next: updyn check job.toml\n")
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert "# chain.h5:\n#   Model 'Chain of twelve masses': 12 DOFs, 4 groups" in text
+    assert "# chain.npz:\n#   FRF: accelerance, 60 lines from 0.634882 to 22.6954 Hz" in text
+    assert "#   2 references: 2:X, 12:X" in text
+    assert "band = [0.63" in text
+    assert "Hz; lines to use, both ends included" in text
+    job = load_job(Path("job.toml"))
+    assert (job.model.file, job.test.file, job.match.by) == ("chain.h5", "chain.npz", "label")
+    ready = prepare(job)
+    assert set(ready.parameters.names) == {
+        f"part{i}.{what}" for i in (1, 2, 3, 4) for what in ("stiffness", "loss_factor")
+    }
+    (held,) = job.validation or ()
+    assert held in chain.measure().responses.labels
+    assert held not in chain.measure().references.labels
+    assert main(["check", "job.toml"]) == 0
+    assert "The data determine 8 of 8 unknowns" in capsys.readouterr().out
+
+
+def test_every_proposal_in_a_comment_can_be_used(
+    chain_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lines that are settings in comments, taken one by one."""
+    monkeypatch.chdir(chain_folder)
+    assert main(["new", "chain.h5", "chain.npz"]) == 0
+    lines = Path("job.toml").read_text(encoding="utf-8").splitlines()
+    taken = 0
+    for number, line in enumerate(lines):
+        key = line.removeprefix("# ").partition(" = ")[0]
+        if not line.startswith("# ") or key not in ("band", "responses", "lines", "noise"):
+            continue
+        changed = [*lines[:number], line.removeprefix("# "), *lines[number + 1 :]]
+        Path("other.toml").write_text("\n".join(changed), encoding="utf-8")
+        assert main(["check", "other.toml"]) == 0
+        taken += 1
+    assert taken == 4
+    masses = [line.removeprefix("# ") for line in lines[_mass(lines) :]]
+    Path("other.toml").write_text(
+        "\n".join([*lines[: _mass(lines)], *masses]).replace("The noise", "# The noise"),
+        encoding="utf-8",
+    )
+    names = prepare(load_job(Path("other.toml"))).parameters.names
+    assert "part1.mass" in names
+
+
+def _mass(lines: list[str]) -> int:
+    return lines.index("# [[parameter]]")
+
+
+def test_files_are_named_from_the_folder_of_the_job(chain_folder: Path) -> None:
+    (chain_folder / "jobs").mkdir()
+    out = chain_folder / "jobs" / "first.toml"
+    files = [str(chain_folder / name) for name in ("chain.h5", "chain.npz")]
+    assert main(["new", *files, "--out", str(out)]) == 0
+    assert 'file = "../chain.h5"' in out.read_text(encoding="utf-8")
+    assert main(["check", str(out)]) == 0
+
+
+def test_an_existing_file_is_never_written_over(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = chain_folder / "mine.toml"
+    out.write_text("mine", encoding="utf-8")
+    files = [str(chain_folder / name) for name in ("chain.h5", "chain.npz")]
+    assert main(["new", *files, "--out", str(out)]) == 2
+    said, err = capsys.readouterr()
+    assert (said, err.count("error:")) == ("", 1)
+    assert "mine.toml: exists already; choose another name with --out" in " ".join(err.split())
+    assert out.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "fragment"),
+    [
+        (["chain.npz", "chain.npz"], "chain.npz"),
+        (["chain.hh", "chain.npz"], "no such file; did you mean 'chain.h5'"),
+        (["chain.h5", "chain.npz", "--quantity", "receptance"], "contradicts the file"),
+        (["chain.h5", "chain.npz", "--out", "no/job.toml"], "does not exist"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(
+    words: list[str],
+    fragment: str,
+    chain_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    before = sorted(Path().rglob("*"))
+    assert main(["new", *words]) == 2
+    err = capsys.readouterr().err
+    assert fragment in err
+    assert err.count("error:") == 1
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_quantity_that_the_file_does_not_state_is_left_to_the_user(
+    chain_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    write_frf(chain.measure(), "chain.csv")
+    csv = Path("chain.csv")
+    lines = csv.read_text(encoding="utf-8").splitlines()
+    csv.write_text("\n".join(x for x in lines if "quantity" not in x) + "\n", encoding="utf-8")
+    assert main(["new", "chain.h5", "chain.csv"]) == 0
+    said = capsys.readouterr().out
+    assert "Before it can run, state what was measured: quantity in [test]" in said
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert "a quantity that is not stated" in text
+    assert "accelerance, 60 lines" not in text
+    assert main(["check", "job.toml"]) == 2
+    assert "quantity" in capsys.readouterr().err
+    stated = text.replace('# quantity = "accelerance"', 'quantity = "accelerance"')
+    Path("job.toml").write_text(stated, encoding="utf-8")
+    assert main(["check", "job.toml"]) == 0
+    words = ["--quantity", "accelerance", "--out", "second.toml"]
+    assert main(["new", "chain.h5", "chain.csv", *words]) == 0
+    assert main(["check", "second.toml"]) == 0
+
+
+def test_sensors_that_are_no_dofs_are_listed_to_be_filled_in(
+    chain_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    data = chain.measure()
+    labels = [x.replace("7:X", "70:X").replace("10:X", "100:X") for x in data.responses.labels]
+    write_frf(replace(data, responses=DofSet(labels)), "other.npz")
+    assert main(["new", "chain.h5", "other.npz"]) == 0
+    said = capsys.readouterr().out
+    assert "state where 2 of 5 sensors and forces are on the model: [match.table]" in said
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert "validation = " in text
+    assert main(["check", "job.toml"]) == 2
+    for label, of_model in (("70:X", "7:X"), ("100:X", "10:X")):
+        assert f'# "{label}" = ""' in text
+        text = text.replace(f'# "{label}" = ""', f'"{label}" = "{of_model}"')
+    Path("job.toml").write_text(text, encoding="utf-8")
+    assert main(["check", "job.toml"]) == 0
+
+
+def test_two_sensors_on_one_degree_of_freedom_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both lie next to the same node: neither labels nor coordinates match."""
+    monkeypatch.chdir(tmp_path)
+    model = beam(length=1.0, E=2e11, rho=7850.0, width=0.05, height=0.01, n_elements=4)
+    write_model(model, "beam.h5")
+    data = updyn.response(model, [5.0, 9.0], ["2:Z", "3:Z"], ["2:Z"], quantity="mobility")
+    positions = Geometry(np.array([901, 902]), np.array([[0.25, 0, 0], [0.251, 0, 0]]))
+    named = DofSet(["901:Z", "902:Z"])
+    moved = replace(data, responses=named, references=DofSet(["901:Z"]), geometry=positions)
+    write_frf(moved, "beam.uff")
+    assert main(["new", "beam.h5", "beam.uff"]) == 0
+    assert "2 of 2 sensors and forces" in capsys.readouterr().out
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert "#   By coordinates: " in text
+    assert load_job(Path("job.toml")).match.by == "label"
+
+
+def test_sensors_are_matched_by_coordinates_where_labels_do_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = beam(
+        length=1.0,
+        E=2e11,
+        rho=7850.0,
+        width=0.05,
+        height=0.01,
+        n_elements=8,
+        supports=[("foot", 0.0, 1e6, 1e4)],
+        loss_factor=0.01,
+    )
+    write_model(model, "beam.h5")
+    geometry = model.geometry
+    assert geometry is not None
+    nodes, own = geometry.nodes[[2, 4, 6, 8]], geometry.xyz[[2, 4, 6, 8]]
+    freq = np.linspace(5.0, 300.0, 40)
+    of_model = [f"{node}:Z" for node in nodes]
+    data = updyn.response(model, freq, of_model, of_model[-1:], quantity="accelerance")
+    named = [f"{901 + k}:Z" for k in range(4)]
+    moved = replace(
+        data,
+        responses=DofSet(named),
+        references=DofSet(named[-1:]),
+        geometry=Geometry(np.array([901, 902, 903, 904]), own + np.array([0.001, 0.0, 0.0])),
+    )
+    write_frf(moved, "beam.uff")
+    assert main(["new", "beam.h5", "beam.uff"]) == 0
+    assert "4 of 4 sensors and forces are DOFs of the model, by coordinates" in (
+        capsys.readouterr().out
+    )
+    job = load_job(Path("job.toml"))
+    assert job.match.by == "coordinates"
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert f"901:Z   response                {of_model[0]} " in text
+    assert main(["check", "job.toml"]) in (0, 3)
+    assert prepare(job).tests[0].frf.responses.labels == of_model
