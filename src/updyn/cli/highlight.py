@@ -28,7 +28,7 @@ THEME = Theme(
     }
 )
 #: First words of the header lines of tables.
-_HEADINGS = ("unknown", "agreement", "method", "mode", "sensor", "response", "group")
+_HEADINGS = ("unknown", "agreement", "method", r"test \(Hz\)", "sensor", "response", "group")
 #: What to notice in rows and below tables.
 _DOUBTS = (
     r"at its (?:lower|upper) bound",

@@ -36,6 +36,8 @@ _BEFORE_ESTIMATE = 1.0
 #: How long the process has to end by itself after a second Ctrl-C, in s: a factorisation under way
 #: cannot be interrupted.
 _GRACE = 3.0
+#: How long the answer to a Ctrl-C waits for its handler, in s.
+_ANSWER = 0.2
 _BAR_WIDTH = 12
 
 
@@ -168,6 +170,7 @@ class ProgressDisplay:
         self._bar: Any = None
         self._task: Any = None
         self._answered = 0
+        self._handled = threading.Event()
         self._last_resort: threading.Timer | None = None
 
     def __call__(self, progress: Progress) -> bool:
@@ -224,14 +227,18 @@ class ProgressDisplay:
     # -- Ctrl-C
     def interrupt(self, _signal: int, _frame: FrameType | None) -> None:
         """Ask the run to end after the lines under way; a second time, end at once."""
-        if self.stopping:
+        # Two signals while Python does not run are one call of this handler.
+        if self.stopping or self._answered > 1:
             raise KeyboardInterrupt
         self.stopping = True
+        self._handled.set()
 
     def answer(self) -> None:
         """Say at once what a Ctrl-C does; after the second, end the process within `_GRACE`."""
         self._answered += 1
         if self._answered == 1:
+            # A second signal after the answer is then a second call of the handler.
+            self._handled.wait(_ANSWER)
             print_note(_STOPPING, "yellow", self.console)
         elif self._answered == 2:
             print_note(_LEAVING, "yellow", self.console)

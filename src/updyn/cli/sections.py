@@ -206,8 +206,22 @@ def _faults_of(compared: Compared) -> str:
     return _causes(tests, compared.ready.parameters)
 
 
+def _modes(compared: Compared) -> str:
+    """Return the modes of test and model."""
+    from updyn.job.modes import start_modes_text
+
+    (test,) = (test for test in compared.ready.tests if test.name == compared.test)
+    return start_modes_text(test)
+
+
 #: Of ``updyn correlate``, for each test.
-CORRELATE: tuple[Callable[[Compared], str], ...] = (_test, _figures, _by_response, _faults_of)
+CORRELATE: tuple[Callable[[Compared], str], ...] = (
+    _test,
+    _figures,
+    _by_response,
+    _modes,
+    _faults_of,
+)
 
 
 # -- several commands ------------------------------------------------------------------------------

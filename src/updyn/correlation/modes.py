@@ -29,13 +29,13 @@ __all__ = ["GATE", "LEAST_MAC", "ModeCorrelation", "ModeShapes", "correlate_mode
 Array = NDArray[np.float64]
 
 #: Modes are paired up to this relative difference of frequency.
-GATE = 0.5
-#: Least MAC of a pair. By Bessel's inequality a shape can have a MAC above one half with one shape
-#: of an orthogonal set at most.
+GATE = 0.3
+#: Least MAC of a pair of equal frequencies. By Bessel's inequality a shape can have a MAC above one
+#: half with one shape of an orthogonal set at most.
 LEAST_MAC = 0.5
 #: Weight of the difference of frequency, squared, as a share of the gate, against MAC: it decides
-#: where the sensors cannot tell shapes apart.
-_FREQUENCY_WEIGHT = 0.1
+#: where the sensors cannot tell shapes apart, and asks for a MAC of 0.9 at the gate.
+_FREQUENCY_WEIGHT = 0.4
 #: Modes of damped structures are computed as complex ones up to this many DOFs.
 _COMPLEX_UP_TO = 5_000
 #: Most modes of a model.
@@ -73,7 +73,9 @@ class ModeCorrelation:
         Both at the DOFs that are compared, with the labels and signs of the measured ones; shapes
         of any scale.
     mac : ndarray of float, shape (n_computed, n_measured)
-        Modal assurance criterion of each with each, see `updyn.correlation.mac`.
+        Modal assurance criterion of each with each, see `updyn.correlation.mac`. Where both
+        translations and rotations are compared, the rotations are multiplied by a length that makes
+        them as large as the translations over the measured modes; else the unit would decide.
     pairs : ModePairs
         Columns of the computed (``first``) and of the measured modes (``second``) that belong
         together, and their MAC, by ascending measured frequency.
@@ -120,7 +122,7 @@ class ModeCorrelation:
 
         Large values off the diagonal: the sensors do not tell these shapes apart.
         """
-        return auto_mac(self.measured.shapes)
+        return auto_mac(_weighted(self.measured, self.measured))
 
     def comac(self) -> Array:
         """Return the co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
@@ -140,8 +142,9 @@ class ModeCorrelation:
     def _by_dof(self, criterion: Any) -> Array:
         if not len(self.pairs.mac):
             return np.full(len(self.dofs), np.nan)
-        computed = self.computed.shapes[:, self.pairs.first]
-        return np.asarray(criterion(computed, self.measured.shapes[:, self.pairs.second]))
+        computed = _weighted(self.computed, self.measured)[:, self.pairs.first]
+        measured = _weighted(self.measured, self.measured)[:, self.pairs.second]
+        return np.asarray(criterion(computed, measured))
 
     def cross_orthogonality(self, mass: Any) -> NDArray[Any]:
         """Return the cross-orthogonality of computed and measured modes.
@@ -197,8 +200,9 @@ class ModeCorrelation:
             cells = ["-", "-", *_cells(self.computed, i), "-", "-"]
             rows.append((float(self.computed.frequency[i]), cells))
         rows.sort(key=lambda row: row[0])
-        header = ("measured (Hz)", "loss factor", "computed (Hz)", "loss factor", "change (%)")
-        return text_table((*header, "MAC"), [cells for _, cells in rows], left=())
+        header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
+        numbered = [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
+        return text_table((*header, "change (%)", "MAC"), numbered)
 
 
 def _cells(of: Modes, at: int) -> list[str]:
@@ -232,7 +236,7 @@ def correlate_modes(
     gate : float
         Modes whose frequencies differ by more than this share of the lower one are no pair.
     least_mac : float
-        Modes of a lower MAC are no pair.
+        Modes of a lower MAC, less the term for the difference of frequency below, are no pair.
     dofs : iterable of str or Dof, optional
         Where shapes are compared. None: at all DOFs of the measured modes, which the computed ones
         must have; labels may differ in sign and order.
@@ -253,9 +257,9 @@ def correlate_modes(
 
     Notes
     -----
-    The pairs maximise the sum of MAC - 0.1 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
-    one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), with the limits above. The
-    small second term decides where the sensors cannot tell shapes apart.
+    The pairs maximise the sum of MAC - 0.4 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
+    one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
+    `least_mac`. The second term decides where the sensors cannot tell shapes apart.
     """
     if not isinstance(measured, ModeShapes):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
@@ -287,7 +291,7 @@ def correlate_modes(
             f"correlate: expected a Model or modes, found {type(computed).__name__}; measured FRFs"
             " are turned into modes by updyn.identify_modes"
         )
-    values = mac(a.shapes, b.shapes)
+    values = _mac(a, b)
     values.flags.writeable = False
     return ModeCorrelation(a, b, values, _paired(a, b, gate, least_mac))
 
@@ -355,19 +359,35 @@ def _moving(seen: Modes, whole: Modes) -> NDArray[np.bool_]:
     return np.asarray(np.abs(seen.shapes).max(axis=0) > _AT_REST * largest)
 
 
+def _mac(a: Modes, b: Modes) -> Array:
+    return mac(_weighted(a, b), _weighted(b, b))
+
+
+def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
+    """Return shapes with rotations as large as translations on the average of measured modes."""
+    rotates = measured.dofs.axes >= 3
+    size = np.abs(measured.shapes) ** 2
+    if rotates.all() or not rotates.any():
+        return of.shapes
+    ratio = np.sqrt(size[~rotates].mean(axis=0)), np.sqrt(size[rotates].mean(axis=0))
+    both = (ratio[0] > 0) & (ratio[1] > 0)
+    if not both.any():
+        return of.shapes
+    length = np.exp(np.mean(np.log(ratio[0][both] / ratio[1][both])))
+    return np.asarray(of.shapes * np.where(rotates, length, 1.0)[:, None])
+
+
 def _paired(a: Modes, b: Modes, gate: float, least_mac: float) -> ModePairs:
     """Return the pairs by ascending measured frequency."""
     from scipy.optimize import linear_sum_assignment
 
-    values = mac(a.shapes, b.shapes)
+    values = _mac(a, b)
     apart = np.abs(a.frequency[:, None] - b.frequency)
     limit = gate * np.minimum(a.frequency[:, None], b.frequency)
-    may = (apart <= limit) & (values >= least_mac)
     share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
-    # A pair that may not be counts for nothing, and one that may for something: so that as many as
-    # possible are found, it is kept above 0.
-    score = np.where(may, np.maximum(values - _FREQUENCY_WEIGHT * share**2, 1e-6), 0.0)
-    first, second = linear_sum_assignment(score, maximize=True)
+    score = values - _FREQUENCY_WEIGHT * share**2
+    may = (apart <= limit) & (score >= least_mac)
+    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
     keep = may[first, second]
     first, second = first[keep], second[keep]
     order = np.argsort(second, kind="stable")

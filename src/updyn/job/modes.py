@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from updyn.updating.modes import modal_table
+from updyn.correlation import correlate
+from updyn.errors import UpdynError
+from updyn.job.prepared import PreparedTest
+from updyn.updating.modes import LARGEST, modal_table, modes_like
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["modal_texts", "with_modes"]
+__all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
@@ -21,6 +24,22 @@ def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult
     for name, one in result.results.items():
         found[name] = replace(one, modes=modal_table(one, by_test.get(name)))
     return replace(result, results=found)
+
+
+def start_modes_text(test: PreparedTest) -> str:
+    """Return the modes of a test and of its model as it stands as text, or why there are none."""
+    model, frf = test.model, test.frf
+    if model.n_dofs > LARGEST:
+        return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
+    try:
+        if test.modes is not None:
+            found = correlate(model, test.modes)
+        else:
+            band = float(frf.freq[0]), float(frf.freq[-1])
+            found = correlate(model, modes_like(model, frf), band=band)
+    except UpdynError as error:
+        return f"Modes: not known. {error}"
+    return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"
 
 
 def modal_texts(result: UpdateResult | JointResult) -> list[str]:

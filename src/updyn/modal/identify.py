@@ -362,6 +362,9 @@ class Sides:
         hammer roves.
     dofs : list of Dof
         Of the shapes.
+    row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
+        Factors on responses and references that make rotations and translations equally large:
+        1 for translations.
     """
 
     rows: NDArray[np.intp]
@@ -370,6 +373,8 @@ class Sides:
     more: NDArray[np.intp]
     at_references: bool
     dofs: list[Dof]
+    row_scale: _Real
+    column_scale: _Real
 
     @classmethod
     def of(cls, frf: FRF) -> Sides:
@@ -390,7 +395,10 @@ class Sides:
             dofs = references
         elif len(columns):
             dofs = [*responses, *frf.references[more]]
-        return cls(match.index, columns, match.sign, more, roving, dofs)
+        scale = _scale_of_rotations(frf)
+        row_scale = np.where(frf.responses.axes >= 3, scale, 1.0)
+        column_scale = np.where(frf.references.axes >= 3, scale, 1.0)
+        return cls(match.index, columns, match.sign, more, roving, dofs, row_scale, column_scale)
 
     @property
     def scaled(self) -> bool:
@@ -409,12 +417,15 @@ class Sides:
         -----
         With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
         they are equal, so that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5,
-        for one mode: phi_j = r_jj^(1/2)).
+        for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of
+        one channel may outweigh a mode that another shows, and pass for a second mode.
         """
-        U, s, Vh = np.linalg.svd(product, full_matrices=False)
+        scaled = product * self.row_scale[:, None] * self.column_scale
+        U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
         largest = max(1, min(len(s), len(self.rows) or len(s)))
         rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
         U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
+        U, W = U / self.row_scale[:, None], W / self.column_scale[:, None]
         if not self.scaled:
             if self.at_references:
                 return list(W.T)
@@ -423,3 +434,22 @@ class Sides:
         G = scipy.linalg.sqrtm((S + S.T) / 2)
         at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T
         return list(np.concatenate([at_responses, at_references[self.more]]).T)
+
+
+def _scale_of_rotations(frf: FRF) -> float:
+    """Return the factor on a rotation that makes it as large as a translation.
+
+    The root mean squares of the kinds of FRF (by force and torque, of translation and rotation) are
+    taken as level q^-n with n the number of rotations, by least squares in the
+    logarithm.
+    """
+    rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
+    rows, levels = [], []
+    for n in np.unique(rotations):
+        level = float(np.sqrt(np.mean(np.abs(frf.values[:, rotations == n]) ** 2)))
+        if level > 0:
+            rows.append([1.0, -float(n)])
+            levels.append(np.log(level))
+    if len(rows) < 2:
+        return 1.0
+    return float(np.exp(np.linalg.lstsq(np.array(rows), np.array(levels), rcond=None)[0][1]))

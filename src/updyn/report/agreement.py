@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, held_out, percentage
 from updyn.report.plots import (
@@ -113,7 +114,8 @@ def csac_lines(data: ReportData) -> Figure | None:
         traces.append(
             {
                 "type": "scatter",
-                "mode": "lines",
+                "mode": "lines+markers" if data.freq.size <= MOST_POINTS else "lines",
+                "marker": {"size": 5, "color": MODEL_COLOURS[name]},
                 "name": name,
                 "x": x,
                 "y": numbers(csac),

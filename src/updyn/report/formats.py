@@ -183,7 +183,7 @@ def figure_of_agreement(value: float) -> str:
         return ">0.999"
     if 0.99 <= value < 1.0:
         return f"{value:.3f}"
-    return f"{value:.2f}".replace("-", "−")
+    return f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")
 
 
 def percentage(share: float) -> str:

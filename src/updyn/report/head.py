@@ -42,7 +42,7 @@ _FIGURES = {
     "frac_median": "FRAC, median",
     "correlation_min": "correlation, worst",
     "residual_median": "residual, median",
-    "db_error_median": "level (dB), median",
+    "db_error_median": "level, median",
 }
 #: Outcomes of the test of a residual, the worst first: the head shows the worst of all tests.
 _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
@@ -190,8 +190,10 @@ TESTS = Tests()
 def _test_cells(name: str, test: UpdateResult) -> list[str]:
     before, after = _agreement(test, "before"), _agreement(test, "after")
     cells = [name, extent(test.frf)]
+    say = {name: said for name, _, said, _, _ in _KEY_FIGURES}
     for figure in _FIGURES:
-        cells.append(f"{number(before.get(figure))} → {number(after.get(figure))}")
+        both = [say[figure](when.get(figure, math.nan)) for when in (before, after)]
+        cells.append(" → ".join(both))
     cells.append("–" if test.adequacy is None else residual_tile(test.adequacy)[1])
     return cells
 

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from updyn.errors import OptionError, UpdynError
+from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
+from updyn.model import Model
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.result import UpdateResult, gains_of
 
-__all__ = ["LARGEST", "modal_table"]
+__all__ = ["LARGEST", "modal_table", "modes_like"]
 
 #: Size in DOFs up to which the modes of models are computed without being asked for: seconds.
 LARGEST = 20_000
@@ -80,6 +82,27 @@ def _identified(result: UpdateResult) -> tuple[ModeSet, tuple[str, ...]]:
         notes.append(
             "The modes of the test are those of its FRFs over the estimated calibration factors."
         )
-    # In the form of damping that the updated model has, so that both mean the same.
-    damping = "viscous" if result.model.viscous.nnz else "structural"
-    return identify_modes(frf, damping=damping), tuple(notes)
+    return modes_like(result.model, frf), tuple(notes)
+
+
+def modes_like(model: Model, frf: FRF) -> ModeSet:
+    """Identify the modes of FRFs, with damping of the form that a model has.
+
+    Parameters
+    ----------
+    model : Model
+        The model that they are to be compared with.
+    frf : FRF
+        The measurement.
+
+    Returns
+    -------
+    ModeSet
+
+    Raises
+    ------
+    DataError
+        As `updyn.identify_modes`.
+    """
+    damping = "viscous" if model.viscous.nnz else "structural"
+    return identify_modes(frf, damping=damping)

@@ -411,6 +411,8 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
     lines = []
     if found.verdict not in message:
         lines.append(f"Residual: {found.verdict}")
+    elif found.worst:
+        lines.append("Residual, where it is largest:")
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
         over = ""

@@ -245,6 +245,8 @@ def test_correlate_agrees_with_the_library(
     (row,) = (x for x in out.splitlines() if x.startswith("10:X "))
     values = [float(cell) for cell in row.split()[1:]]
     assert values == pytest.approx(list(found.by_response()["10:X"].values()), rel=5e-3)
+    modes = updyn.correlate(chain.build(), updyn.identify_modes(chain.measure()))
+    assert modes.table() in out
 
 
 # -- convert, info -----------------------------------------------------------------------------------------

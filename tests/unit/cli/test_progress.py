@@ -65,6 +65,16 @@ def test_it_says_whether_to_stop(clock: list[float]) -> None:
         show_progress.interrupt(2, None)
 
 
+def test_two_signals_while_python_does_not_run_end_the_run(clock: list[float]) -> None:
+    """They are answered twice, and are one call of the handler."""
+    display = ProgressDisplay(Console(file=io.StringIO()))
+    display.answer()
+    display.answer()
+    with pytest.raises(KeyboardInterrupt):
+        display.interrupt(2, None)
+    display.end()
+
+
 # -- stages and times ------------------------------------------------------------------------------------------------
 def test_stage_share_and_time_left(clock: list[float]) -> None:
     """A fit of at most 10 steps of 60 lines: after 6 s and 120 of 600 lines, 24 s are left at most."""

@@ -127,8 +127,9 @@ def test_the_pairs_are_the_best_of_all_assignments():
         score = np.zeros((4, 4))
         for i, j in itertools.product(range(4), range(4)):
             value, f, g = mac_of(A[:, i], B[:, j]), 10.0 + i, 10.0 + j
-            if value >= 0.5:
-                score[i, j] = value - 0.1 * ((f - g) / (0.5 * min(f, g))) ** 2
+            of_pair = value - 0.4 * ((f - g) / (0.3 * min(f, g))) ** 2
+            if of_pair >= 0.5 and abs(f - g) <= 0.3 * min(f, g):
+                score[i, j] = of_pair
         best = max(
             sum(score[i, j] for i, j in enumerate(order))
             for order in itertools.permutations(range(4))
@@ -241,3 +242,25 @@ def test_without_a_pair_figures_are_not_known():
     assert np.isnan(found.figures()["mac_median"])
     assert np.isnan(found.comac()).all()
     assert len(found.table().splitlines()) == 3
+
+
+def test_the_unit_of_rotations_does_not_matter():
+    rng = np.random.default_rng(4)
+    A, B = rng.standard_normal((2, 4, 3))
+    B = A + 0.3 * B
+    dofs = ["1:X", "2:X", "1:RZ", "2:RZ"]
+
+    def found(unit):
+        scale = np.array([1.0, 1.0, unit, unit])[:, None]
+        a = updyn.ModeSet([10, 20, 30], A * scale, dofs)
+        return updyn.correlate(a, updyn.ModeSet([10, 20, 30], B * scale, dofs))
+
+    radians, degrees = found(1.0), found(180 / np.pi)
+    assert degrees.mac == pytest.approx(radians.mac)
+    assert degrees.auto_mac == pytest.approx(radians.auto_mac)
+    assert degrees.comac() == pytest.approx(radians.comac())
+    # translations count as they stand: of them alone it is the plain MAC
+    alone = updyn.correlate(
+        updyn.ModeSet([10, 20, 30], A, dofs), updyn.ModeSet([10, 20, 30], B, dofs), dofs=dofs[:2]
+    )
+    assert alone.mac[0, 1] == pytest.approx(mac_of(A[:2, 0], B[:2, 1]))

@@ -12,7 +12,7 @@ from updyn.updating.result import JointResult
 
 def test_a_run_has_the_modes_of_its_test():
     result = with_modes(realistic())
-    assert len(result.modes.rows) == 12
+    assert len(result.modes.test) == 12
     (text,) = modal_texts(result)
     assert text == result.modes.text()
 

@@ -252,3 +252,25 @@ def test_mode_set_without_what_is_asked_for() -> None:
         modes.select(band=(1.0, 2.0))
     with pytest.raises(DataError, match="expected numbers from 0 to 0"):
         modes.select([1])
+
+
+def test_large_rotations_do_not_outweigh_a_mode_that_forces_show():
+    """In rad and N m the noise of a rotation may be larger than the whole of another mode."""
+    rng = np.random.default_rng(6)
+    dofs = ["1:X", "2:X", "3:X", "4:RZ"]
+    freq = np.linspace(5.0, 40.0, 600)
+    natural, loss = np.array([12.0, 20.0, 31.0]), 0.02
+    shapes = np.array([[1.0, 0.6, 0.3], [0.4, -1.0, 0.7], [-0.8, 0.5, 1.0], [900.0, 2.0, -600.0]])
+    lines = (2 * np.pi * freq)[:, None]
+    below = (2 * np.pi * natural) ** 2 * (1 + 1j * loss) - lines**2
+    H = -(lines**2)[:, :, None] * np.einsum("ir,jr,fr->fij", shapes, shapes, 1 / below)
+    kept = [0, 3]  # struck at 1:X, driven by a torque at 4:RZ
+    H = H[:, :, kept]
+    level = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
+    noise = rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
+    frf = updyn.FRF(freq, H + 0.05 * level * noise, dofs, ["1:X", "4:RZ"], "accelerance")
+    found = identify_modes(frf)
+    assert found.frequency == pytest.approx(natural, rel=2e-3)
+    for r in range(3):
+        a, b = found.shapes[:3, r], shapes[:3, r]
+        assert abs(np.vdot(a, b)) ** 2 / (np.vdot(a, a).real * (b @ b)) > 0.98

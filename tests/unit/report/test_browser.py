@@ -34,6 +34,9 @@ ACTIONS = """<script>
   document.querySelector('a[href="#identifiability"]').click(); counts.push(open());
   const button = document.getElementById("unfold");
   button.click(); counts.push(folds.length - open());
+  root.dataset.beyond = root.scrollWidth - innerWidth; // nothing is wider than the window: tables scroll in their box
+  const boxes = [...document.querySelectorAll("table")].map((table) => table.closest(".scroll"));
+  root.dataset.boxes = boxes.every((box) => box && getComputedStyle(box).overflowX === "auto");
   button.click(); counts.push(open());
   root.dataset.folds = counts.join(" ");
   document.querySelector("[data-figure=frf-correlation-after]").emit("plotly_click", { points: [{ x: 0, y: 3 }] });
@@ -66,6 +69,8 @@ def test_page_is_drawn_and_works(tmp_path):
     assert found["svg"] == "true"
     assert found["folds"] == "0 1 0 0"
     assert found["shown"] == "true"
+    assert int(found["beyond"]) <= 0
+    assert found["boxes"] == "true"
     assert "Response at 9:Z, force at 3:Z" in found["cell"]
     assert "held out" in found["cell"]
 

@@ -21,6 +21,7 @@ from updyn.report.formats import (
     figure_of_agreement,
     interval,
     number,
+    percentage,
     unit,
 )
 from updyn.report.head import head
@@ -240,6 +241,9 @@ def test_numbers_in_words():
         ">0.999",
         "1.00",
     ]
+    assert [figure_of_agreement(v) for v in (-0.001, -0.98)] == ["0.00", "−0.98"]
+    shares = [0.0, 1e-9, 0.0213, 1.67, np.inf]
+    assert [percentage(v) for v in shares] == ["0 %", "<0.0001 %", "2.1 %", "167 %", "∞ %"]
     assert decibels(0.213) == "0.21 dB"
     assert change(Parameter("a", "mass", 1.0, 0.1, 9.0), 1.234) == "+23.4 %"
     assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"

@@ -68,7 +68,8 @@ const updynReport = (() => {
   function toPaper() {
     for (const part of document.querySelectorAll("details:not([open])")) { part.open = true; part.dataset.opened = ""; }
     for (const place of document.querySelectorAll(".js-plotly-plot")) {
-      place.style.width = (place.closest(".pair") ? sheet / 2 - 10 : sheet) + "px";
+      const width = place.closest(".pair") ? sheet / 2 - 10 : sheet;
+      place.style.width = (place.closest(".overlay") ? width - 34 : width) + "px"; // its frame takes the rest
     }
     repaint();
     for (const place of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);

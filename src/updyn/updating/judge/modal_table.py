@@ -25,6 +25,7 @@ __all__ = ["ModalRow", "ModalTable", "ModeEntry", "compare_modes"]
 _MOST_REDUCED = 300
 #: The columns of the table as text.
 _COLUMNS = (
+    "mode",
     "test (Hz)",
     "start (Hz)",
     "change",
@@ -172,9 +173,9 @@ class ModalTable:
         """Return the table, or why there is none, as text for the terminal."""
         if not self.known:
             return "Modes: not known. " + " ".join(self.notes)
-        cells = [_row_cells(row) for row in self.rows]
+        cells = [[str(i), *_row_cells(row)] for i, row in enumerate(self.rows, 1)]
         title = "Modes in the test, at the start and updated (loss: loss factor)"
-        return "\n".join([title, text_table(_COLUMNS, cells, left=()), *self.notes])
+        return "\n".join([title, text_table(_COLUMNS, cells), *self.notes])
 
 
 def _entry(of: Modes, at: int, change: float | None = None, mac: float | None = None) -> ModeEntry:
