@@ -10,6 +10,7 @@ __all__ = ["STATUS_STYLES", "THEME", "SummaryHighlighter"]
 #: Colour of each status of a result, and of a method that does not apply.
 STATUS_STYLES = {
     "converged": "good",
+    "not-credible": "bad",
     "not-identifiable": "warning",
     "max-iterations": "warning",
     "stalled": "warning",

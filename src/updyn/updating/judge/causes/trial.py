@@ -141,7 +141,8 @@ def _descent(part: Part, x: _Real, steps: int) -> tuple[_Real, float, float, flo
     e = _misfit(part, x)
     centre, weight = problem.coordinates.prior
     far = float(np.sum((weight * (x - centre)) ** 2))
-    return x, float(np.mean(np.abs(e) ** 2)), far, serial_correlation(e)
+    alike = serial_correlation(e) if len(e) > 1 else 0.0
+    return x, float(np.mean(np.abs(e) ** 2)), far, alike
 
 
 def _misfit(part: Part, x: _Real) -> NDArray[np.complex128]:
