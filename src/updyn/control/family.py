@@ -33,7 +33,7 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 #: How an update has to have ended.
-_ENDED = ("converged", "not-identifiable", "stalled")
+_ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 #: The route that serves where damping is strong and local.
 _CLOSEST = "complex"
 

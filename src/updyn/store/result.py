@@ -353,6 +353,10 @@ class _Trust:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
+def _finding_json(found: Finding) -> dict[str, Any]:
+    return asdict(found) | {"channels": list(found.channels), "also": list(found.also)}
+
+
 def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
     return {part: {"holds": belief.holds, "why": belief.why} for part, belief in trust.items()}
 
@@ -541,7 +545,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
         "trust": None if result.trust is None else _trust_json(result.trust),
-        "findings": [asdict(one) for one in result.findings],
+        "findings": [_finding_json(one) for one in result.findings],
         "alternatives": plain_records(result.alternatives),
         "modes": _modes_json(result.modes),
     }

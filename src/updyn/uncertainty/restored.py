@@ -36,7 +36,7 @@ LIKELIHOOD = "is_likelihood"
 #: Attribute of methods whose noise record is enough to generate data.
 WITH_NOISE = "states_noise"
 #: Statuses of a fit at a minimum.
-_ENDED = ("converged", "not-identifiable", "stalled")
+_ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -169,6 +169,8 @@ def run(
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
         causes = _causes(problem, splits, found, noises, monitor, reducing=reducing)
+        if monitor.stopped:
+            found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
             session.memory.keep()
     common = _common(problem, found, causes, selection, options, monitor)

@@ -121,7 +121,11 @@ def test_every_status_has_its_words_and_badge(status):
     page = Page(render(realistic(status=status)))
     badges = [a["class"] for a in page.of("span") if a.get("class", "").startswith("badge")]
     assert len(badges) == 3
-    assert badges[0] == {"converged": "badge good", "failed": "badge bad"}.get(status, "badge warn")
+    assert badges[0] == {
+        "converged": "badge good",
+        "not-credible": "badge bad",
+        "failed": "badge bad",
+    }.get(status, "badge warn")
     assert status not in ("max-iterations", "not-identifiable") or status not in page.words
 
 

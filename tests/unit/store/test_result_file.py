@@ -21,8 +21,10 @@ from updyn.store.values import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
 from updyn.updating.judge.alternatives import Alternative
+from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
+from updyn.updating.judge.trust import Belief, Trust
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -163,6 +165,25 @@ def sample(**changes: object) -> UpdateResult:
         "versions": {"updyn": "0.1.0", "Python": "3.11"},
         "title": "Prüfstand 3",
         "adequacy": adequacy(),
+        "trust": Trust(
+            Belief(True, "It ended."),
+            Belief(False, "Two of three."),
+            Belief(None, "Nothing was held out."),
+            Belief(True, "Half are off by less than 2 %."),
+        ),
+        "findings": (
+            Finding(
+                "swapped",
+                ("1:Z", "2:Z"),
+                0.0,
+                1e9,
+                0.8,
+                "They are exchanged.",
+                "Look.",
+                "swapped:1:Z,2:Z",
+                ("sign:1:Z",),
+            ),
+        ),
         "alternatives": others(),
         "modes": modal(),
     }
@@ -224,6 +245,8 @@ def assert_same(found: object, expected: object, where: str) -> None:
         },
         {"adequacy": None},
         {"alternatives": ()},
+        {"trust": None},
+        {"findings": ()},
         {"modes": None},
         {"modes": ModalTable(notes=("No modes could be identified.",))},
     ],
@@ -234,6 +257,8 @@ def assert_same(found: object, expected: object, where: str) -> None:
         "failed",
         "residual not tested",
         "one answer",
+        "no verdict",
+        "no cause",
         "modes not looked for",
         "no modes",
     ],
@@ -251,8 +276,11 @@ def test_no_field_is_forgotten():
             "status message remedy method options start model frf lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
-            " alternatives modes"
+            " alternatives trust findings modes"
         ),
+        Finding: "kind channels value odds explains statement remedy written also test",
+        Trust: "converged determined validated plausible",
+        Belief: "holds why",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"

@@ -222,6 +222,7 @@ def test_bounds_hold_and_are_flagged(chain12, data):
 def test_status_is_always_one_of_those_listed(result):
     assert set(STATUSES) == {
         "converged",
+        "not-credible",
         "stalled",
         "not-identifiable",
         "max-iterations",

@@ -25,8 +25,8 @@ MANY, SOME = 0.5, 2
 LOST = 0.0
 #: Held-out residual over fitted residual that is far worse, and one that is bad by itself.
 FAR_WORSE, BAD = 3.0, 0.5
-#: Residual after over residual before, from which an update did harm.
-HARM = 1.1
+#: Residual after over residual before, from which an update did harm, if it is not small anyway.
+HARM, SMALL = 1.1, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,11 +232,14 @@ def _plausible(
         )
     for one in correlation:
         before, after = one.get("before", {}), one.get("after", {})
-        if before and after and after["residual_median"] > HARM * before["residual_median"]:
+        if not (before and after):
+            continue
+        residual = after["residual_median"]
+        if residual > HARM * before["residual_median"] and residual > SMALL:
             return Belief(
                 False,
                 f"The residual rose from {before['residual_median']:.2g} to"
-                f" {after['residual_median']:.2g} of the level.",
+                f" {residual:.2g} of the level.",
             )
     mild = f" {findings[0].statement}" if findings else ""
     if not looked:

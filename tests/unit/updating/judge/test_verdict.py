@@ -116,8 +116,12 @@ def test_a_force_calibrated_wrongly_by_five_is_no_good_fit(chain12):
     result = updyn.update(
         chain12, wrong, updyn.parameters(chain12, loss_factor="all"), method="log"
     )
-    assert "still misses the data" in result.message
-    assert "calibration" in result.remedy
+    assert result.status == "not-credible"
+    assert not result.trust["plausible"]
+    (found,) = result.findings
+    assert (found.kind, found.channels) == ("calibration", ())
+    assert np.exp(found.value) == pytest.approx(5.0, rel=0.01)
+    assert found.written in result.remedy
 
 
 def cut(deviations, share, gained, R=SURE, misfit=0.0, **noise):

@@ -52,4 +52,4 @@ class Calibration(Fault):
     def statement(self) -> str:
         """Return by how much it reads too much or too little."""
         factor = float(np.exp(self.value))
-        return f"{self.where.capitalize()} reads {factor:.4g} times what is there."
+        return f"{self.does('reads', 'read')} {factor:.4g} times what is there."

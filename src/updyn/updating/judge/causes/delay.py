@@ -51,4 +51,4 @@ class Delay(Fault):
     def statement(self) -> str:
         """Return how late it is."""
         late = "late" if self.value > 0 else "early"
-        return f"{self.where.capitalize()} comes {abs(self.value):.4g} s {late}."
+        return f"{self.does('comes', 'come')} {abs(self.value):.4g} s {late}."

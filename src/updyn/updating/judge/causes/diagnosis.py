@@ -14,7 +14,14 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.trial import Trial, damped, robust_point, tried, with_noise
+from updyn.updating.judge.causes.trial import (
+    Trial,
+    damped,
+    robust_point,
+    tried,
+    widened,
+    with_noise,
+)
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
@@ -33,12 +40,16 @@ _KEPT = 4
 _LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
+#: Share of the misfit that a fault explains at least; less is one of many small errors.
+_WORTH = 0.1
 #: Other causes that are named.
 _NAMED = 2
 #: Operations of one evaluation, about, up to which hundreds of them are made.
 _MOST_WORK = 3e9
 #: Most faults of one test.
 _MOST = 3
+#: Fewer lines say nothing.
+_FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
 
@@ -90,11 +101,12 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     list of Finding
         The likeliest first. Empty where an evaluation of the model takes seconds (`is_looked_at`).
     """
-    if not is_looked_at(part):
+    if not is_looked_at(part) or part.n_lines < _FEWEST:
         return []
     part = with_noise(part, noise.beforehand(part.frf), _LINES)
+    part, held = widened(part)
     findings: list[Finding] = []
-    known = list(points)
+    known = [np.concatenate([x, held]) for x in points]
     for _ in range(_MOST):
         found = _likeliest(part, known, [(f.kind, f.channels) for f in findings])
         if not found:
@@ -133,7 +145,8 @@ def _likeliest(
             found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
             if log_odds > _LIKELY:
                 fresh += [(other, trial.x) for other in trial.fault.relatives()]
-    ranked = sorted(found.values(), key=lambda one: -one.log_odds)
+    worth = [one for one in found.values() if one.explains >= _WORTH]
+    ranked = sorted(worth, key=lambda one: -one.log_odds)
     if not ranked or ranked[0].log_odds < _LIKELY:
         return []
     # What freed the unknowns from a poor minimum may not have been the fault.
@@ -147,7 +160,9 @@ def _likeliest(
 def _share(trial: Trial, without: Trial) -> float:
     """Return the share of the misfit, or of the unknowns' way, that a fault explains."""
     explained = 1.0 - trial.power / without.power
-    if without.far > _FAR_OFF**2 * len(without.x):
+    # What has no size of its own does not do it by chance.
+    known = trial.fault is not None and not trial.fault.tunes
+    if known and without.far > _FAR_OFF**2 * len(without.x):
         explained = max(explained, 1.0 - trial.far / without.far)
     return explained
 

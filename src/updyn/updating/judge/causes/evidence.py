@@ -8,11 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.fault import Fault, labels_of
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
+from updyn.updating.problem.session import Record
 
 __all__ = ["SMALLEST", "Evidence", "spread_of"]
 
@@ -70,9 +72,15 @@ class Evidence:
         part = self.part
         shape = (part.n_lines, len(labels), len(part.frf.references))
         blank = FRF(part.frf.freq, np.ones(shape), labels, part.frf.references, part.frf.quantity)
-        blocks = list(part.with_data(blank).blocks(self.x))
-        H = np.concatenate([block.H for block in blocks])
-        dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
+        there = part.with_data(blank)
+
+        def compute() -> Record:
+            found = list(there.each(_block, [(self.x, lines) for lines in there.partition()]))
+            return tuple(
+                np.concatenate(one, axis=i) for i, one in enumerate(zip(*found, strict=True))
+            )
+
+        H, dH = there.recall("derivatives", self.x, compute)
         return _Answers(labels, H, np.asarray(dH / np.where(H == 0, 1.0, H)))
 
     @cached_property
@@ -110,7 +118,7 @@ class Evidence:
         answers = []
         for freq in (self.frf.freq, self.frf.freq * factor):
             moved = self.part.with_data(replace(self.frf, freq=freq))
-            answers.append(np.concatenate([b.H for b in moved.blocks(self.x, derivatives=False)]))
+            answers.append(moved.responses(self.x))
         return _log_ratio(answers[1], answers[0])
 
     def damped(self, rate: float) -> _Complex:
@@ -120,19 +128,17 @@ class Evidence:
         more mass-proportional damping.
         """
         part = self.part
-        system, state = part.solver.system, part.state(self.x)
-        mass = np.array([term.quantity == "mass" for term in system.terms])
-        answers = []
-        for own in (state, replace(state, rate=state.rate + 2.0 * rate * mass)):
-            c = system.coefficients(own, 2.0 * np.pi * part.frf.freq)
-            columns, place = np.unique(part.columns, return_inverse=True)
-            U = part.solver.solve(c, columns, part.frf.freq)[:, :, place.ravel()]
-            answers.append(part.solver.at(U, part.rows).transpose(1, 0, 2))
+        state = part.state(self.x)
+        mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
+        slower = replace(state, rate=state.rate + 2.0 * rate * mass)
+
+        def compute() -> Record:
+            return (_log_ratio(_receptance(part, slower), _receptance(part, state)),)
+
+        (ratio,) = part.recall("damped", self.x, compute, np.array(rate))
         s = 2j * np.pi * part.frf.freq
         power = QUANTITIES[part.frf.quantity]
-        return np.asarray(
-            _log_ratio(answers[1], answers[0]) + power * np.log(1.0 + rate / s)[:, None, None]
-        )
+        return np.asarray(ratio + power * np.log(1.0 + rate / s)[:, None, None])
 
     @cached_property
     def apparent(self) -> _Complex:
@@ -141,7 +147,7 @@ class Evidence:
         shape = (part.n_lines, n, n)
         own = labels_of(self.frf)
         square = part.with_data(FRF(self.frf.freq, np.ones(shape), own, own, "accelerance"))
-        H = np.concatenate([b.H for b in square.blocks(self.x, derivatives=False)])
+        H = square.responses(self.x)
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
 
     @cached_property
@@ -211,6 +217,22 @@ class Evidence:
         e, held = b[: -len(home)], b[-len(home) :]
         power = 2.0 * float(e @ e) * self._unit**2 / e.size
         return e.size * float(np.log(power + SMALLEST**2)) + float(held @ held), fault
+
+
+def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
+    """Return H and its derivatives at a block of lines."""
+    block = part.block(*item)
+    assert block.dH is not None
+    return block.H, block.dH
+
+
+def _receptance(part: Part, state: State) -> _Complex:
+    """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j)."""
+    freq = part.frf.freq
+    columns, place = np.unique(part.columns, return_inverse=True)
+    c = part.solver.system.coefficients(state, 2.0 * np.pi * freq)
+    U = part.solver.solve(c, columns, freq)[:, :, place.ravel()]
+    return np.asarray(part.solver.at(U, part.rows).transpose(1, 0, 2))
 
 
 def _log_ratio(a: _Complex, b: _Complex) -> _Complex:

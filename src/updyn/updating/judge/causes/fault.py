@@ -194,6 +194,11 @@ class Fault(ABC):
         shown = ", ".join(self.channels[:4])
         return shown + in_all(len(self.channels)) if len(self.channels) > 4 else shown
 
+    def does(self, one: str, several: str) -> str:
+        """Return the channels with the verb that goes with one, or with several."""
+        text = f"{self.where} {one if len(self.channels) == 1 else several}"
+        return text[0].upper() + text[1:]
+
     @property
     def written(self) -> str:
         """How the fault is written down: ``kind:channels=value``."""

@@ -73,6 +73,11 @@ class Finding:
         frf : FRF
             The data, as measured.
 
+        Returns
+        -------
+        FRF
+            The same, but for what was wrong.
+
         Raises
         ------
         DataError

@@ -54,6 +54,4 @@ class LowPass(Fault):
     def statement(self) -> str:
         """Return the corner."""
         corner = 1.0 / (2.0 * np.pi * self.value)
-        return (
-            f"{self.where.capitalize()} went through a low-pass of first order at {corner:.4g} Hz."
-        )
+        return f"{self.does('went', 'went')} through a low-pass of first order at {corner:.4g} Hz."

@@ -38,7 +38,7 @@ UNITS: Mapping[str, float] = MappingProxyType(
 )
 _NEAR = 1e-6
 #: A factor that was found is compared with those that differ by less, in logarithm.
-_ABOUT = 0.3
+_ABOUT = 0.12
 
 
 class Scale(Fault):
@@ -85,6 +85,6 @@ class Scale(Fault):
         """Return which unit explains the factor."""
         causes = [name for name, f in UNITS.items() if abs(np.log(f / self.value)) < _NEAR]
         return (
-            f"{self.where.capitalize()} read {self.value:.6g} times what is there:"
+            f"{self.does('reads', 'read')} {self.value:.6g} times what is there:"
             f" {' or '.join(causes) or 'another unit'}."
         )

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.frf import FRF
+from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import log_misfit
-from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -31,6 +32,9 @@ _WHOLE, _GLANCE = (5, 20), (1, 8)
 _REWEIGHTED, _FEW = 4, 8
 #: Loss factor from which descents begin: resonances overlap.
 _DAMPED = 0.1
+#: How far what is held of the model is expected to be off: stiffness and mass, in logarithm; loss
+#: factors, as a share. More of it than this is left as it is.
+_HELD, _HELD_LOSS, _MOST_HELD = 0.05, 0.5, 60
 #: Largest correlation of neighbouring lines that is counted.
 _MOST_ALIKE = 0.95
 
@@ -184,6 +188,31 @@ def robust_point(part: Part, x: _Real) -> _Real:
         residual = replace(plain, weight=weight)
         x = descend(problem, residual, x, Monitor(problem), settings, np.sqrt(typical)).x
     return x
+
+
+def widened(part: Part) -> tuple[Part, _Real]:
+    """Return the part with what is held of the model as unknown, too, and where that starts, as x.
+
+    What nobody seeks is a little wrong all the same; it must not be taken for a fault of the data.
+    """
+    own, system = part.coordinates.parameters, part.solver.system
+    sought = {(drive.group, drive.quantity) for p in own for drive in p.acts_on}
+    loss = part.state(part.coordinates.home).loss
+    items: list[Parameter] = []
+    for t, term in enumerate(system.terms):
+        held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
+        if held and term.data.any():
+            items.append(Parameter(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
+        lossy = term.quantity == "stiffness" and loss[t] > 0.0 and term.table is None
+        if lossy and (term.group, "loss_factor") not in sought:
+            spread = _HELD_LOSS * float(loss[t])
+            items.append(Parameter(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
+    if not 0 < len(items) <= _MOST_HELD:
+        return part, np.zeros(0)
+    wide = ParameterSet((*own.items, *items))
+    coordinates = replace(part.coordinates, parameters=wide, box=None)
+    whole = replace(part, unknowns=Unknowns.find(system, wide), coordinates=coordinates)
+    return whole, coordinates.home[len(own) :]
 
 
 def with_noise(part: Part, variance: _Real, most: int) -> Part:
