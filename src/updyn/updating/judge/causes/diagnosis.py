@@ -143,8 +143,7 @@ def _likeliest(
         log_odds = trial.gain(without) + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
             found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
-            if log_odds > _LIKELY:
-                fresh += [(other, trial.x) for other in trial.fault.relatives()]
+            fresh += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
     ranked = sorted(worth, key=lambda one: -one.log_odds)
     if not ranked or ranked[0].log_odds < _LIKELY:
