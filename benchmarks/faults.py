@@ -93,11 +93,11 @@ def swapped(bench, frf, rng):
 
 def moved(bench, frf, rng):
     """The neighbouring node, or another direction, of a random sensor."""
-    from updyn.updating.judge.causes.moved import _candidates
+    from updyn.updating.judge.causes.places import mistaken
     from updyn.updating.problem.problem import Part
 
     part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
-    pairs = list(_candidates(part))
+    pairs = list(mistaken(part))
     if not pairs:
         return None
     here, there = pairs[int(rng.integers(len(pairs)))]

@@ -64,7 +64,7 @@ from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.judge.trust import PARTS, Belief, Trust
+from updyn.updating.judge.trust import PARTS, Claim, Trust
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import STATUSES, JointResult, UpdateResult
 
@@ -347,7 +347,7 @@ class _Trust:
         found = Mixed().take(data, name, path)
         try:
             return Trust(
-                **{part: Belief(found[part]["holds"], found[part]["why"]) for part in PARTS}
+                **{part: Claim(found[part]["holds"], found[part]["why"]) for part in PARTS}
             )
         except (KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error

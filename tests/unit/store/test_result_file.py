@@ -24,7 +24,7 @@ from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
-from updyn.updating.judge.trust import Belief, Trust
+from updyn.updating.judge.trust import Claim, Trust
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -166,10 +166,10 @@ def sample(**changes: object) -> UpdateResult:
         "title": "Prüfstand 3",
         "adequacy": adequacy(),
         "trust": Trust(
-            Belief(True, "It ended."),
-            Belief(False, "Two of three."),
-            Belief(None, "Nothing was held out."),
-            Belief(True, "Half are off by less than 2 %."),
+            Claim(True, "It ended."),
+            Claim(False, "Two of three."),
+            Claim(None, "Nothing was held out."),
+            Claim(True, "Half are off by less than 2 %."),
         ),
         "findings": (
             Finding(
@@ -280,7 +280,7 @@ def test_no_field_is_forgotten():
         ),
         Finding: "kind channels value odds explains statement remedy written also test",
         Trust: "converged determined validated plausible",
-        Belief: "holds why",
+        Claim: "holds why",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"

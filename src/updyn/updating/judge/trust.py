@@ -11,7 +11,7 @@ from typing import Any
 
 from updyn.updating.judge.causes.finding import Finding
 
-__all__ = ["PARTS", "Belief", "Trust", "trust", "validated"]
+__all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
 PARTS = ("converged", "determined", "validated", "plausible")
 
@@ -30,7 +30,7 @@ HARM, SMALL = 1.1, 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class Claim:
     """One part of the verdict. It compares equal to True, False or None.
 
     Attributes
@@ -48,7 +48,7 @@ class Belief:
         return self.holds is True
 
     def __eq__(self, other: object) -> bool:
-        if isinstance(other, Belief):
+        if isinstance(other, Claim):
             return (self.holds, self.why) == (other.holds, other.why)
         return self.holds is other
 
@@ -61,31 +61,31 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True)
-class Trust(Mapping[str, Belief]):
+class Trust(Mapping[str, Claim]):
     """The verdict in four parts, by their names.
 
     Attributes
     ----------
-    converged : Belief
+    converged : Claim
         Of the optimiser: whether no step would gain what could be told from the noise.
-    determined : Belief
+    determined : Claim
         Of the data: whether they determine all unknowns, in one way.
-    validated : Belief
+    validated : Claim
         Of data that were held out: whether the updated model predicts them.
-    plausible : Belief
+    plausible : Claim
         Of model and data: whether what is left, the values and the causes found allow the answer.
     """
 
-    converged: Belief
-    determined: Belief
-    validated: Belief
-    plausible: Belief
+    converged: Claim
+    determined: Claim
+    validated: Claim
+    plausible: Claim
 
-    def __getitem__(self, part: str) -> Belief:
+    def __getitem__(self, part: str) -> Claim:
         if part not in PARTS:
             raise KeyError(part)
         found = getattr(self, part)
-        assert isinstance(found, Belief)
+        assert isinstance(found, Claim)
         return found
 
     def __iter__(self) -> Iterator[str]:
@@ -143,27 +143,27 @@ def trust(
     )
 
 
-def _converged(status: str, left: float | None) -> Belief:
+def _converged(status: str, left: float | None) -> Claim:
     if status == "stopped":
-        return Belief(None, "The fit was stopped by the user.")
+        return Claim(None, "The fit was stopped by the user.")
     gain = "" if left is None else f" What is left to gain is {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
-        return Belief(True, "The fit ended at a minimum of the misfit." + gain)
-    return Belief(False, f"The fit ended as {status}.{gain}")
+        return Claim(True, "The fit ended at a minimum of the misfit." + gain)
+    return Claim(False, f"The fit ended as {status}.{gain}")
 
 
-def _determined(status: str, rank: tuple[int, int], answers: int) -> Belief:
+def _determined(status: str, rank: tuple[int, int], answers: int) -> Claim:
     if status in ("stopped", "failed"):
-        return Belief(None, f"The fit {status}; what the data determine there is not known.")
+        return Claim(None, f"The fit {status}; what the data determine there is not known.")
     found, all_ = rank
     if answers > 1:
-        return Belief(False, f"{answers} answers fit the data equally well.")
+        return Claim(False, f"{answers} answers fit the data equally well.")
     if found < all_:
-        return Belief(False, f"The data determine {found} of {all_} unknowns.")
-    return Belief(True, f"The data determine all {all_} unknowns.")
+        return Claim(False, f"The data determine {found} of {all_} unknowns.")
+    return Claim(True, f"The data determine all {all_} unknowns.")
 
 
-def validated(correlation: Sequence[Mapping[str, Any]]) -> Belief:
+def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     """Return whether the updated model predicts the data that were held out of the fit.
 
     Parameters
@@ -173,34 +173,34 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Belief:
     """
     tests = [one for one in correlation if one.get("validation", {}).get("after")]
     if not tests:
-        return Belief(None, "No data were held out.")
+        return Claim(None, "No data were held out.")
     said = []
     for one in tests:
         fitted, held = one.get("after", {}), one["validation"]["after"]
         before = one["validation"].get("before", {})
         lowest, residual = held["correlation_min"], held["residual_median"]
         if lowest < LOST:
-            return Belief(
+            return Claim(
                 False,
                 f"A held-out channel has a correlation of {lowest:.2f} with the model's, sign and"
                 " phase included.",
             )
         own = fitted.get("residual_median", residual)
         if residual > FAR_WORSE * own and residual > BAD:
-            return Belief(
+            return Claim(
                 False,
                 f"The residual of the held-out data is {residual:.2g} of their level, of the fitted"
                 f" ones {own:.2g}.",
             )
         if before and residual > HARM * before["residual_median"] and residual > BAD:
-            return Belief(
+            return Claim(
                 False,
                 f"The residual of the held-out data rose from {before['residual_median']:.2g} to"
                 f" {residual:.2g} of their level.",
             )
         said.append((residual, held["correlation_median"]))
     residual, alike = max(said)
-    return Belief(
+    return Claim(
         True,
         f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
         f" correlation {alike:.2f}.",
@@ -215,19 +215,19 @@ def _plausible(
     findings: Sequence[Finding],
     *,
     looked: bool,
-) -> Belief:
+) -> Claim:
     if status in ("stopped", "failed"):
-        return Belief(None, f"The fit {status}.")
+        return Claim(None, f"The fit {status}.")
     against = [finding for finding in findings if finding.grave]
     if against:
-        return Belief(False, against[0].statement)
+        return Claim(False, against[0].statement)
     if misfit > GROSS:
-        return Belief(
+        return Claim(
             False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
         )
     names, number = pressed
     if len(names) >= SOME and len(names) > MANY * number:
-        return Belief(
+        return Claim(
             False, f"{len(names)} of {number} stiffnesses and masses ended at their bounds."
         )
     for one in correlation:
@@ -236,7 +236,7 @@ def _plausible(
             continue
         residual = after["residual_median"]
         if residual > HARM * before["residual_median"] and residual > SMALL:
-            return Belief(
+            return Claim(
                 False,
                 f"The residual rose from {before['residual_median']:.2g} to"
                 f" {residual:.2g} of the level.",
@@ -244,4 +244,4 @@ def _plausible(
     mild = f" {findings[0].statement}" if findings else ""
     if not looked:
         mild = " What is left is not noise; causes are not looked for in a model of this size."
-    return Belief(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")
+    return Claim(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["NonCausal"]
 
@@ -21,7 +19,7 @@ class NonCausal(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "non-causal"
-    global_: ClassVar[bool] = True
+    changes_all: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:

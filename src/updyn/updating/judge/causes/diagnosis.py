@@ -14,6 +14,7 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.score import fitted
 from updyn.updating.judge.causes.trial import (
     Trial,
     damped,
@@ -59,14 +60,9 @@ def strained(part: Part, x: _Real) -> bool:
 
     Then the data may be explained, and be wrong by one factor all the same.
     """
-    off = _off(part, x)
-    return bool(off.size and np.sqrt(np.mean(off**2)) > _FAR_OFF)
-
-
-def _off(part: Part, x: _Real) -> _Real:
-    """Return how far stiffnesses and masses are from their start, in units of their spread."""
     own = part.coordinates
-    return ((x - own.home) / spread_of(part))[own.parameters.is_factor]
+    off = ((x - own.home) / spread_of(part))[own.parameters.is_factor]
+    return bool(off.size and np.sqrt(np.mean(off**2)) > _FAR_OFF)
 
 
 def is_looked_at(part: Part) -> bool:
@@ -189,16 +185,16 @@ def _worth_a_trial(part: Part, without: Trial, start: _Real) -> list[tuple[Fault
     points = [start, without.x]
     with suppress(SolverError):
         points.append(robust_point(part, start))
-    found = [(fault, start) for fault in _global(part, start)]
+    found = [(fault, start) for fault in _changing_all(part, start)]
     for x in points:
         found += [(fault, x) for fault in _suspected(part, x)]
     return found
 
 
-def _global(part: Part, x: _Real) -> Iterator[Fault]:
+def _changing_all(part: Part, x: _Real) -> Iterator[Fault]:
     evidence = Evidence(part, x)
     for kind in CAUSES:
-        if CAUSES[kind].global_:
+        if CAUSES[kind].changes_all:
             yield from CAUSES[kind].suspected(evidence)
 
 
@@ -216,13 +212,13 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
     """
     try:
         evidence = Evidence(part, x)
-        without, _ = evidence.fitted(None)
+        without, _ = fitted(evidence, None)
     except SolverError:
         return []
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
-            cost, tuned = evidence.fitted(fault)
+            cost, tuned = fitted(evidence, fault)
             if tuned is None or not tuned.plausible():
                 continue
             gain = 0.5 * (without - cost) + float(np.log(fault.odds))
@@ -255,7 +251,7 @@ def _finding(found: Sequence[_Found], test: str) -> Finding:
         float(np.exp(min(best.log_odds, 700.0))),
         best.explains,
         statement,
-        f'Look at it; if it is so, write repair = ["{fault.written}"] under [test].',
+        fault.remedy,
         fault.written,
         tuple(one.fault.written for one in others),
         test,

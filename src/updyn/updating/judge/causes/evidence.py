@@ -1,4 +1,4 @@
-"""What model and data say at one point of the unknowns, and how well a fault explains it."""
+"""What model and data say at one point of the unknowns."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.fault import Fault, labels_of
 from updyn.updating.judge.causes.misfit import log_misfit
-from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.judge.causes.places import mistaken
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
-__all__ = ["SMALLEST", "Evidence", "spread_of"]
+__all__ = ["SMALLEST", "Evidence", "labels_of", "spread_of", "stacked"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -25,10 +24,13 @@ _Complex = NDArray[np.complex128]
 SMALLEST = 1e-3
 #: Standard deviation of the unknowns about their start: a factor of 1.5; a loss factor.
 _FACTOR, _LOSS = 0.4, 0.2
-#: Sine of the angle between a fault and what the unknowns can do, from which they differ.
-_DISTINCT = 1e-3
 #: Share of the frequency by which its derivative is taken.
 _STEP = 1e-5
+
+
+def labels_of(frf: FRF) -> list[str]:
+    """Return the labels of the responses, without signs."""
+    return [str(abs(dof)) for dof in frf.responses]
 
 
 def spread_of(part: Part) -> _Real:
@@ -90,7 +92,8 @@ class Evidence:
     @cached_property
     def _everywhere(self) -> _Answers:
         """The model's answer at the measured responses, and where they may stand instead."""
-        own, more = self._measured, self._answers(Moved.further(self.part))
+        further = list(dict.fromkeys(str(place) for _, place in mistaken(self.part)))
+        own, more = self._measured, self._answers(further)
         return _Answers(
             own.labels + more.labels,
             np.concatenate([own.H, more.H], axis=1),
@@ -110,16 +113,11 @@ class Evidence:
     def by_frequency(self) -> _Complex:
         """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
         freq = np.maximum(self.frf.freq, np.finfo(float).tiny)
-        rise = self.shifted(1.0 + _STEP) - self.shifted(1.0 - _STEP)
-        return np.asarray(rise / (2.0 * _STEP * freq)[:, None, None])
-
-    def shifted(self, factor: float) -> _Complex:
-        """Return the model's ln H(factor f) / H(f), shape (n_f, n_i, n_j)."""
-        answers = []
-        for freq in (self.frf.freq, self.frf.freq * factor):
-            moved = self.part.with_data(replace(self.frf, freq=freq))
-            answers.append(moved.responses(self.x))
-        return _log_ratio(answers[1], answers[0])
+        low, high = (
+            self.part.with_data(replace(self.frf, freq=freq * factor)).responses(self.x)
+            for factor in (1.0 - _STEP, 1.0 + _STEP)
+        )
+        return np.asarray(_log_ratio(high, low) / (2.0 * _STEP * freq)[:, None, None])
 
     def damped(self, rate: float) -> _Complex:
         """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j).
@@ -155,17 +153,17 @@ class Evidence:
         """What counts of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
         return log_misfit(self.answer(self.frf)[0], self.frf)[1]
 
-    def _misfit(self, frf: FRF) -> _Real:
+    def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real over imaginary parts."""
-        return _real(log_misfit(self.answer(frf)[0], frf)[0])
+        return stacked(log_misfit(self.answer(frf)[0], frf)[0])
 
     @cached_property
-    def _unit(self) -> float:
+    def unit(self) -> float:
         """Root mean square of the misfit as it stands."""
-        e = self._misfit(self.frf)
+        e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + SMALLEST
 
-    def _spanned(self, frf: FRF) -> _Real:
+    def spanned(self, frf: FRF) -> _Real:
         """Return an orthonormal basis of what the unknowns can change, their spread counted."""
         if frf.responses == self.frf.responses:
             return self._span
@@ -176,47 +174,10 @@ class Evidence:
         return self._basis(self.answer(self.frf)[1])
 
     def _basis(self, slopes: _Complex) -> _Real:
-        columns = np.stack([_real(self.weight * slope) for slope in slopes], axis=1) / self._unit
+        columns = np.stack([stacked(self.weight * slope) for slope in slopes], axis=1) / self.unit
         held = np.vstack([columns, np.diag(1.0 / spread_of(self.part))])
         # The prior on every unknown makes the columns independent.
         return np.linalg.qr(held)[0]
-
-    def fitted(self, fault: Fault | None) -> tuple[float, Fault | None]:
-        """Return how badly a fault explains the data at best, to first order, and its size.
-
-        Parameters
-        ----------
-        fault : Fault or None
-            Which; None: there is none.
-
-        Returns
-        -------
-        cost : float
-            -2 ln of the likelihood with the noise estimated, the unknowns' spread counted; all
-            unknowns adapt, and the size of the fault where it tunes.
-        fault : Fault or None
-            The fault by its best size.
-        """
-        frf = self.frf
-        if fault is not None and not (fault.tunes and fault.value == 0.0):
-            frf = fault.undo(self)
-        Q = self._spanned(frf)
-        home = (self.part.coordinates.home - self.x) / spread_of(self.part)
-        b = np.concatenate([self._misfit(frf) / self._unit, home])
-        b -= Q @ (Q.T @ b)
-        if fault is not None and fault.tunes:
-            d = np.zeros_like(b)
-            d[: -len(home)] = _real(self.weight * fault.slope(self)) / self._unit
-            size = float(np.linalg.norm(d))
-            d -= Q @ (Q.T @ d)
-            # What the unknowns can do as well is left to them.
-            if np.linalg.norm(d) > _DISTINCT * size:
-                step = float(d @ b / (d @ d))
-                b -= step * d
-                fault = replace(fault, value=fault.value + step)
-        e, held = b[: -len(home)], b[-len(home) :]
-        power = 2.0 * float(e @ e) * self._unit**2 / e.size
-        return e.size * float(np.log(power + SMALLEST**2)) + float(held @ held), fault
 
 
 def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
@@ -241,5 +202,6 @@ def _log_ratio(a: _Complex, b: _Complex) -> _Complex:
     return np.asarray(np.log(np.where(usable, a, 1.0) / np.where(usable, b, 1.0)))
 
 
-def _real(values: _Complex) -> _Real:
+def stacked(values: _Complex) -> _Real:
+    """Return real over imaginary parts, shape (2 m,)."""
     return np.concatenate([values.real.ravel(), values.imag.ravel()])

@@ -5,17 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dofs import Dof, DofSet
+from updyn.dofs import Dof
 from updyn.errors import OptionError, in_all, suggest
 from updyn.frf import FRF
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.evidence import Evidence, labels_of
 
 __all__ = [
     "FORCE",
@@ -23,7 +21,6 @@ __all__ = [
     "Place",
     "divided",
     "each_sensor",
-    "labels_of",
     "multiplied",
     "place_of",
 ]
@@ -84,11 +81,6 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
     return Place(np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp))
 
 
-def labels_of(frf: FRF) -> list[str]:
-    """Return the labels of the responses, without signs."""
-    return [str(abs(dof)) for dof in frf.responses]
-
-
 def each_sensor(frf: FRF) -> list[tuple[str, ...]]:
     """Return every response and every reference by itself; a single reference is all channels."""
     found: list[tuple[str, ...]] = [(label,) for label in labels_of(frf)]
@@ -136,11 +128,13 @@ class Fault(ABC):
         How often a test has it, a fault of this kind on one place, before anything is looked at.
     unit : str
         Of `value`; empty where it has none.
+    two : str
+        Which two things its channels have to name; empty where any number will do.
     tunes : bool
         Whether the data say by how much: `slope` is defined.
     adds : bool
         Whether two such faults are one with the sum of their values.
-    global_ : bool
+    changes_all : bool
         Whether it changes all data so much that a fit is needed to see it.
     """
 
@@ -150,9 +144,10 @@ class Fault(ABC):
     kind: ClassVar[str]
     odds: ClassVar[float] = 1e-3
     unit: ClassVar[str] = ""
+    two: ClassVar[str] = ""
     tunes: ClassVar[bool] = False
     adds: ClassVar[bool] = False
-    global_: ClassVar[bool] = False
+    changes_all: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -187,6 +182,11 @@ class Fault(ABC):
         """Return what is wrong, in a sentence."""
 
     @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return f'Look at it; if it is so, write repair = ["{self.written}"] under [test].'
+
+    @property
     def where(self) -> str:
         """The channels in words."""
         if not self.channels:
@@ -216,11 +216,14 @@ class Fault(ABC):
         Raises
         ------
         OptionError
-            If the value is no number, or a label cannot be read.
+            If the value is no number, a label cannot be read, or it does not name two of what it
+            needs.
         """
         names = tuple(name.strip() for name in channels.split(",") if name.strip())
         for name in names:
-            DofSet([name.removeprefix(FORCE)])
+            Dof.parse(name.removeprefix(FORCE))
+        if cls.two and (len(names) != 2 or value):
+            raise OptionError(f"repair {cls.kind!r}: expected two {cls.two}, found {channels!r}")
         try:
             number = float(value) if value else 0.0
         except ValueError:

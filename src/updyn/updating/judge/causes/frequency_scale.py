@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["FrequencyScale"]
 

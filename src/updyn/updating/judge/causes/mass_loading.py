@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import DataError
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divided
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["MassLoading"]
 
@@ -37,6 +35,19 @@ class MassLoading(Fault):
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
         if len(evidence.frf.responses) > 1 and not turns:
             yield cls()
+
+    @property
+    def written(self) -> str:
+        """Nothing: no change of the data undoes it."""
+        return ""
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at it; if it is so, make one test of each row, with the mass on its model"
+            " ([test] sensor_masses), or use dummy masses."
+        )
 
     def repair(self, frf: FRF) -> FRF:
         """Refuse: the data alone do not tell.

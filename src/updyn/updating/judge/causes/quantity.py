@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["Quantity"]
 
@@ -25,7 +23,7 @@ class Quantity(Fault):
 
     kind: ClassVar[str] = "quantity"
     odds: ClassVar[float] = 1e-2
-    global_: ClassVar[bool] = True
+    changes_all: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from updyn.errors import OptionError
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, multiplied
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["UNITS", "Scale"]
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, each_sensor, multiplied
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["Sign"]
 

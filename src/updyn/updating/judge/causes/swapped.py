@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
-from updyn.errors import OptionError
 from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import FORCE, Fault, place_of
-
-if TYPE_CHECKING:
-    from updyn.updating.judge.causes.evidence import Evidence
 
 __all__ = ["Swapped"]
 
@@ -26,6 +23,7 @@ class Swapped(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "swapped"
+    two: ClassVar[str] = "sensors"
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
@@ -35,20 +33,6 @@ class Swapped(Fault):
             for a, b in combinations(few, 2):
                 if a.direction[0] == b.direction[0] or "R" not in (a.direction[0], b.direction[0]):
                     yield cls((f"{prefix}{abs(a)}", f"{prefix}{abs(b)}"))
-
-    @classmethod
-    def read(cls, channels: str, value: str) -> Self:
-        """Return the fault that is written down.
-
-        Raises
-        ------
-        OptionError
-            If it does not name two.
-        """
-        found = super().read(channels, value)
-        if len(found.channels) != 2 or value:
-            raise OptionError(f"repair {cls.kind!r}: expected two sensors, found {channels!r}")
-        return found
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the two exchanged."""

@@ -17,11 +17,12 @@ from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.score import fitted
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
-__all__ = ["Trial", "robust_point", "tried"]
+__all__ = ["Trial", "damped", "robust_point", "tried", "widened", "with_noise"]
 
 _Real = NDArray[np.float64]
 
@@ -130,8 +131,8 @@ def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) 
 def _tuned(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault | None:
     """Return the fault by its best size at x, from the data as they are or as they were freed."""
     if not fault.adds:
-        return Evidence(part, x).fitted(fault)[1]
-    _, more = Evidence(freed, x).fitted(replace(fault, value=0.0))
+        return fitted(Evidence(part, x), fault)[1]
+    _, more = fitted(Evidence(freed, x), replace(fault, value=0.0))
     return None if more is None else replace(fault, value=fault.value + more.value)
 
 

@@ -111,3 +111,16 @@ def test_an_update_of_repaired_data_is_that_of_sound_ones(chain12, data, unknown
     assert sound.findings == ()
     for name, value in sound.values.items():
         assert again.values[name] == pytest.approx(value, abs=1e-6)
+
+
+def test_a_roving_mass_is_found_and_not_said_to_be_repaired(chain12, chain12_true, data, unknowns):
+    own = updyn.response(chain12_true, data.freq, SENSORS, SENSORS, "accelerance")
+    at_itself = -np.diagonal(own.values, axis1=1, axis2=2)
+    bad = replace(data, values=data.values / (1.0 - 0.1 * at_itself)[:, :, None])
+    (found,) = updyn.diagnose(chain12, bad, unknowns)
+    assert found.kind == "mass-loading"
+    assert found.value == pytest.approx(0.1, rel=0.05)
+    assert found.written == ""
+    assert "repair" not in found.remedy
+    with pytest.raises(updyn.UpdynError, match="sensor_masses"):
+        found.repair(bad)
