@@ -32,7 +32,6 @@ from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each
-from updyn.updating.problem.session import Recent, Session
 
 __all__ = [
     "breach",
@@ -199,10 +198,13 @@ def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Probl
     """Return the problem with further unknowns, and x with their start."""
     wide = ParameterSet((*problem.coordinates.parameters.items, *more))
     coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
+    # Evaluations are remembered by name and x: with other unknowns it is another model.
+    names = " ".join(p.name for p in more)
     parts = []
     for part in problem.parts:
         unknowns = Unknowns.find(part.solver.system, wide)
-        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates))
+        name = f"{part.name} with {names}"
+        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates, name=name))
     return Problem.of(parts), np.concatenate([x, coordinates.home[problem.n :]])
 
 
@@ -247,7 +249,7 @@ class _Refit:
         beyond: float | None,
     ) -> _Refit:
         """Return the short fits that start from x."""
-        few = _apart(problem.thinned(_FEW_LINES))
+        few = problem.thinned(_FEW_LINES)
         errors, kept = [], 0
         for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
             at = np.flatnonzero(np.isin(whole.frf.freq, part.frf.freq))
@@ -271,7 +273,6 @@ class _Refit:
         correlated on these lines. An end at a bound explains nothing.
         """
         wide, start = _freed(self.problem, self.x, [parameter])
-        wide = _apart(wide)
         try:
             x, cost = _descended(wide, self.residual, start)
             left = _whitened(wide, self.residual, x)
@@ -288,12 +289,6 @@ class _Refit:
         visible = _correlated(removed) / max(_square(removed), np.finfo(float).tiny)
         rest = min(_correlated(left) / max(visible, np.finfo(float).tiny), _square(left))
         return float(gain / (gain + rest)), change
-
-
-def _apart(problem: Problem) -> Problem:
-    """Return the problem with a memory of its own: at one x, other unknowns are another model."""
-    shared = problem.session
-    return problem.with_session(Session(shared.engine, Recent(), shared.wants_stop))
 
 
 def _descended(problem: Problem, residual: Each, x: _Real) -> tuple[_Real, float]:
