@@ -286,8 +286,9 @@ class _Refit:
         if self.beyond is not None:
             return float(gain / max(self.beyond, gain)), change
         removed = [a - b for a, b in zip(self.whitened, left, strict=True)]
-        visible = _correlated(removed) / max(_square(removed), np.finfo(float).tiny)
-        rest = min(_correlated(left) / max(visible, np.finfo(float).tiny), _square(left))
+        # Of a model error that hardly shows by correlation all that is left may be one.
+        counted = min(_correlated_share(left) / max(_correlated_share(removed), 1e-3), 1.0)
+        rest = counted * _square(left)
         return float(gain / (gain + rest)), change
 
 
@@ -321,6 +322,10 @@ def _correlated(whitened: Sequence[_Complex]) -> float:
     for e in whitened:
         total += float(np.nansum((e[1:] * e[:-1].conj()).real))
     return max(total, 0.0)
+
+
+def _correlated_share(whitened: Sequence[_Complex]) -> float:
+    return _correlated(whitened) / max(_square(whitened), np.finfo(float).tiny)
 
 
 def _energies(
