@@ -60,6 +60,8 @@ _MOST = 3
 _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
+#: Mean square of the misfit below which the faults that were found explain all data.
+_EXPLAINED = 0.01
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
 #: faults that were found do not explain the symptom.
 _WORSE = 1.5
@@ -119,7 +121,8 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     known = [np.concatenate([x, held]) for x in points]
     explained = _explained(part, known)
     aside = set_aside(seen, part.frf)
-    if explained.findings and aside is not part.frf:
+    symptoms = explained.findings and aside is not part.frf
+    if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
         by_itself = _explained(part.with_data(aside), known)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
@@ -153,19 +156,17 @@ def _explained(part: Part, points: Sequence[_Real]) -> _Explained:
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, known, [(f.kind, f.channels) for f in findings])
+        found = _likeliest(part, known, findings)
         if not found:
             break
         best = found[0]
         findings.append(_finding(found, part.name))
         end = best.trial.x
-        part = part.with_data(best.fault.undo(Evidence(part, end)))
+        part = best.fault.accounted(part, end)
     return _Explained(tuple(findings), part, end)
 
 
-def _likeliest(
-    part: Part, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
-) -> list[_Found]:
+def _likeliest(part: Part, points: Sequence[_Real], told: Sequence[Finding]) -> list[_Found]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
     start = damped(part, part.coordinates.home)
     without = tried(part, None, [*points, start])
@@ -174,7 +175,7 @@ def _likeliest(
     fresh = [
         (fault, x)
         for fault, x in _worth_a_trial(part, without, start)
-        if (fault.kind, fault.channels) not in told
+        if not any(_covers(finding, fault) for finding in told)
     ]
     if len(fresh) > _KEPT:
         fresh = _promising(part, fresh, without)
@@ -199,6 +200,12 @@ def _likeliest(
     if ranked[0].log_odds - lost < _LIKELY:
         return []
     return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _covers(finding: Finding, fault: Fault) -> bool:
+    """Return whether a fault needs no further word beside a finding."""
+    same = finding.kind == fault.kind or CAUSES[finding.kind].leaves_out
+    return same and finding.channels == fault.channels
 
 
 def _share(trial: Trial, without: Trial) -> float:
@@ -267,10 +274,14 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
-            cost, tuned = fitted(evidence, fault)
+            try:
+                cost, tuned = fitted(evidence, fault)
+            except SolverError:  # a resonance without damping, under that hypothesis
+                continue
             if tuned is None or not tuned.plausible():
                 continue
             gain = 0.5 * (without - cost) + float(np.log(fault.odds))
+            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
             key = (kind, tuned.channels)
             if key not in best or gain > best[key][0]:
                 best[key] = (gain, tuned)
