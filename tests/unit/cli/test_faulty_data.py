@@ -78,7 +78,10 @@ def test_what_once_ended_green_ends_with_exit_code_3_and_names_its_cause(
     assert named in first["statement"]
 
     screen = " ".join(capsys.readouterr().out.split())
+    assert "plausible no " in screen
     page = Page((tmp_path / "job" / "report.html").read_text(encoding="utf-8")).words
     for text in (screen, page):
         assert first["statement"] in text
         assert first["remedy"] in text
+    assert "Plausible no" in page
+    assert "Not credible" in page
