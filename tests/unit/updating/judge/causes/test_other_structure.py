@@ -203,4 +203,4 @@ def test_the_torsion_mode_of_the_measured_beam_is_seen_beside_its_bending_model(
     part, _ = widened(part)
     fit = tried(part, None, [damped(part, part.coordinates.home)])
     found = [mode for mode in MissingMode.suspected(Evidence(part, fit.x)) if mode.plausible()]
-    assert [round(mode.value, -1) for mode in found] == [1380.0]
+    assert found[0].value == pytest.approx(1377.0, rel=5e-3)
