@@ -36,13 +36,20 @@ def shown_by(frf: FRF) -> list[Shown]:
     return sorted(found, key=lambda one: -one.log_odds)
 
 
-def still_shown(seen: Sequence[Shown], freed: FRF) -> list[Shown]:
+def still_shown(seen: Sequence[Shown], frf: FRF, freed: FRF) -> list[Shown]:
     """Return what is still to be told of data when they are freed of other faults.
 
-    A symptom that is gone without them needs no further word.
+    Parameters
+    ----------
+    seen : sequence of Shown
+        What all lines showed.
+    frf, freed : FRF
+        Some of these lines, as they are and without the other faults. A symptom that is there in
+        the first and gone in the second needs no further word.
     """
-    kinds = {one.fault.kind for one in shown_by(freed)}
-    return [one for one in seen if not one.fault.symptom or one.fault.kind in kinds]
+    before, after = ({one.fault.kind for one in shown_by(data)} for data in (frf, freed))
+    gone = before - after
+    return [one for one in seen if not (one.fault.symptom and one.fault.kind in gone)]
 
 
 def set_aside(seen: Sequence[Shown], frf: FRF) -> FRF:

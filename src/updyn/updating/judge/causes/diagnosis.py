@@ -61,7 +61,7 @@ _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
 #: Mean square of the misfit below which the faults that were found explain all data.
-_EXPLAINED = 0.01
+_EXPLAINED = 1e-3
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
 #: faults that were found do not explain the symptom.
 _WORSE = 1.5
@@ -115,19 +115,21 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     for one in seen:
         if one.fault.written:
             frf = one.fault.repair(frf)
+    told = [finding_of(one, part.name) for one in seen]
     if not is_looked_at(part) or len(frf.freq) < _FEWEST:
-        return [finding_of(one, part.name) for one in seen]
+        return told
     part, held = widened(part.with_data(frf).thinned(_LINES))
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, known)
+    explained = _explained(part, known, told)
     aside = set_aside(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
     if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), known)
+        by_itself = _explained(part.with_data(aside), known, told)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
-    left = still_shown(seen, replace(explained.part.frf, variance=part.frf.variance))
+    freed = replace(explained.part.frf, variance=part.frf.variance)
+    left = still_shown(seen, part.frf, freed)
     return [finding_of(one, part.name) for one in left] + list(explained.findings)
 
 
@@ -150,13 +152,13 @@ class _Explained:
         return np.inf if trial is None else trial.power
 
 
-def _explained(part: Part, points: Sequence[_Real]) -> _Explained:
+def _explained(part: Part, points: Sequence[_Real], told: Sequence[Finding]) -> _Explained:
     """Return the faults that model and data show together."""
     findings: list[Finding] = []
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, known, findings)
+        found = _likeliest(part, known, [*told, *findings])
         if not found:
             break
         best = found[0]
@@ -204,8 +206,9 @@ def _likeliest(part: Part, points: Sequence[_Real], told: Sequence[Finding]) -> 
 
 def _covers(finding: Finding, fault: Fault) -> bool:
     """Return whether a fault needs no further word beside a finding."""
-    same = finding.kind == fault.kind or CAUSES[finding.kind].leaves_out
-    return same and finding.channels == fault.channels
+    kind = CAUSES[finding.kind]
+    same = finding.kind == fault.kind or kind.leaves_out
+    return (same and finding.channels == fault.channels) or fault.kind in kind.blurs
 
 
 def _share(trial: Trial, without: Trial) -> float:

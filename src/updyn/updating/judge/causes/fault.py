@@ -135,6 +135,9 @@ class Fault(ABC):
         Whether the data say by how much: `slope` is defined.
     adds : bool
         Whether two such faults are one with the sum of their values.
+    blurs : tuple of str
+        Kinds that may be imitated by what is left when this one is accounted for, as only its first
+        approximation is.
     leaves_out : bool
         Whether the repair leaves its channels out, so that nothing else is to be told of them.
     adapts : bool
@@ -152,6 +155,7 @@ class Fault(ABC):
     two: ClassVar[str] = ""
     tunes: ClassVar[bool] = False
     adds: ClassVar[bool] = False
+    blurs: ClassVar[tuple[str, ...]] = ()
     leaves_out: ClassVar[bool] = False
     adapts: ClassVar[bool] = False
     changes_all: ClassVar[bool] = False

@@ -35,6 +35,7 @@ class Support(Fault):
     unit: ClassVar[str] = "Hz"
     tunes: ClassVar[bool] = True
     odds: ClassVar[float] = 2e-3
+    blurs: ClassVar[tuple[str, ...]] = ("missing-mode",)
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
