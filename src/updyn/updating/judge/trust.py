@@ -110,7 +110,7 @@ def trust(
     misfit: float,
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
-    looked: bool = True,
+    unseen: str = "",
 ) -> Trust:
     """Return the verdict in four parts.
 
@@ -132,14 +132,14 @@ def trust(
         Stiffnesses and masses at a bound, and the number of those that are unknown.
     findings : sequence of Finding
         Causes that were found.
-    looked : bool
-        Whether causes were looked for, or what is left is noise.
+    unseen : str
+        Why causes were not looked for, though what is left is not noise.
     """
     return Trust(
         _converged(status, left),
         _determined(status, rank, answers),
         validated(correlation),
-        _plausible(status, correlation, misfit, pressed, findings, looked=looked),
+        _plausible(status, correlation, misfit, pressed, findings, unseen=unseen),
     )
 
 
@@ -214,7 +214,7 @@ def _plausible(
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
     *,
-    looked: bool,
+    unseen: str,
 ) -> Claim:
     if status in ("stopped", "failed"):
         return Claim(None, f"The fit {status}.")
@@ -242,6 +242,6 @@ def _plausible(
                 f" {residual:.2g} of the level.",
             )
     mild = f" {findings[0].statement}" if findings else ""
-    if not looked:
-        mild = " What is left is not noise; causes are not looked for in a model of this size."
+    if unseen:
+        mild = f" What is left is not noise; {unseen}."
     return Claim(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")

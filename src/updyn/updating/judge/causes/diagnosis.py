@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.judge.causes.trial import (
     Trial,
@@ -45,8 +46,8 @@ _FAR_OFF = 2.0
 _WORTH = 0.1
 #: Other causes that are named.
 _NAMED = 2
-#: Operations of one evaluation, about, up to which hundreds of them are made.
-_MOST_WORK = 3e9
+#: How often a model is made better where a decision is taken.
+_SETTLED = 3
 #: Most faults of one test.
 _MOST = 3
 #: Fewer lines say nothing.
@@ -66,8 +67,8 @@ def strained(part: Part, x: _Real) -> bool:
 
 
 def is_looked_at(part: Part) -> bool:
-    """Return whether the model is small enough for causes to be looked for."""
-    return part.thinned(_LINES).work <= _MOST_WORK
+    """Return whether the data have lines enough for causes to be looked for."""
+    return part.n_lines >= _FEWEST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,43 +96,99 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     Returns
     -------
     list of Finding
-        The likeliest first. Empty where an evaluation of the model takes seconds (`is_looked_at`).
+        The likeliest first. Empty where there are too few lines (`is_looked_at`).
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be reduced.
     """
-    if not is_looked_at(part) or part.n_lines < _FEWEST:
+    if not is_looked_at(part):
         return []
     part = with_noise(part, noise.beforehand(part.frf), _LINES)
     part, held = widened(part)
+    stage = stage_of(part)
     findings: list[Finding] = []
     known = [np.concatenate([x, held]) for x in points]
     for _ in range(_MOST):
-        found = _likeliest(part, known, [(f.kind, f.channels) for f in findings])
+        found = _likeliest(part, stage, known, [(f.kind, f.channels) for f in findings])
         if not found:
             break
         best = found[0]
         findings.append(_finding(found, part.name))
         known = [best.trial.x]
-        part = part.with_data(best.fault.undo(Evidence(part, best.trial.x)))
+        there = replace(stage.near(part, known), frf=part.frf)
+        part = part.with_data(best.fault.undo(Evidence(there, best.trial.x)))
     return findings
 
 
 def _likeliest(
-    part: Part, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
+    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
 ) -> list[_Found]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
-    start = damped(part, part.coordinates.home)
-    without = tried(part, None, [*points, start])
-    if without is None:
+    home = part.coordinates.home
+    here = stage.near(part, [home, *points])
+    for _ in range(_SETTLED):
+        start = damped(here, home)
+        without = tried(here, None, [*points, start])
+        if without is None:
+            return []
+        here, without = _settled(part, here, stage, without)
+        fresh = [
+            (fault, x)
+            for fault, x in _worth_a_trial(here, without, start)
+            if (fault.kind, fault.channels) not in told
+        ]
+        if len(fresh) > _KEPT:
+            fresh = _promising(here, fresh, without)
+        ranked = _ranked(here, fresh, without)
+        if not _stands(ranked):
+            return []
+        there = stage.near(part, [ranked[0].trial.x])
+        if there.solver is here.solver:
+            break
+        here, without = there, tried(there, None, [without.x]) or without
+        alike = [one for one in ranked if one.log_odds > ranked[0].log_odds - 2.0 * _ALIKE_ODDS]
+        ranked = _ranked(here, [(one.fault, one.trial.x) for one in alike[:_KEPT]], without)
+        if _stands(ranked):
+            break
+        # It was an error of the model, which is now smaller.
+    if not _stands(ranked):
         return []
-    fresh = [
-        (fault, x)
-        for fault, x in _worth_a_trial(part, without, start)
-        if (fault.kind, fault.channels) not in told
-    ]
-    if len(fresh) > _KEPT:
-        fresh = _promising(part, fresh, without)
+    assert without is not None
+    # What freed the unknowns from a poor minimum may not have been the fault.
+    better = tried(here, None, [ranked[0].trial.x])
+    lost = max(better.gain(without), 0.0) if better is not None else 0.0
+    if ranked[0].log_odds - lost < _LIKELY:
+        return []
+    return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _stands(ranked: Sequence[_Found]) -> bool:
+    return bool(ranked) and ranked[0].log_odds >= _LIKELY
+
+
+def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
+    """Return the part with a model that holds where a trial without a fault ends, and that end.
+
+    Far from the data, any model around the start will do.
+    """
+    for _ in range(_SETTLED):
+        if trial.power > _SMALL**2:
+            break
+        there = stage.near(part, [trial.x])
+        if there.solver is here.solver:
+            break
+        here, trial = there, tried(there, None, [trial.x]) or trial
+    return here, trial
+
+
+def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) -> list[_Found]:
+    """Return the faults that are worth a word after a fit of each, the likeliest first."""
     found: dict[tuple[str, tuple[str, ...]], _Found] = {}
-    while fresh:
-        fault, x = fresh.pop()
+    waiting = list(fresh)
+    while waiting:
+        fault, x = waiting.pop()
         key = (fault.kind, fault.channels)
         trial = tried(part, fault, [x])
         if trial is None or trial.fault is None:
@@ -139,17 +196,9 @@ def _likeliest(
         log_odds = trial.gain(without) + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
             found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
-            fresh += [(other, trial.x) for other in trial.fault.relatives()]
+            waiting += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
-    ranked = sorted(worth, key=lambda one: -one.log_odds)
-    if not ranked or ranked[0].log_odds < _LIKELY:
-        return []
-    # What freed the unknowns from a poor minimum may not have been the fault.
-    better = tried(part, None, [ranked[0].trial.x])
-    lost = max(better.gain(without), 0.0) if better is not None else 0.0
-    if ranked[0].log_odds - lost < _LIKELY:
-        return []
-    return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+    return sorted(worth, key=lambda one: -one.log_odds)
 
 
 def _share(trial: Trial, without: Trial) -> float:
