@@ -68,7 +68,7 @@ class MissingMode(Fault):
         frf = evidence.frf
         if len(frf.freq) <= _FEWEST:
             return
-        e = log_misfit(evidence.answer(frf)[0], frf)[0]
+        e = log_misfit(evidence.answer(frf), frf)[0]
         power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
         padded = np.pad(power, 1, constant_values=-1.0)
         peaks = (power >= padded[:-2]) & (power > padded[2:])
@@ -190,7 +190,7 @@ class _Residual:
         frf = evidence.frf
         away = np.abs(frf.freq / frequency - 1.0)
         at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
-        H = evidence.answer(frf)[0][at]
+        H = evidence.answer(frf)[at]
         there = frf.select(lines=frf.freq[at])
         level = np.sqrt(np.abs(H) ** 2 + np.abs(there.values) ** 2)
         clear = log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)
