@@ -137,7 +137,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
     freed = replace(explained.part.frf, variance=part.frf.variance)
-    left = still_shown(seen, part.frf, freed)
+    left = still_shown(seen, frf, explained.findings, (part.frf, freed))
     return [finding_of(one, part.name) for one in left] + list(explained.findings)
 
 
