@@ -26,10 +26,11 @@ _Vector = NDArray[np.float64]
 _SURE = 0.01
 #: A valley is followed so far, in standard deviations, by steps of this size.
 _FAR, _STEP = 8.0, 2.0
-#: It is open if it can be followed at least so far: there a parabola has risen by four times what
-#: answers that fit as well may differ.
-_OPEN = 6.0
-#: On the way, the misfit may rise by this share of what a parabola does.
+#: It is open if it can be followed at least so far (a bound may end it),
+_LEAST = 3.0
+#: and the misfit there has risen by less than this share of what a parabola does;
+_OPEN = 0.25
+#: on the way it may rise by this share.
 _SWELL = 0.5
 
 
@@ -86,14 +87,15 @@ class Valley:
             x = self._ahead(last.x, slope, min(step, _FAR - gone))
             here = refitted(x, self.unknown)
             far = self.distance(x)
-            if here is None or self._rise(here) > max(AS_WELL, 0.5 * _SWELL * far**2):
+            if here is None or self._rise(here) > max(AS_WELL, _SWELL * _parabola(far)):
                 if step < _STEP:
                     return None
                 step = 0.5 * _STEP  # the valley may have turned away from the straight line
                 continue
             slope, step = (here.x - last.x) / (far - gone), _STEP
             gone, last = far, here
-        return last if gone >= _OPEN and self._rise(last) <= AS_WELL else None
+        is_open = self._rise(last) <= min(AS_WELL, _OPEN * _parabola(gone))
+        return last if gone >= _LEAST and is_open else None
 
     def distance(self, x: _Vector) -> float:
         """Return how far the unknown is from the answer on this side, in standard deviations."""
@@ -101,7 +103,7 @@ class Valley:
 
     def is_covered(self, x: _Vector) -> bool:
         """Whether a point is already so far on this side."""
-        return self.distance(x) >= _OPEN
+        return self.distance(x) >= _LEAST
 
     def _rise(self, other: Answer) -> float:
         return other.unlikelihood - self.answer.unlikelihood
@@ -110,7 +112,13 @@ class Valley:
         return np.clip(x + step * slope, *self.problem.coordinates.bounds)
 
     def _at_bound(self, x: _Vector) -> bool:
-        return any(bool(x[self.unknown] == b[self.unknown]) for b in self.problem.coordinates.bounds)
+        lower, upper = self.problem.coordinates.bounds
+        return bool(x[self.unknown] in (lower[self.unknown], upper[self.unknown]))
+
+
+def _parabola(far: float) -> float:
+    """Return by how much the log-likelihood falls so many standard deviations off."""
+    return 0.5 * far**2
 
 
 def valleys(problem: Problem, answer: Answer) -> Iterator[Valley]:
