@@ -28,6 +28,7 @@ __all__ = [
     "Answer",
     "elsewhere",
     "equals",
+    "exchanged",
     "explains",
     "preferred",
     "put_back",
@@ -222,7 +223,7 @@ def elsewhere(
     most : int
         Largest number of points that are looked at.
     """
-    tries = [*_exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
+    tries = [*exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_values, 50)]
@@ -239,7 +240,7 @@ def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
                 yield moved
 
 
-def _exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     """Yield points with the unknowns of groups exchanged: of like groups in mirror order, of two.
 
     What is exchanged are stiffnesses and masses, not their factors.
