@@ -423,7 +423,10 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
         )
         lines.append(f"  {where}: {place.misfit:.3g} {unit}{over}")
     for suspect in found.explained_by[:3]:
-        lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")
+        how = "" if suspect.confirmed else ", to first order"
+        lines.append(
+            f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %{how}"
+        )
     return lines
 
 

@@ -27,6 +27,7 @@ from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
+from updyn.updating.judge.causes.data_alone import findings_in
 from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
@@ -258,6 +259,7 @@ def _causes(
                 whole = part.with_data(split.whole)
                 if reducing or not is_looked_at(whole):
                     looked = False
+                    out += findings_in(whole.frf, noises[i], part.name)
                     continue
                 out += diagnosed(whole, noises[i], [found.fit.x])
     return tuple(out), looked
