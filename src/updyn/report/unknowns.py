@@ -29,6 +29,7 @@ from updyn.report.plots import (
     existing,
     label,
     labels,
+    log_range,
     log_step,
     names_font,
     numbers,
@@ -55,6 +56,7 @@ __all__ = [
 
 #: Explanation of the search for a start.
 _SEARCH = "tries from several starts"
+_OTHERS = "descents to other answers that may fit as well"
 #: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
 #: Steps up to which each is drawn as a point of its own.
@@ -466,8 +468,7 @@ def singular_values(result: UpdateResult) -> Figure | None:
             "xaxis": axis,
             "yaxis": {
                 "title": {"text": "singular value"},
-                "type": "log",
-                "exponentformat": "power",
+                **log_range(np.maximum(values, foot), decades=18.0),
             },
             "showlegend": True,
         },
@@ -613,7 +614,7 @@ CONVERGENCE = Convergence()
 
 def _explained(stages: Sequence[str]) -> list[str]:
     """Return the stages with what each minimises, where that is stated."""
-    words = {"search": _SEARCH}
+    words = {"search": _SEARCH, "other answers": _OTHERS}
     for stage in stages:
         if stage in METHODS:
             words[stage] = METHODS[stage].label

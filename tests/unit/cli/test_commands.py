@@ -74,6 +74,9 @@ def test_run_recovers_the_truth_and_says_0(
     folder = chain_folder / "job"
     assert {p.name for p in folder.iterdir()} == {"result.json", "run.nc", "model.h5", "job.toml"}
     assert out.startswith("Chain: converged after ")
+    for part in ("converged", "determined", "validated", "plausible"):
+        assert f"\n  {part:<10}  yes        " in out
+    assert "The fit converged and" not in out  # the four parts say it
     assert str(folder / "result.json") in out
     assert "maximum-likelihood  iteration" in err  # plain lines, as stderr is no terminal here
 
@@ -137,7 +140,10 @@ def test_not_all_determined_says_3_and_writes(
     found = json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "not-identifiable"
     assert found["identifiability"]["rank"] < found["identifiability"]["n_parameters"] == 4
-    assert found["message"] in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "  determined  no         The data determine 2 of 4 unknowns." in out
+    assert found["message"].partition("unknowns: ")[2] in out
+    assert f"What to do next: {found['remedy']}" in out
 
 
 def test_too_few_iterations_say_3(chain_folder: Path) -> None:

@@ -149,7 +149,7 @@ class MaximumLikelihood(Method):
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         ends: list[Answer] = []
-        with monitor.stage("elsewhere"):
+        with monitor.stage("other answers"):
             for _ in range(_HOPS):
                 others = self._elsewhere(problem, monitor, chosen)
                 answers += self._further(problem, noises, others, monitor, chosen)
