@@ -108,9 +108,10 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
         out.append((f"Held out: {held_out(result) or 'validation set'}", value, "median, after"))
     chi = result.noise.get("chi_square")
     fitted = noise_is_fitted(result.noise)  # it is 1 by construction then
-    if isinstance(chi, int | float) and math.isfinite(chi) and not fitted:
+    judged = result.adequacy is not None and result.adequacy.verdict not in result.message
+    if isinstance(chi, int | float) and math.isfinite(chi) and not (fitted or judged):
         out.append(("Reduced chi-square", number(float(chi), 3), chi_hint(result.noise)))
-    if result.adequacy is not None and result.adequacy.verdict not in result.message:
+    if result.adequacy is not None and judged:
         out.append(residual_tile(result.adequacy))
     return out
 

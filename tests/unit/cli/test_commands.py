@@ -224,7 +224,9 @@ def test_check_says_what_can_be_known(
     assert main(["check", str(job)]) == 0
     out = capsys.readouterr().out
     assert "part4.loss_factor  " in out
-    assert "d-optimal:30; held out: 7:X" in out
+    assert "\nmodel: 12 DOFs, 4 groups: part1, part2, part3, part4\n" in out
+    assert "5 responses, 2 references; all are DOFs of the model\n" in out
+    assert "\nfit: d-optimal:30 of 60 lines, 4 of 5 responses; held out: 7:X\n" in out
     assert "The data determine 12 of 12 unknowns" in out
     assert not (chain_folder / "job").exists()
 
@@ -459,3 +461,19 @@ def test_a_reader_that_goes_away_is_no_error(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("os.dup2", lambda *a: calls.append(a))
     cli.terminal.print_text("text")
     assert len(calls) == 1
+
+
+def test_a_band_held_out_and_modes_that_cannot_be_identified_are_said_plainly(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write(
+        chain_folder,
+        OPEN.replace("[4.1, 4.5]", "[3.6, 4.6]").replace(
+            "[method]", "[method]\nvalidation = [4.2, 4.5]"
+        ),
+    )
+    assert main(["correlate", str(job)]) == 0
+    out = capsys.readouterr().out
+    assert "; held out: 4.2 to 4.5 Hz\n" in out
+    assert "Modes: not known; " in out
+    assert "modes: " not in out

@@ -150,18 +150,13 @@ def localise(
     whole = max(structure, max((score.gain for score in scores), default=0.0))
     least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
     promising = sorted((s for s in scores if s.gain >= least), key=lambda s: -s.gain)[:_KEPT]
-    affordable = int(_MOST_WORK / (_EVALUATIONS * _work(problem.thinned(_FEW_LINES))))
-    if affordable == 0:
-        found = [(s.parameter, s.gain / whole, s.step, False) for s in promising]
-    else:
-        trial = _Refit.of(problem, x, residual, whitened, beyond)
-        found = []
-        for score in promising[:affordable]:
-            share, step = trial.share(score.parameter)
-            found.append((score.parameter, share, step, True))
+    if not promising:
+        return ()
     total = sum(energy.values()) or 1.0
     suspects = []
-    for p, explains, change, confirmed in found:
+    for p, explains, change, confirmed in _explained(
+        problem, x, residual, whitened, beyond, promising, whole
+    ):
         if explains >= _LEAST_SHARE:
             share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
             suspects.append(Suspect(p.group, p.quantity, explains, change, share, confirmed))
@@ -175,6 +170,27 @@ class _Score:
     parameter: Parameter
     gain: float
     step: float
+
+
+def _explained(
+    problem: Problem,
+    x: _Real,
+    residual: Each,
+    whitened: Sequence[_Complex],
+    beyond: float | None,
+    promising: Sequence[_Score],
+    whole: float,
+) -> list[tuple[Parameter, float, float, bool]]:
+    """Return quantities, the share that each explains, its change, whether a fit confirmed it."""
+    affordable = int(_MOST_WORK / (_EVALUATIONS * _work(problem.thinned(_FEW_LINES))))
+    if affordable == 0:
+        return [(s.parameter, s.gain / whole, s.step, False) for s in promising]
+    trial = _Refit.of(problem, x, residual, whitened, beyond)
+    found = []
+    for score in promising[:affordable]:
+        explains, change = trial.share(score.parameter)
+        found.append((score.parameter, explains, change, True))
+    return found
 
 
 def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Parameter]) -> list[_Score]:
