@@ -99,7 +99,7 @@ class Bench:
         """True value of an unknown of a model."""
         true = self._amount(p)
         return (
-            true if p.quantity == "loss_factor" else true / _size(start.group(p.group), p.quantity)
+            true if p.quantity == "loss_factor" else true / size(start.group(p.group), p.quantity)
         )
 
     def in_mirror(self, error: np.ndarray) -> np.ndarray:
@@ -118,7 +118,7 @@ class Bench:
 
     def _amount(self, p: Parameter) -> float:
         group = self.case.true.group(p.group)
-        return group.loss_factor if p.quantity == "loss_factor" else _size(group, p.quantity)
+        return group.loss_factor if p.quantity == "loss_factor" else size(group, p.quantity)
 
     @cache  # noqa: B019
     def bound(self, noise: Noise) -> np.ndarray:
@@ -135,7 +135,7 @@ class Bench:
         return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
 
 
-def _size(group: Group, quantity: str) -> float:
+def size(group: Group, quantity: str) -> float:
     return float(np.abs(getattr(group, quantity).data).sum())
 
 
