@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from updyn.errors import SolverError
 from updyn.updating.judge.causes.catalogue import CAUSES
-from updyn.updating.judge.causes.evidence import Evidence, spread_of
+from updyn.updating.judge.causes.evidence import Evidence, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.judge.causes.trial import (
@@ -193,17 +194,18 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
         trial = tried(part, fault, [x])
         if trial is None or trial.fault is None:
             continue
-        log_odds = trial.gain(without) + float(np.log(fault.odds))
+        gain, explained = trial.compared(without)
+        log_odds = gain + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
-            found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
+            share = _share(trial, without, explained)
+            found[key] = _Found(trial, trial.fault, log_odds, share)
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
     return sorted(worth, key=lambda one: -one.log_odds)
 
 
-def _share(trial: Trial, without: Trial) -> float:
+def _share(trial: Trial, without: Trial, explained: float) -> float:
     """Return the share of the misfit, or of the unknowns' way, that a fault explains."""
-    explained = 1.0 - trial.power / without.power
     # What has no size of its own does not do it by chance.
     known = trial.fault is not None and not trial.fault.tunes
     if known and without.far > _FAR_OFF**2 * len(without.x):
@@ -264,13 +266,18 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
         without, _ = fitted(evidence, None)
     except SolverError:
         return []
+    weighs = promising and bool(held_of(part).any())
+    unheld = _log_evidence(evidence, None) if weighs else 0.0
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
             cost, tuned = fitted(evidence, fault)
             if tuned is None or not tuned.plausible():
                 continue
-            gain = 0.5 * (without - cost) + float(np.log(fault.odds))
+            gain = 0.5 * (without - cost)
+            if weighs and fault.tunes:
+                gain = max(gain, _log_evidence(evidence, tuned) - unheld)
+            gain += float(np.log(fault.odds))
             key = (kind, tuned.channels)
             if key not in best or gain > best[key][0]:
                 best[key] = (gain, tuned)
@@ -284,6 +291,15 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
         if len(chosen) == _REFITTED:
             break
     return chosen
+
+
+def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
+    """Return the evidence near a point where what is left is noise, to first order."""
+    frf = slope = None
+    if fault is not None:
+        frf, slope = fault.undo(evidence), fault.slope(evidence)
+    quadratic = Quadratic.at(evidence, frf, slope)
+    return quadratic.best(quadratic.n_values, evidence.unit**2)[1].log_evidence
 
 
 def _finding(found: Sequence[_Found], test: str) -> Finding:
