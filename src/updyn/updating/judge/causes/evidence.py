@@ -203,7 +203,10 @@ class Evidence:
         old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
         A[rows] = new
         normal = self._normal - old.T @ old + new.T @ new
-        return np.asarray(b - A @ scipy.linalg.solve(normal, A.T @ b, assume_a="pos"))
+        spread = spread_of(self.part)  # in which the matrix is 1 and what the data add
+        scaled = spread[:, None] * normal * spread
+        step = spread * scipy.linalg.solve(scaled, spread * (A.T @ b), assume_a="pos")
+        return np.asarray(b - A @ step)
 
     @cached_property
     def changes(self) -> _Real:

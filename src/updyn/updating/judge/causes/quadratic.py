@@ -133,8 +133,8 @@ class Quadratic:
         power = self._power(step)
         for _ in range(_LEVELS if share < 1.0 else 0):
             each = 2.0 * count / self.n_values / (power + SMALLEST**2)
-            curved = each * self.normal + np.diag(spread**-2.0)
-            step = np.linalg.solve(curved, each * self.gradient - self.off / spread**2)
+            pull = each * spread * self.gradient - self.off / spread
+            step = spread * np.linalg.solve(self._curved(spread, each), pull)
             power = self._power(step)
         far = float(np.sum(((self.off + step) / spread) ** 2))
         fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
@@ -144,9 +144,13 @@ class Quadratic:
         left = self.square - 2.0 * self.gradient @ step + step @ self.normal @ step
         return 2.0 * max(float(left), 0.0) / self.n_values
 
+    def _curved(self, spread: _Real, each: float) -> _Real:
+        """Return the second derivative of -ln of the posterior, in units of the spread."""
+        return np.asarray(np.eye(len(spread)) + each * spread[:, None] * self.normal * spread)
+
     def _occam(self, spread: _Real, count: float, level: float) -> float:
         """Return -ln of the share of what is held that the data leave, whatever the others are."""
         each = 2.0 * count / self.n_values / (level + SMALLEST**2)
-        curved = np.eye(len(spread)) + each * spread[:, None] * self.normal * spread
+        curved = self._curved(spread, each)
         sought = curved[np.ix_(~self.held, ~self.held)]
         return 0.5 * float(np.linalg.slogdet(curved)[1] - np.linalg.slogdet(sought)[1])
