@@ -49,6 +49,8 @@ _WORTH = 0.1
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
 _SETTLED = 3
+#: Share of what was left from which a fit has arrived.
+_ARRIVED = 0.9
 #: Most faults of one test.
 _MOST = 3
 #: Fewer lines say nothing.
@@ -172,15 +174,17 @@ def _stands(ranked: Sequence[_Found]) -> bool:
 def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
     """Return the part with a model that holds where a trial without a fault ends, and that end.
 
-    Far from the data, any model around the start will do.
+    Far from the data, any model around the start will do, and any end.
     """
     for _ in range(_SETTLED):
         if trial.power > _SMALL**2:
             break
-        there = stage.near(part, [trial.x])
-        if there.solver is here.solver:
+        before, here = here, stage.near(part, [trial.x])
+        further = tried(here, None, [trial.x]) or trial
+        done = further.power > _ARRIVED * trial.power and here.solver is before.solver
+        trial = further
+        if done:
             break
-        here, trial = there, tried(there, None, [trial.x]) or trial
     return here, trial
 
 
