@@ -181,6 +181,85 @@ def mass_loading(bench, frf, rng):
     return Seeded(replace(frf, values=frf.values * factor), frf, "mass-loading")
 
 
+def mains(bench, frf, rng):
+    """Hum of 0.3 to 1 times the typical level, of another phase in each channel."""
+    spacing = np.gradient(frf.freq)
+    for base in rng.permutation([50.0, 60.0]):
+        away = np.abs(frf.freq - np.round(frf.freq / base) * base) / spacing
+        hit = (np.round(frf.freq / base) >= 1) & (away < 0.4) & (spacing < base / 10)
+        if hit.any():
+            values = frf.values.copy()
+            phase = np.exp(2j * np.pi * rng.uniform(size=values[hit].shape))
+            level = np.median(np.sqrt(np.mean(np.abs(values) ** 2, axis=(1, 2))))
+            values[hit] += rng.uniform(0.3, 1.0) * level * phase
+            return Seeded(replace(frf, values=values), frf, "mains")
+    return None
+
+
+def common_dofs(frf: FRF) -> list[tuple[int, int, str]]:
+    """Positions and labels of the DOFs that have a sensor and a force."""
+    forces = plain(frf.references)
+    return [(i, forces.index(d), d) for i, d in enumerate(plain(frf.responses)) if d in forces]
+
+
+def one_run(frf: FRF, i: int, j: int, rng) -> FRF:
+    """One FRF by itself wrong: its sign, a factor of 1.5 to 3, or late by 0.1 to 0.5 periods."""
+    wrong = {
+        "sign": -1.0,
+        "factor": np.exp(rng.choice([-1, 1]) * rng.uniform(0.4, 1.1)),
+        "delay": np.exp(-2j * np.pi * frf.freq / frf.freq[-1] * rng.uniform(0.1, 0.5)),
+    }
+    values = frf.values.copy()
+    values[:, i, j] *= wrong[str(rng.choice(list(wrong)))]
+    return replace(frf, values=values)
+
+
+def reciprocity(bench, frf, rng):
+    """One of the two FRFs between two places is wrong."""
+    both = common_dofs(frf)
+    if len(both) < 2:
+        return None
+    a, b = rng.choice(len(both), 2, replace=False)
+    if not bench.case.clean.values[:, both[a][0], both[b][1]].any():
+        return None
+    bad = one_run(frf, both[a][0], both[b][1], rng)
+    names = [one[2] for one in both if one in (both[a], both[b])]
+    ordered = [label for label in plain(frf.references) if label in names]
+    return Seeded(bad, frf, "reciprocity", tuple(ordered))
+
+
+def drive_point(bench, frf, rng):
+    """The FRF of one drive point alone has the wrong sign, or is late by 0.2 to 0.5 periods."""
+    both = common_dofs(frf)
+    if not both:
+        return None
+    i, j, label = both[int(rng.integers(len(both)))]
+    others = bench.case.clean.values.copy()
+    others[:, i, j] = 0.0
+    if not (others[:, i].any() and others[:, :, j].any()):  # it is all of a sensor, or of a force
+        return None
+    late = np.exp(-2j * np.pi * frf.freq / frf.freq[-1] * rng.uniform(0.2, 0.5))
+    values = frf.values.copy()
+    values[:, i, j] *= -1.0 if rng.integers(2) else late
+    return Seeded(replace(frf, values=values), frf, "drive-point", (label,))
+
+
+def leakage(bench, frf, rng):
+    """Impulse responses end after 0.3 to 0.7 of 1 over the spacing; they are those to 2 f_max."""
+    clean = bench.case.clean
+    spacing = np.diff(clean.freq)
+    if np.ptp(spacing) > 1e-6 * spacing[0] or len(clean.freq) < 48:
+        return None
+    end, step = rng.uniform(0.3, 0.7) / spacing[0], spacing[0] / 16
+    grid = np.maximum(np.arange(int(2 * clean.freq[-1] / step)) * step, 1e-3 * step)
+    where = (clean.responses, clean.references, clean.quantity)
+    h = np.fft.ifft(updyn.response(bench.case.true, grid, *where).values, axis=0)
+    t = np.arange(len(grid)) / (len(grid) * step)
+    back = np.exp(-2j * np.pi * clean.freq[:, None] * t[t < end])
+    cut = replace(clean, values=np.tensordot(back, h[t < end], axes=(1, 0)))
+    return Seeded(NOISE.added(cut, rng), frf, "leakage")
+
+
 def none(bench, frf, rng):
     return Seeded(frf, frf, "")
 
@@ -200,6 +279,10 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "conjugated": conjugated,
     "window": window,
     "mass loading": mass_loading,
+    "mains": mains,
+    "reciprocity": reciprocity,
+    "drive point": drive_point,
+    "leakage": leakage,
 }
 #: What all unknowns together can imitate, unless masses are known.
 IMITATED = ("unit", "common calibration", "frequency scale")

@@ -174,8 +174,8 @@ def left_over():
     at = ("1:Z", "4:Z", "6:-Z", "12:Z"), ("3:Z", "12:Z")
     found = assess(e, H[:, None, None] * np.ones((4, 2)), freq, *at, n_unknowns=7, absolute=True)
     suspects = [
-        Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4),
-        Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4),
+        Suspect("bay 9", "stiffness", 0.93, 0.2, 0.4, confirmed=True),
+        Suspect("bay 9", "loss_factor", 0.2, -0.01, 0.4, confirmed=True),
     ]
     return blamed(found, suspects)
 

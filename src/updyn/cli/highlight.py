@@ -40,12 +40,17 @@ _DOUBTS = (
 
 
 def _status_patterns() -> list[str]:
-    """Return patterns of a status: after the title of a summary, and as a cell of a table."""
+    """Return patterns of a status, after the title and in tables, and of the parts of a verdict."""
     patterns = []
     for status, style in STATUS_STYLES.items():
         patterns.append(rf": (?P<{style}>{status})(?= after \d+ iterations)")
         patterns.append(rf"(?m)^\S+ +(?P<{style}>{status})(?=  )")
         patterns.append(rf"(?m)^\S+ (?P<{style}>{status})(?=: )")
+    patterns += [
+        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<good>yes)(?=  )",
+        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<bad>no)(?=  )",
+        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<warning>not known)(?=  )",
+    ]
     return patterns
 
 

@@ -6,7 +6,7 @@ line between them. Colours are added when the text is printed (`updyn.cli.highli
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -252,14 +252,51 @@ def overview(ready: Prepared) -> str:
     for test in ready.tests:
         if test.name:
             texts.append(f"{test.name}:")
-        texts.append(f"model: {test.model!r}")
-        texts.append(f"test: {test.frf!r}, all matched to DOFs of the model")
-        lines = job.method.lines
-        if not isinstance(lines, str):
-            lines = str(len(lines or test.fitted.freq))
-        fitted = f"{len(test.fitted.freq)} lines, {len(test.fitted.responses)} responses"
-        text = f"fit: {fitted}, lines to use: {lines}"
-        if test.job.validation is not None:
-            text += f"; held out: {', '.join(map(str, test.job.validation))}"
-        texts.append(text)
+        texts.append(_model_text(test))
+        texts.append(_test_text(test))
+        texts.append(_fit_text(test))
     return "\n".join(texts)
+
+
+#: Groups and held-out responses that are named.
+_NAMED = 6
+
+
+def _model_text(test: PreparedTest) -> str:
+    groups = test.model.groups
+    return f"model: {test.model.n_dofs} DOFs, {len(groups)} groups: {_named(groups)}"
+
+
+def _test_text(test: PreparedTest) -> str:
+    frf = test.frf
+    return (
+        f"test: {frf.quantity}, {len(frf.freq)} lines from {frf.freq[0]:.4g} to"
+        f" {frf.freq[-1]:.4g} Hz, {len(frf.responses)} responses, {len(frf.references)} references;"
+        " all are DOFs of the model"
+    )
+
+
+def _fit_text(test: PreparedTest) -> str:
+    """Return which lines and responses are fitted, and what is held out."""
+    chosen, held = test.job.method.lines, test.job.validation
+    used: str | int = len(test.fitted.freq)
+    if isinstance(chosen, str):
+        used = chosen
+    elif chosen is not None and len(chosen):
+        used = len(chosen)
+    text = (
+        f"fit: {used} of {len(test.frf.freq)} lines, {len(test.fitted.responses)} of"
+        f" {len(test.frf.responses)} responses"
+    )
+    if not held:
+        return text
+    if isinstance(held[0], float):
+        low, high = held
+        return f"{text}; held out: {low:.4g} to {high:.4g} Hz"
+    return f"{text}; held out: {_named(map(str, held))}"
+
+
+def _named(names: Iterable[str]) -> str:
+    listed = list(names)
+    more = f" and {len(listed) - _NAMED} more" if len(listed) > _NAMED else ""
+    return ", ".join(listed[:_NAMED]) + more

@@ -38,7 +38,7 @@ def start_modes_text(test: PreparedTest) -> str:
             band = float(frf.freq[0]), float(frf.freq[-1])
             found = correlate(model, modes_like(model, frf), band=band)
     except UpdynError as error:
-        return f"Modes: not known. {error}"
+        return f"Modes: not known; {str(error).removeprefix('modes: ')}."
     return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.figures import figure_text
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, held_out, percentage
@@ -179,11 +180,17 @@ def _computed_agreement(
 
 def _scores(
     before: Mapping[str, float] | None, after: Mapping[str, float] | None
-) -> list[tuple[str, float | None, float | None]]:
+) -> list[tuple[str, str, str]]:
     """Return name, value before and value after of each figure of agreement."""
     before, after = before or {}, after or {}
     names = dict.fromkeys([*before, *after])
-    return [(name, before.get(name), after.get(name)) for name in names]
+    return [(name, _figure(name, before), _figure(name, after)) for name in names]
+
+
+def _figure(name: str, figures: Mapping[str, float]) -> str:
+    """Return a figure of agreement as the terminal shows it."""
+    value = figures.get(name)
+    return "–" if value is None else figure_text(name, value).replace("-", "−")
 
 
 class Agreement(Section):

@@ -91,7 +91,7 @@ class Changes(Section):
         grown, still = [], []
         for p in from_zero:
             if is_significant(result, p):
-                grown.append(f"{unknown(p.name)} {_value_words(result, p)}")
+                grown.append(f"{unknown(p.name)} now {_value_words(result, p)}")
             else:
                 still.append(unknown(p.name))
         return {"grown": grown, "still": still, "left_out": max(len(percents) - MOST_ROWS, 0)}
@@ -104,7 +104,10 @@ def _value_words(result: UpdateResult, p: Parameter) -> str:
     value, span = result.values[p.name], _interval(result, p)
     if span is None:
         return f"{number(value)} (not determined)"
-    return f"{number(value)} ({number(span[0])} to {number(span[1])})"
+    low, high = map(number, span)
+    if low == high:
+        return number(value)
+    return f"{number(value)} (95 % interval {low} to {high})"
 
 
 def _has_percent(result: UpdateResult, p: Parameter) -> bool:

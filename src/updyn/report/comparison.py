@@ -16,7 +16,7 @@ from updyn import __version__
 from updyn.comparison import Comparison, Row
 from updyn.comparison.table import cells, columns, limits, reason
 from updyn.frf import FRF
-from updyn.report.data import EVALUATION_BUDGET, computed, keep_lines
+from updyn.report.data import EVALUATION_BUDGET, computed, fine_grid, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import Figure, existing, label, labels, log_step, numbers, rows_height
@@ -29,7 +29,7 @@ __all__ = ["Curves", "gather_curves", "is_geometric", "write_comparison"]
 
 #: The paper's method and the one that it compares with; shown together where both gave an answer.
 PAIR = ("equation-error", "reduced-frf")
-#: Points of a curve where the model is small enough for them, and the fewest of any curve.
+#: Lines of the data at which curves are computed where the model is small enough, and in any case.
 _POINTS = 600
 _FEWEST_POINTS = 100
 #: Measured lines up to this number are drawn as points: what lies between them was not measured.
@@ -417,19 +417,28 @@ def gather_curves(comparison: Comparison) -> Curves | None:
         references=test.frf.references[np.array([j])],
         lines=test.frf.freq[test.frf.freq > 0],
     )
-    freq = _grid(channel.freq, test.model.n_dofs)
-    before = computed(test.model, channel, freq, "start model", notes, options)
-    if before is None:
-        return None
-    after = {}
+    results = {}
     for row in comparison:
         result = _of_test(row, test)
-        if result is None or row.status == "failed":
-            continue
-        what = f"model of {row.method}"
-        values = computed(result.model, channel, freq, what, notes, result.options)
-        if values is not None:
-            after[row.method] = values[:, 0, 0]
+        if result is not None and row.status != "failed":
+            results[row.method] = result
+    few = _few_lines(channel.freq, test.model.n_dofs)
+    models = [test.model, *(result.model for result in results.values())]
+    reduced = options.get("tier") == "reduced"
+    for freq in (fine_grid(models, few, reduced=reduced), few):
+        refused: list[str] = []
+        before = computed(test.model, channel, freq, "start model", refused, options)
+        after = {}
+        for name, result in results.items():
+            what = f"model of {name}"
+            values = computed(result.model, channel, freq, what, refused, result.options)
+            if values is not None:
+                after[name] = values[:, 0, 0]
+        if not refused:  # else one of them is singular: it may be so between lines only
+            break
+    notes += refused
+    if before is None:
+        return None
     first = _first(comparison, test)
     fitted = np.ones(len(channel.freq), dtype=np.bool_)
     if first is not None:
@@ -476,17 +485,11 @@ def _thinned(test: Test) -> FRF:
     return frf.select(lines=frf.freq[keep])
 
 
-def _grid(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
-    """Return the frequencies of the curves: of a small model between the lines, too."""
-    limit = int(np.clip(EVALUATION_BUDGET // n_dofs, _FEWEST_POINTS, 2 * _POINTS))
-    if len(lines) > limit:
-        at = np.linspace(0, len(lines) - 1, limit).round().astype(np.intp)
-        return lines[np.unique(at)]
-    if len(lines) < 2 or len(lines) + _POINTS > limit:
-        return lines
-    space = np.geomspace if is_geometric(lines) else np.linspace
-    between = space(lines[0], lines[-1], _POINTS)
-    return np.union1d(lines, np.clip(between, lines[0], lines[-1]))
+def _few_lines(lines: NDArray[np.float64], n_dofs: int) -> NDArray[np.float64]:
+    """Return lines of the data for the curves, ends included: few of a large model."""
+    most = int(np.clip(EVALUATION_BUDGET // (4 * n_dofs), _FEWEST_POINTS, _POINTS))
+    at = np.linspace(0, len(lines) - 1, min(most, len(lines))).round().astype(np.intp)
+    return lines[np.unique(at)]
 
 
 def is_geometric(lines: NDArray[np.float64]) -> bool:

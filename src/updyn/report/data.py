@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ __all__ = [
     "EVALUATION_BUDGET",
     "ReportData",
     "computed",
+    "fine_grid",
     "gather",
     "keep_lines",
 ]
@@ -118,7 +119,8 @@ def gather(result: UpdateResult) -> ReportData:
     if frf.freq[0] == 0.0:
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
-    per_line = 1 if options.get("tier") == "reduced" else result.model.n_dofs
+    reduced = options.get("tier") == "reduced"
+    per_line = 1 if reduced else result.model.n_dofs
     limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
@@ -129,7 +131,7 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    for grid in (_grid(result, freq), freq):
+    for grid in (fine_grid([result.start, result.model], freq, reduced=reduced), freq):
         refused: list[str] = []
         before_curve = computed(result.start, frf, grid, "start model", refused, options)
         after_curve = computed(result.model, frf, grid, "updated model", refused, options)
@@ -175,17 +177,31 @@ def gather(result: UpdateResult) -> ReportData:
     )
 
 
-def _grid(result: UpdateResult, freq: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lines of the data and those that resolve the resonances of both models."""
+def fine_grid(
+    models: Sequence[Model], freq: NDArray[np.float64], *, reduced: bool
+) -> NDArray[np.float64]:
+    """Return some lines and those that resolve the resonances of models, in Hz.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Those whose curves are drawn, of one size.
+    freq : ndarray of float, shape (n,)
+        Lines that are among them, ascending, in Hz, above 0.
+    reduced : bool
+        Whether they are computed in a reduced model, which answers at any line at little cost; the
+        modes of the whole model would take long.
+    """
     if freq.size < 2:
         return freq
     low, high = float(freq[0]), float(freq[-1])
-    if result.options.get("tier") == "reduced":  # modes of the whole model would take long
+    if reduced:
         return np.union1d(freq, even_lines(low, high, _EVEN_LINES + _RESONANCE_LINES))
-    affordable = max(_GRID_BUDGET // result.model.n_dofs, _FEWEST_LINES)
+    affordable = max(_GRID_BUDGET // models[0].n_dofs, _FEWEST_LINES)
+    each = min(_RESONANCE_LINES, affordable) // len(models)
     parts = [freq, even_lines(low, high, min(_EVEN_LINES, affordable // 4))]
-    for model in (result.start, result.model):
-        parts.append(resonance_lines(model, low, high, min(_RESONANCE_LINES, affordable) // 2))
+    for model in models:
+        parts.append(resonance_lines(model, low, high, each))
     return np.unique(np.concatenate(parts))
 
 

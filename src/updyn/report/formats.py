@@ -28,6 +28,7 @@ __all__ = [
     "interval",
     "noise_is_fitted",
     "number",
+    "padded",
     "percentage",
     "plain",
     "quantity_words",
@@ -66,6 +67,14 @@ def number(value: float | None, digits: int = 4) -> str:
         power = str(int(exponent)).translate(_SUPERSCRIPT)
         return f"{mantissa.replace('-', '−')}·10{power}"
     return text.replace("-", "−")
+
+
+def padded(value: float | None, digits: int) -> str:
+    """Return a number as `number` does, with its trailing zeros, for columns of a table."""
+    text = number(value, digits)
+    if value is None or not math.isfinite(value) or "·" in text:
+        return text
+    return f"{value:#.{digits}g}".rstrip(".").replace("-", "−")
 
 
 def estimate(value: float, std: float) -> str:
@@ -213,6 +222,8 @@ def decibels(value: float) -> str:
     """Return a level difference with its unit."""
     if math.isnan(value):
         return "unknown"
+    if 0.0 < abs(value) < 1e-4:
+        return "<0.0001 dB"
     digits = 2 if abs(value) < 10 else 3
     return f"{number(value, digits)} dB"
 

@@ -108,9 +108,10 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
         out.append((f"Held out: {held_out(result) or 'validation set'}", value, "median, after"))
     chi = result.noise.get("chi_square")
     fitted = noise_is_fitted(result.noise)  # it is 1 by construction then
-    if isinstance(chi, int | float) and math.isfinite(chi) and not fitted:
+    judged = result.adequacy is not None and result.adequacy.verdict not in result.message
+    if isinstance(chi, int | float) and math.isfinite(chi) and not (fitted or judged):
         out.append(("Reduced chi-square", number(float(chi), 3), chi_hint(result.noise)))
-    if result.adequacy is not None and result.adequacy.verdict not in result.message:
+    if result.adequacy is not None and judged:
         out.append(residual_tile(result.adequacy))
     return out
 
@@ -272,6 +273,10 @@ def verdict(result: UpdateResult) -> Verdict:
     if _is_ambiguous(result):
         badge = "Several answers fit"
     if result.trust is not None:
+        if result.ok:
+            badge = "Usable" if result.trust.validated else "Usable, not validated"
+        if not result.trust.credible:  # however the fit ended
+            badge, kind = STATUS_WORDS["not-credible"]
         return Verdict(badge, kind, *_judged(result, result.trust))
     first, _, rest = result.message.partition(". ")
     said = f"{first.removesuffix('.')}." if first else ""
@@ -290,14 +295,11 @@ def verdict(result: UpdateResult) -> Verdict:
 def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
     """Return the four parts, and what the message says beyond them."""
     steps = f" After {counted(result.iterations, 'iteration')}."
-    parts, rest = [], result.message
+    parts = []
     for name, belief in trust.items():
-        rest = rest.replace(belief.why, "")
         why = belief.why + steps if name == "converged" else belief.why
         parts.append(Part(name.capitalize(), belief.holds, why))
-    if result.status in ("converged", "not-credible"):  # its first sentence is the verdict
-        rest = rest.partition(". ")[2]
-    return tuple(parts), " ".join(rest.split())
+    return tuple(parts), trust.beyond(result.status, result.message)
 
 
 def _is_ambiguous(result: UpdateResult) -> bool:

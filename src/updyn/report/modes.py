@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dynamics.modes import Modes
-from updyn.report.formats import number
+from updyn.report.formats import number, padded
 from updyn.report.plots import (
     PRINTED_CELLS,
     Figure,
@@ -153,7 +153,7 @@ def modal_rows(table: ModalTable) -> list[tuple[list[str], str]]:
 
 
 def _cell(entry: ModeEntry | None, name: str, digits: int) -> str:
-    return number(getattr(entry, name, None), digits)
+    return padded(getattr(entry, name, None), digits)
 
 
 def _change(entry: ModeEntry | None) -> str:

@@ -267,7 +267,7 @@ def log_range(values: ArrayLike, decades: float = 9.0) -> dict[str, Any]:
     step = log_step(array)
     if isinstance(step, int):
         step = max(1, int(np.ceil((high - low) / 5.0)))
-    elif high - low < 0.7:
+    elif high - low + 2.0 * pad < 0.7:
         step = "D1"
     return {
         "type": "log",

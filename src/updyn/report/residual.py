@@ -92,6 +92,7 @@ class Residual(Section):
             "n_shown": len(shown_channels(found)),
             "places": list(map(_place, found.worst)),
             "suspects": list(map(_suspect, found.explained_by)),
+            "confirmed": all(suspect.confirmed for suspect in found.explained_by),
         }
 
 

@@ -29,6 +29,7 @@ from updyn.report.plots import (
     existing,
     label,
     labels,
+    log_range,
     log_step,
     names_font,
     numbers,
@@ -55,8 +56,11 @@ __all__ = [
 
 #: Explanation of the search for a start.
 _SEARCH = "tries from several starts"
+_OTHERS = "descents to other answers that may fit as well"
 #: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
+#: Relative difference of values that no figure shows.
+_THERE = 1e-3
 #: Steps up to which each is drawn as a point of its own.
 _SINGLE_STEPS = 60
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
@@ -466,8 +470,7 @@ def singular_values(result: UpdateResult) -> Figure | None:
             "xaxis": axis,
             "yaxis": {
                 "title": {"text": "singular value"},
-                "type": "log",
-                "exponentformat": "power",
+                **log_range(np.maximum(values, foot), decades=18.0),
             },
             "showlegend": True,
         },
@@ -613,7 +616,7 @@ CONVERGENCE = Convergence()
 
 def _explained(stages: Sequence[str]) -> list[str]:
     """Return the stages with what each minimises, where that is stated."""
-    words = {"search": _SEARCH}
+    words = {"search": _SEARCH, "other answers": _OTHERS}
     for stage in stages:
         if stage in METHODS:
             words[stage] = METHODS[stage].label
@@ -784,7 +787,7 @@ def _iterations(fits: Sequence[_Fit]) -> dict[str, Any]:
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
-    """Return the values of the unknowns over the iterations, with gaps between fits.
+    """Return the values of the unknowns on the way to the answer, with gaps between fits.
 
     Of many unknowns, the most moved are named.
 
@@ -800,7 +803,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     Figure or None
         None without unknowns or steps.
     """
-    made, steps = _paths(result.history)
+    made, steps = _paths(result)
     if not chosen or not steps:
         return None
     paths = {}
@@ -842,19 +845,49 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
     }
 
 
-def _paths(
-    history: Sequence[Iteration],
-) -> tuple[list[int | None], list[Iteration | None]]:
-    """Return the iterations made and the steps taken, with None between one fit and the next."""
+def _paths(result: UpdateResult) -> tuple[list[int | None], list[Iteration | None]]:
+    """Return the steps of the fits that led to the answer, None between them, and their numbers."""
     made: list[int | None] = []
     steps: list[Iteration | None] = []
-    for fit in _fits(history):
-        for at, step in fit.taken:
-            made.append(at)
+    number = 0
+    for fit in _leading(result):
+        for _, step in fit.taken:
+            made.append(number)
             steps.append(step)
+            number += 1
         made.append(None)
         steps.append(None)
     return made[:-1], steps[:-1]
+
+
+def _leading(result: UpdateResult) -> list[_Fit]:
+    """Return of each stage the fit that ended nearest to the answer, up to where that is reached.
+
+    Other tries of a search, and descents that look for other answers, are not its way.
+    """
+    nearest: dict[str, tuple[float, _Fit]] = {}
+    for fit in _fits(result.history):
+        off = _distance(result, fit.taken[-1][1])
+        if fit.stage not in nearest or off < nearest[fit.stage][0]:
+            nearest[fit.stage] = off, fit
+    least = min((off for off, _ in nearest.values()), default=0.0)
+    leading = []
+    for off, fit in nearest.values():
+        leading.append(fit)
+        if off <= least + _THERE:
+            break
+    return leading
+
+
+def _distance(result: UpdateResult, step: Iteration) -> float:
+    """Return the largest difference of a value from the answer's, relative to it or its start."""
+    off = [0.0]
+    for p in result.parameters:
+        value = result.values[p.name]
+        size = max(abs(value), abs(p.start))
+        if size > 0.0:
+            off.append(abs(step.values.get(p.name, value) - value) / size)
+    return max(off)
 
 
 def _excursion(path: NDArray[np.float64]) -> float:

@@ -67,7 +67,8 @@ def modal_table(
     try:
         found, notes = _identified(result)
     except (UpdynError, np.linalg.LinAlgError) as error:
-        return ModalTable(notes=(f"No modes could be identified from the FRFs: {error}.",))
+        why = str(error).removeprefix("modes: ")
+        return ModalTable(notes=(f"No modes could be identified from the FRFs: {why}.",))
     band = float(result.frf.freq[0]), float(result.frf.freq[-1])
     table = compare_modes(result.start, result.model, found, band)
     return replace(table, notes=(*notes, *table.notes))

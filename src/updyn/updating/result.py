@@ -191,13 +191,27 @@ class UpdateResult:
             f" {self.iterations} iterations)"
         )
 
+    def _verdict_lines(self) -> list[str]:
+        """Return the verdict in four parts, what else there is to say, and what to do next."""
+        if self.trust is None:
+            return [f"{self.message} {self.remedy}".removesuffix(" ")]
+        lines = []
+        for name, claim in self.trust.items():
+            lines.append(f"  {name:<10}  {claim.answer:<9}  {claim.why}")
+        rest = self.trust.beyond(self.status, self.message)
+        if rest:
+            lines.append(rest)
+        if self.remedy:
+            lines.append(f"What to do next: {self.remedy}")
+        return lines
+
     def summary(self) -> str:
         """Return the outcome as text: verdict, unknowns and identifiability."""
         width = max(28, 2 + max(map(len, self.parameters.names)))
         title = self.title or "Update"
         lines = [
             f"{title}: {self.status} after {self.iterations} iterations ({self.method})",
-            f"{self.message} {self.remedy}".removesuffix(" "),
+            *self._verdict_lines(),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
         ]
@@ -220,10 +234,10 @@ class UpdateResult:
         advice = ident.advice
         if advice in self.remedy:
             advice = ""
-        lines += [
-            "",
-            f"The data determine {ident.rank} of {ident.n_parameters} unknowns. {advice}".rstrip(),
-        ]
+        determined = f"The data determine {ident.rank} of {ident.n_parameters} unknowns."
+        if self.trust is not None and self.trust.determined:  # that part has said it
+            determined = ""
+        lines += ["", f"{determined} {advice}".strip()]
         for number, direction in enumerate(ident.null_directions, 1):
             lines.append(f"  undetermined combination {number}: {_combination(direction)}")
         for number, direction in enumerate(ident.determined_directions, 1):
@@ -248,7 +262,8 @@ class UpdateResult:
         agreement = _agreement(self.correlation)
         if agreement:
             lines += ["", agreement]
-        return "\n".join(lines)
+        # What a paragraph has nothing to say on leaves no gap.
+        return "\n".join(lines).replace("\n\n\n", "\n\n")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -423,7 +438,10 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
         )
         lines.append(f"  {where}: {place.misfit:.3g} {unit}{over}")
     for suspect in found.explained_by[:3]:
-        lines.append(f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %")
+        how = "" if suspect.confirmed else ", to first order"
+        lines.append(
+            f"  an error in {suspect.name} would explain {100.0 * suspect.explains:.0f} %{how}"
+        )
     return lines
 
 

@@ -27,6 +27,7 @@ from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
+from updyn.updating.judge.causes.data_alone import findings_in
 from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
@@ -256,11 +257,13 @@ def _causes(
                 whole = replace(part, solver=exact.parts[i].solver).with_data(split.whole)
                 if not is_looked_at(whole):
                     unseen = f"causes are not looked for in {whole.n_lines} lines"
+                    out += findings_in(whole.frf, noises[i], part.name)
                     continue
                 try:
                     out += diagnosed(whole, noises[i], [found.fit.x])
                 except SolverError as error:
                     unseen = f"causes could not be looked for ({error})"
+                    out += findings_in(whole.frf, noises[i], part.name)
     return tuple(out), unseen
 
 

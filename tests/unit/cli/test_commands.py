@@ -74,6 +74,9 @@ def test_run_recovers_the_truth_and_says_0(
     folder = chain_folder / "job"
     assert {p.name for p in folder.iterdir()} == {"result.json", "run.nc", "model.h5", "job.toml"}
     assert out.startswith("Chain: converged after ")
+    for part in ("converged", "determined", "validated", "plausible"):
+        assert f"\n  {part:<10}  yes        " in out
+    assert "The fit converged and" not in out  # the four parts say it
     assert str(folder / "result.json") in out
     assert "maximum-likelihood  iteration" in err  # plain lines, as stderr is no terminal here
 
@@ -137,7 +140,10 @@ def test_not_all_determined_says_3_and_writes(
     found = json.loads((chain_folder / "job" / "result.json").read_text(encoding="utf-8"))
     assert found["status"] == "not-identifiable"
     assert found["identifiability"]["rank"] < found["identifiability"]["n_parameters"] == 4
-    assert found["message"] in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "  determined  no         The data determine 2 of 4 unknowns." in out
+    assert found["message"].partition("unknowns: ")[2] in out
+    assert f"What to do next: {found['remedy']}" in out
 
 
 def test_too_few_iterations_say_3(chain_folder: Path) -> None:
@@ -218,7 +224,9 @@ def test_check_says_what_can_be_known(
     assert main(["check", str(job)]) == 0
     out = capsys.readouterr().out
     assert "part4.loss_factor  " in out
-    assert "d-optimal:30; held out: 7:X" in out
+    assert "\nmodel: 12 DOFs, 4 groups: part1, part2, part3, part4\n" in out
+    assert "5 responses, 2 references; all are DOFs of the model\n" in out
+    assert "\nfit: d-optimal:30 of 60 lines, 4 of 5 responses; held out: 7:X\n" in out
     assert "The data determine 12 of 12 unknowns" in out
     assert not (chain_folder / "job").exists()
 
@@ -453,3 +461,19 @@ def test_a_reader_that_goes_away_is_no_error(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("os.dup2", lambda *a: calls.append(a))
     cli.terminal.print_text("text")
     assert len(calls) == 1
+
+
+def test_a_band_held_out_and_modes_that_cannot_be_identified_are_said_plainly(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write(
+        chain_folder,
+        OPEN.replace("[4.1, 4.5]", "[3.6, 4.6]").replace(
+            "[method]", "[method]\nvalidation = [4.2, 4.5]"
+        ),
+    )
+    assert main(["correlate", str(job)]) == 0
+    out = capsys.readouterr().out
+    assert "; held out: 4.2 to 4.5 Hz\n" in out
+    assert "Modes: not known; " in out
+    assert "modes: " not in out

@@ -122,7 +122,7 @@ def test_what_starts_at_zero_is_told_in_words():
     )
     assert changes_figure(found) is None
     words = Page(render(found)).words
-    assert "to (95 % interval): loss factor of bay 1 0.02 (0.01804 to 0.02196)." in words
+    assert "loss factor of bay 1 now 0.02 (95 % interval 0.01804 to 0.02196)." in words
     assert "not significantly above it: loss factor of bay 2." in words
 
 

@@ -71,11 +71,26 @@ def test_costs_that_are_nearly_alike_have_a_linear_axis():
     assert figure["data"][0]["y"][1] == pytest.approx(47.12)  # zero stands at the foot
 
 
-def test_paths_have_a_gap_between_fits():
-    result = realistic(history=HISTORY)
-    (trace,) = value_paths(result, [result.parameters.items[0]])["data"]
-    assert trace["x"] == [0, 1, 2, None, 2, 3, None, 3, 4, None, 5, 6]
-    assert trace["y"][3] is None
+def test_paths_are_those_of_the_fits_that_led_to_the_answer():
+    """Another try of the search, an earlier weighting and a look for other answers are not drawn."""
+    result = realistic()
+    answer = result.values["bay 2.stiffness"]
+    ends = (
+        ("search", 9.0, 0.0, 1.0), ("search", 1.0, 0.5, 5.0 * answer),
+        ("search", 8.0, 0.0, 1.5), ("search", 0.5, 0.9, 1.02 * answer),
+        ("fit", 70.0, 0.0, 1.02 * answer), ("fit", 50.0, 0.1, 1.01 * answer),
+        ("fit", 60.0, 0.0, 1.01 * answer), ("fit", 59.0, 0.01, answer),
+        ("other answers", 99.0, 0.0, 20.0), ("other answers", 59.0, 0.1, answer),
+    )  # fmt: skip
+    history = tuple(
+        Iteration(stage, number, cost, step, 1.0, True, {"bay 2.stiffness": value})
+        for number, (stage, cost, step, value) in enumerate(ends)
+    )
+    found = realistic(history=history)
+    (trace,) = value_paths(found, [found.parameters.items[0]])["data"]
+    assert trace["x"] == [0, 1, None, 2, 3]
+    drawn = [1.5, 1.02 * answer, None, 1.01 * answer, answer]
+    assert trace["y"] == pytest.approx(drawn)
 
 
 def test_steps_without_a_cost_are_left_out():

@@ -21,12 +21,13 @@ from updyn.report.formats import (
     figure_of_agreement,
     interval,
     number,
+    padded,
     percentage,
     unit,
 )
 from updyn.report.head import head
 from updyn.report.overlay import overlay
-from updyn.report.plots import numbers
+from updyn.report.plots import log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
 from updyn.report.unknowns import correlations
 from updyn.updating.problem.parameters import Parameter
@@ -279,3 +280,26 @@ def test_checksums_see_every_part(result):
     }
     assert len(seen) == 5
     assert model_checksum(start) == model_checksum(chain(3, title="same numbers"))
+
+
+def test_numbers_of_a_column_keep_their_zeros():
+    assert [padded(v, 5) for v in (10.63, 172.6, 1376.7, None)] == [
+        "10.630",
+        "172.60",
+        "1376.7",
+        "–",
+    ]
+    assert [padded(v, 3) for v in (0.03, -0.002, 12.0, 1e-7)] == [
+        "0.0300",
+        "−0.00200",
+        "12.0",
+        "1·10⁻⁷",
+    ]
+    assert decibels(2e-13) == "<0.0001 dB"
+
+
+def test_marks_of_a_logarithmic_axis_do_not_crowd():
+    """Over more than half a decade 2 and 5 are enough, however wide the margins make it."""
+    assert log_range([0.067, 2.3])["dtick"] == "D2"
+    assert log_range([1.0, 2.0])["dtick"] == "D1"
+    assert log_range([1e-9, 1.0], decades=18.0)["dtick"] == 2

@@ -55,7 +55,7 @@ def adequacy() -> Adequacy:
         chi_square_p=np.array([[[1e-9, 1.0]]]),
         whiteness_p=np.array([[[1e-300, 1.0]]]),
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
-        explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3),),
+        explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3, confirmed=True),),
     )
 
 
@@ -288,7 +288,7 @@ def test_no_field_is_forgotten():
         ),
         Alternative: "values odds sensor difference",
         Misfit: "response reference low high near misfit alike chi_square_p whiteness_p kind",
-        Suspect: "group quantity explains change energy",
+        Suspect: "group quantity explains change energy confirmed",
         Iteration: "stage number cost step condition accepted values",
         Parameter: "group quantity start lower upper prior_std drives nominal unit",
         Drive: "group quantity power",
@@ -541,6 +541,7 @@ def test_json_says_what_is_left():
         "explains": 2.0 / 3.0,
         "change": -0.1,
         "energy": 0.3,
+        "confirmed": True,
     }
     assert result_to_json(sample(adequacy=None))["adequacy"] is None
 

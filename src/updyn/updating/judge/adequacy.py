@@ -12,6 +12,7 @@ from scipy.linalg import eigvals_banded
 from scipy.special import ndtr
 
 __all__ = [
+    "EXPLAINED",
     "OUTCOMES",
     "Adequacy",
     "Misfit",
@@ -38,6 +39,9 @@ _CUT = 3.0
 #: From so many lines on, the eigenvalues are taken from the symbol of the matrix, at so many
 #: points.
 _LONG = 512
+#: Share of the residual from which a quantity is said to explain it; two errors of equal size
+#: explain half each.
+EXPLAINED = 0.5
 #: Smallest band, in lines.
 _LEAST = 8
 #: Largest number of bands.
@@ -299,15 +303,16 @@ class Suspect:
         What would change: ``"stiffness"``, ``"mass"``, ``"viscous"`` or ``"loss_factor"`` of a
         group; ``"calibration"`` or ``"force_calibration"`` of a sensor.
     explains : float
-        Share of the residual beyond the noise that this one change would remove, by a step of
-        first order, all unknowns of the fit adapting to it. Errors that the channels cannot tell
-        apart have nearly the same share.
+        Share of the residual beyond the noise that a short fit removed in which this one quantity
+        was free, too. Errors that the channels cannot tell apart have nearly the same share.
     change : float
-        That step, which would remove it, of the logarithm of a factor or of a loss factor. Its sign
-        is more reliable than its size.
+        The change that it found, of the logarithm of a factor or of a loss factor.
     energy : float
         Share of the energy of the error in the constitutive relations that lies in this matrix, at
         the worst places.
+    confirmed : bool
+        Whether there was such a fit. In large models there is none; there `explains` and `change`
+        are estimates of first order, and the sign of a change is more reliable than its size.
     """
 
     group: str
@@ -315,6 +320,7 @@ class Suspect:
     explains: float
     change: float
     energy: float
+    confirmed: bool = False
 
     @property
     def name(self) -> str:
@@ -502,10 +508,23 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     if not suspects or found.adequate:
         return found
     found = replace(found, outcome="structure", explained_by=tuple(suspects))
-    telling = [s for s in suspects if s.explains >= 0.8 * suspects[0].explains][:_NAMED]
-    names = " or ".join(_suspected(s) for s in telling)
-    text = f"An error in {names} would explain {100.0 * suspects[0].explains:.0f} % of it."
-    return replace(found, verdict=f"{_words(found)} {text}")
+    return replace(found, verdict=f"{_words(found)} {_explanation(suspects)}")
+
+
+def _explanation(suspects: Sequence[Suspect]) -> str:
+    """Return the sentence on what would explain a residual, the best and what is as good."""
+    best = suspects[0]
+    telling = [s for s in suspects if s.explains >= 0.8 * best.explains][:_NAMED]
+    named = " or ".join(map(_suspected, telling))
+    share = f"{100.0 * best.explains:.0f} %"
+    if not best.confirmed:
+        return (
+            "By an estimate of first order, which no fit has confirmed, an error in"
+            f" {named} would explain {share} of it."
+        )
+    if best.explains < EXPLAINED:
+        return f"No single quantity explains it: the most, {share}, an error in {named} would."
+    return f"An error in {named} would explain {share} of it."
 
 
 _QUANTITY = {
@@ -520,9 +539,22 @@ _SENSOR = {"calibration": "sensor", "force_calibration": "force sensor"}
 def _suspected(s: Suspect) -> str:
     if s.quantity in _SENSOR:
         amount = "much" if s.change > 0 else "little"
-        return f"the {_SENSOR[s.quantity]} {s.group} (reads too {amount})"
+        return f"the {_SENSOR[s.quantity]} {s.group} (reads {_by_how_much(s)}too {amount})"
     level = "low" if s.change > 0 else "high"
-    return f"the {_QUANTITY[s.quantity]} of {s.group} (too {level})"
+    return f"the {_QUANTITY[s.quantity]} of {s.group} ({_by_how_much(s)}too {level})"
+
+
+def _by_how_much(s: Suspect) -> str:
+    """Return how far off the model, or the sensor, is; nothing where only the sign is known."""
+    if not s.confirmed:
+        return ""
+    if s.quantity == "loss_factor":
+        return f"{abs(s.change):.2g} "
+    if abs(s.change) > np.log(2.0):
+        return f"{np.exp(abs(s.change)):.2g} times "
+    # A model holds what is, times exp(-change); a sensor reads what is, times exp(change).
+    way = s.change if s.quantity in _SENSOR else -s.change
+    return f"{100.0 * abs(np.expm1(way)):.2g} % "
 
 
 def _mean_level(H: _Complex) -> _Real:

@@ -86,8 +86,10 @@ def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> End
     local, size = fit.local, float(np.linalg.norm(fit.R))
     if local is None or size == 0.0 or not np.isfinite(local.cost) or fit.pull is not None:
         return None
-    # From the units of the residual to standard deviations.
-    scale = size / float(np.linalg.norm(local.R))
+    # From the units of the residual to those in which the fit counted data against priors: standard
+    # deviations, before a correlated residual widened them.
+    widened = _inflation(fit)
+    scale = widened * size / float(np.linalg.norm(local.R))
     weight, home = problem.coordinates.prior[1], problem.coordinates.prior[0]
     R = np.vstack([local.R * scale, np.diag(weight)])
     q = np.append(local.q * scale, weight * (fit.x - home))
@@ -106,7 +108,8 @@ def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> End
     for i in np.flatnonzero(~free):
         opened = free.copy()
         opened[i] = True
-        deviations = float(np.sqrt(2.0 * max(_whole(R[:, opened], q)[0] - fall, 0.0)))
+        gain = max(_whole(R[:, opened], q)[0] - fall, 0.0)
+        deviations = float(np.sqrt(2.0 * gain)) / widened
         if deviations >= _PRESSED:
             parameter = problem.coordinates.parameters[int(i)]
             side, limit = ("lower", parameter.lower) if low[i] else ("upper", parameter.upper)
@@ -114,7 +117,13 @@ def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> End
     cost = local.cost * scale**2
     gained = _gained(history) * scale**2 / fall if fall > 0.0 else np.inf
     share = fall / cost if cost > 0.0 else 0.0
-    return Ending(float(np.sqrt(2.0 * fall)), share, gained, leading, tuple(pressed))
+    return Ending(float(np.sqrt(2.0 * fall)) / widened, share, gained, leading, tuple(pressed))
+
+
+def _inflation(fit: Fit) -> float:
+    """Return the factor by which the standard deviations of a fit were widened."""
+    found = float(fit.noise[0].get("inflation", 1.0)) if fit.noise else 1.0
+    return found if found > 0.0 else 1.0
 
 
 def _whole(R: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:

@@ -6,21 +6,27 @@ somewhere, and the least energy of that breach is shared out among the groups (e
 relations: Ladeveze & Leguillon, SIAM J. Numer. Anal. 20 (1983) 485; for vibration tests Ladeveze,
 Nedjar & Reynier, AIAA J. 32 (1994) 1485; with a term for the measurement Deraemaeker, Ladeveze &
 Leconte, Comput. Methods Appl. Mech. Eng. 191 (2002) 2427). The score is the part of the misfit that
-a change of one quantity would remove, all unknowns of the fit adapting to it (Rao, Proc. Camb.
-Phil. Soc. 44 (1948) 50).
+a change of one quantity would remove to first order, all unknowns of the fit adapting to it (Rao,
+Proc. Camb. Phil. Soc. 44 (1948) 50). A score is a promise: an error that the model has no quantity
+for, such as a missing spring, gives high scores to quantities that cannot keep it. The highest are
+therefore freed in a short fit, one at a time, and what that fit removes is what they explain.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.sensitivity import Unknowns
+from updyn.updating.fit.method import descend
 from updyn.updating.fit.methods.constitutive import constitutive_weights
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.adequacy import Suspect
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
@@ -46,6 +52,14 @@ _MOST_LINES = 60
 _LEAST_SHARE = 0.1
 #: It lowers the sum of squares by at least this, in squared standard deviations.
 _LEAST_GAIN = 12.0
+#: Lines of each test in a short fit, its steps, and its evaluations, about.
+_FEW_LINES, _STEPS, _EVALUATIONS = 120, 20, 12
+#: A short fit ends where a step gains less: half a squared standard deviation, or this share.
+_SETTLED, _SETTLED_SHARE = 0.5, 1e-4
+#: A quantity that is off by a larger factor than this is another model, and no suspect.
+_FACTOR = 30.0
+#: Operations, about, that short fits may take together: some ten seconds.
+_MOST_WORK = 1e11
 
 
 def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
@@ -131,38 +145,187 @@ def localise(
     """
     energy = _energies(problem, x, residual, whitened)
     tried = _tried(problem, x, energy)
+    scores = _scores(problem, x, residual, tried)
+    structure = _correlated(whitened) if beyond is None else beyond
+    whole = max(structure, max((score.gain for score in scores), default=0.0))
+    least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
+    promising = sorted((s for s in scores if s.gain >= least), key=lambda s: -s.gain)[:_KEPT]
+    if not promising:
+        return ()
+    total = sum(energy.values()) or 1.0
+    suspects = []
+    for p, explains, change, confirmed in _explained(
+        problem, x, residual, whitened, beyond, promising, whole
+    ):
+        if explains >= _LEAST_SHARE:
+            share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
+            suspects.append(Suspect(p.group, p.quantity, explains, change, share, confirmed))
+    return tuple(sorted(suspects, key=lambda s: -s.explains))
+
+
+@dataclass(frozen=True, slots=True)
+class _Score:
+    """What a change of one quantity would remove of the sum of squares, to first order."""
+
+    parameter: Parameter
+    gain: float
+    step: float
+
+
+def _explained(
+    problem: Problem,
+    x: _Real,
+    residual: Each,
+    whitened: Sequence[_Complex],
+    beyond: float | None,
+    promising: Sequence[_Score],
+    whole: float,
+) -> list[tuple[Parameter, float, float, bool]]:
+    """Return quantities, the share that each explains, its change, whether a fit confirmed it."""
+    affordable = int(_MOST_WORK / (_EVALUATIONS * _work(problem.thinned(_FEW_LINES))))
+    if affordable == 0:
+        return [(s.parameter, s.gain / whole, s.step, False) for s in promising]
+    trial = _Refit.of(problem, x, residual, whitened, beyond)
+    found = []
+    for score in promising[:affordable]:
+        explains, change = trial.share(score.parameter)
+        found.append((score.parameter, explains, change, True))
+    return found
+
+
+def _scores(problem: Problem, x: _Real, residual: Each, tried: Sequence[Parameter]) -> list[_Score]:
+    """Return the score of each quantity; empty where the model cannot be solved."""
     if not tried:
-        return ()
+        return []
     n = problem.n
-    wide = ParameterSet((*problem.coordinates.parameters.items, *tried))
-    coordinates = replace(problem.coordinates, parameters=wide, box=None)
-    parts = []
-    for part in problem.parts:
-        unknowns = Unknowns.find(part.solver.system, wide)
-        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates))
-    task = Problem.of(parts)
-    values = np.concatenate([problem.coordinates.to_values(x), [p.start for p in tried]])
-    local = residual.local(task, coordinates.to_x(values))
+    wide, start = _freed(problem, x, tried)
+    local = residual.local(wide, start)
     if local is None:
-        return ()
+        return []
     # The unknowns come first: below them the triangle holds the residual once they have adapted.
     R, q = local.R[n:, n:], local.q[n:]
     power = np.sum(R**2, axis=0)
     seen = power > 1e-12 * np.maximum(np.sum(local.R[:, n:] ** 2, axis=0), np.finfo(float).tiny)
     step = np.where(seen, -(R.T @ q) / np.where(seen, power, 1.0), 0.0)
-    gain = step**2 * power
-    if beyond is None:
-        beyond = _correlated(whitened)
-    whole = max(beyond, float(gain.max()))
-    total = sum(energy.values()) or 1.0
-    least = max(_LEAST_GAIN, _LEAST_SHARE * whole)
-    found = []
-    for i in np.flatnonzero(gain >= least):
-        p = tried[i]
-        share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
-        explains, change = float(gain[i] / whole), float(step[i])
-        found.append(Suspect(p.group, p.quantity, explains, change, share))
-    return tuple(sorted(found, key=lambda s: -s.explains)[:_KEPT])
+    return list(map(_Score, tried, (step**2 * power).tolist(), step.tolist()))
+
+
+def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Problem, _Real]:
+    """Return the problem with further unknowns, and x with their start."""
+    wide = ParameterSet((*problem.coordinates.parameters.items, *more))
+    coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
+    # Evaluations are remembered by name and x: with other unknowns it is another model.
+    names = " ".join(p.name for p in more)
+    parts = []
+    for part in problem.parts:
+        unknowns = Unknowns.find(part.solver.system, wide)
+        name = f"{part.name} with {names}"
+        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates, name=name))
+    return Problem.of(parts), np.concatenate([x, coordinates.home[problem.n :]])
+
+
+def _work(problem: Problem) -> float:
+    return sum(part.work for part in problem.parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Refit:
+    """Short fits, on few lines, with one further unknown each.
+
+    Attributes
+    ----------
+    problem : Problem
+        What was fitted, on few lines.
+    x : ndarray of float, shape (n,)
+        Where a short fit without a further unknown ends.
+    residual : Each
+        The output errors there.
+    cost : float
+        Half the sum of squares, priors included, that it leaves.
+    whitened : tuple of ndarray of complex
+        The residual there.
+    beyond : float or None
+        Part of the sum of squares on these lines that noise does not explain; None: not known.
+    """
+
+    problem: Problem
+    x: _Real
+    residual: Each
+    cost: float
+    whitened: tuple[_Complex, ...]
+    beyond: float | None
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        x: _Real,
+        residual: Each,
+        whitened: Sequence[_Complex],
+        beyond: float | None,
+    ) -> _Refit:
+        """Return the short fits that start from x."""
+        few = problem.thinned(_FEW_LINES)
+        errors, kept = [], 0
+        for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
+            at = np.flatnonzero(np.isin(whole.frf.freq, part.frf.freq))
+            error = residual.of(i)
+            errors.append(replace(error, weight=error.weight[at]))
+            kept += part.n_values
+        thinned = Each(tuple(errors))
+        x, cost = _descended(few, thinned, x)
+        e = _whitened(few, thinned, x)
+        if beyond is not None:
+            # The noise has the same share of all lines.
+            noise = sum(float(np.nansum(np.abs(w) ** 2)) for w in whitened) - beyond
+            beyond = 2.0 * cost - noise * kept / problem.n_values
+        return cls(few, x, thinned, cost, e, beyond)
+
+    def share(self, parameter: Parameter) -> tuple[float, float]:
+        """Return the share of the residual beyond the noise that a quantity explains, its change.
+
+        Where the size of the noise is not known, the share is told from the serial correlation of
+        what the fit removed and of what it left: the first shows how much of a model error is
+        correlated on these lines. An end at a bound explains nothing.
+        """
+        wide, start = _freed(self.problem, self.x, [parameter])
+        try:
+            x, cost = _descended(wide, self.residual, start)
+            left = _whitened(wide, self.residual, x)
+        except SolverError:
+            return 0.0, 0.0
+        gain, change = 2.0 * (self.cost - cost), float(x[-1] - start[-1])
+        lower, upper = wide.coordinates.bounds
+        pressed = parameter.is_factor and not lower[-1] < x[-1] < upper[-1]
+        if pressed or gain < _LEAST_GAIN:
+            return 0.0, change
+        if self.beyond is not None:
+            return float(gain / max(self.beyond, gain)), change
+        removed = [a - b for a, b in zip(self.whitened, left, strict=True)]
+        # Of a model error that hardly shows by correlation all that is left may be one.
+        counted = min(_correlated_share(left) / max(_correlated_share(removed), 1e-3), 1.0)
+        rest = counted * _square(left)
+        return float(gain / (gain + rest)), change
+
+
+def _descended(problem: Problem, residual: Each, x: _Real) -> tuple[_Real, float]:
+    """Return where a short fit ends, and half the sum of squares there, priors included."""
+    settings = TrustRegion(_STEPS, 1e-6, fall=_SETTLED, relative_fall=_SETTLED_SHARE)
+    end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
+    return end.x, end.local.cost
+
+
+def _whitened(problem: Problem, residual: Each, x: _Real) -> tuple[_Complex, ...]:
+    """Return the residual over its standard deviation; NaN for what is not there."""
+    out = []
+    for i, part in enumerate(problem.parts):
+        weight = residual.of(i).weight
+        out.append(np.where(weight > 0.0, weight * (part.frf.values - part.responses(x)), np.nan))
+    return tuple(out)
+
+
+def _square(whitened: Sequence[_Complex]) -> float:
+    return sum(float(np.nansum(np.abs(e) ** 2)) for e in whitened)
 
 
 def _matrix(quantity: str) -> str:
@@ -173,9 +336,12 @@ def _correlated(whitened: Sequence[_Complex]) -> float:
     """Return the part of the sum of squares that is correlated between neighbouring lines."""
     total = 0.0
     for e in whitened:
-        product = np.nansum((e[1:] * e[:-1].conj()).real, axis=0)
-        total += float(np.maximum(product, 0.0).sum())
-    return total
+        total += float(np.nansum((e[1:] * e[:-1].conj()).real))
+    return max(total, 0.0)
+
+
+def _correlated_share(whitened: Sequence[_Complex]) -> float:
+    return _correlated(whitened) / max(_square(whitened), np.finfo(float).tiny)
 
 
 def _energies(
@@ -230,7 +396,7 @@ def _tried(problem: Problem, x: _Real, energy: dict[tuple[str, str], float]) -> 
     items: list[Parameter] = []
     for group, quantity in ordered:
         if (group, quantity) not in free:
-            items.append(Parameter(group, quantity, 1.0, 1e-3, 1e3))
+            items.append(Parameter(group, quantity, 1.0, 1.0 / _FACTOR, _FACTOR))
         if quantity == "stiffness" and group not in driven and group in losses:
             loss = max(losses[group], 0.0)
             items.append(Parameter(group, "loss_factor", loss, 0.0, max(1.0, 2.0 * loss)))
@@ -242,4 +408,8 @@ def _sensors(problem: Problem, free: set[tuple[str, str]]) -> list[Parameter]:
     tried = calibration([part.frf for part in problem.parts], references="all")
     if len(tried) > _MOST_SENSORS:
         return []
-    return [p for p in tried if (p.group, p.quantity) not in free]
+    return [
+        replace(p, lower=1.0 / _FACTOR, upper=_FACTOR)
+        for p in tried
+        if (p.group, p.quantity) not in free
+    ]

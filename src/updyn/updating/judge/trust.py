@@ -5,6 +5,7 @@ The rules, and why they are as they are, stand in docs/verdict.md.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +14,15 @@ from updyn.updating.judge.causes.finding import Finding
 
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
+#: How a message begins where not all unknowns are determined.
+_OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
 PARTS = ("converged", "determined", "validated", "plausible")
 
 #: Typical misfit from which no noise model makes an answer plausible: half of the values are off by
 #: more than this share.
 GROSS = 0.5
+#: Typical misfit below which there is nothing left but rounding.
+ROUNDED = 1e-8
 #: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
 #: number of them.
 MANY, SOME = 0.5, 2
@@ -56,8 +61,12 @@ class Claim:
         return hash((self.holds, self.why))
 
     def __str__(self) -> str:
-        word = {True: "yes", False: "no", None: "not known"}[self.holds]
-        return f"{word}: {self.why}"
+        return f"{self.answer}: {self.why}"
+
+    @property
+    def answer(self) -> str:
+        """``"yes"``, ``"no"`` or ``"not known"``."""
+        return {True: "yes", False: "no", None: "not known"}[self.holds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +108,22 @@ class Trust(Mapping[str, Claim]):
         """Whether nothing speaks against the answer but what the data leave open."""
         return self.validated.holds is not False and self.plausible.holds is not False
 
+    def beyond(self, status: str, message: str) -> str:
+        """Return what the message of a result says beyond the four parts.
+
+        Parameters
+        ----------
+        status, message : str
+            Of the result.
+        """
+        rest = message
+        for claim in self.values():
+            rest = rest.replace(claim.why, "")
+        if status in ("converged", "not-credible"):  # the first sentence is the verdict
+            rest = rest.partition(". ")[2]
+        # The part `determined` has the figure; which unknowns they are is said here.
+        return " ".join(_OPEN.sub("Not determined: ", rest).split())
+
 
 def trust(
     status: str,
@@ -136,17 +161,19 @@ def trust(
         Why causes were not looked for, though what is left is not noise.
     """
     return Trust(
-        _converged(status, left),
+        _converged(status, left, misfit),
         _determined(status, rank, answers),
         validated(correlation),
         _plausible(status, correlation, misfit, pressed, findings, unseen=unseen),
     )
 
 
-def _converged(status: str, left: float | None) -> Claim:
+def _converged(status: str, left: float | None, misfit: float) -> Claim:
     if status == "stopped":
         return Claim(None, "The fit was stopped by the user.")
-    gain = "" if left is None else f" What is left to gain is {left:.1g} standard deviations."
+    gain = ""
+    if left is not None and misfit >= ROUNDED:  # the deviations of rounding say nothing
+        gain = f" What is left to gain is {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
     return Claim(False, f"The fit ended as {status}.{gain}")
@@ -244,4 +271,7 @@ def _plausible(
     mild = f" {findings[0].statement}" if findings else ""
     if unseen:
         mild = f" What is left is not noise; {unseen}."
-    return Claim(True, f"Half of the values are off by less than {100.0 * misfit:.2g} %.{mild}")
+    said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
+    if misfit < ROUNDED:
+        said = "The model answers the data but for rounding."
+    return Claim(True, said + mild)

@@ -8,7 +8,7 @@ from itertools import compress
 import numpy as np
 
 from updyn.updating.fit.method import Fit
-from updyn.updating.judge.adequacy import Adequacy
+from updyn.updating.judge.adequacy import EXPLAINED, Adequacy
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import Ending, Pressed
@@ -104,8 +104,15 @@ def verdict(
 def _free(found: list[Adequacy]) -> str:
     """Return the remedy for an error that would explain the residual; empty where none is known."""
     for adequacy in found:
-        if adequacy.explained_by:
-            return f"Free {adequacy.explained_by[0].name} if it can be wrong, and run again."
+        if not adequacy.explained_by:
+            continue
+        best = adequacy.explained_by[0]
+        if best.explains >= EXPLAINED:
+            return f"Free {best.name} if it can be wrong, and run again."
+        return (
+            "Look for a part that the model lacks, such as a further support or connection, or for"
+            " several errors at once."
+        )
     return ""
 
 

@@ -232,20 +232,51 @@ def test_one_channel_in_one_band():
 
 def test_what_would_explain_it_is_said():
     suspects = [
-        Suspect("gear 2", "stiffness", 0.9, 0.1, 0.5),
-        Suspect("gear 2", "mass", 0.8, -0.1, 0.2),
-        Suspect("shaft", "mass", 0.3, 0.1, 0.1),
+        Suspect("gear 2", "stiffness", 0.9, 0.1, 0.5, confirmed=True),
+        Suspect("gear 2", "mass", 0.8, -0.1, 0.2, confirmed=True),
+        Suspect("shaft", "mass", 0.3, 0.1, 0.1, confirmed=True),
     ]
     found = blamed(look(planted(4.0)), suspects)
     assert found.verdict.endswith(
-        " An error in the stiffness of gear 2 (too low) or the mass of gear 2 (too high) would"
-        " explain 90 % of it."
+        " An error in the stiffness of gear 2 (9.5 % too low) or the mass of gear 2 (11 % too high)"
+        " would explain 90 % of it."
     )
     assert found.explained_by == tuple(suspects)
     e = noise(12)
     e[:, 1] *= 3.0
     assert blamed(look(e), suspects).outcome == "structure"
     assert blamed(look(noise(0)), suspects).explained_by == ()
+
+
+@pytest.mark.parametrize(
+    ("suspect", "said"),
+    [
+        (
+            Suspect("a", "mass", 0.3, 0.1, 0.1, confirmed=True),
+            "No single quantity explains it: the most, 30 %, an error in the mass of a (9.5 % too"
+            " low) would.",
+        ),
+        (
+            Suspect("a", "mass", 0.9, 1.1, 0.1, confirmed=True),
+            "An error in the mass of a (3 times too low) would explain 90 % of it.",
+        ),
+        (
+            Suspect("a", "loss_factor", 0.9, -0.02, 0.1, confirmed=True),
+            "An error in the loss factor of a (0.02 too high) would explain 90 % of it.",
+        ),
+        (
+            Suspect("1:RX", "calibration", 0.9, np.log(1.1), 0.0, confirmed=True),
+            "An error in the sensor 1:RX (reads 10 % too much) would explain 90 % of it.",
+        ),
+        (
+            Suspect("1:RX", "calibration", 0.9, 0.1, 0.0),
+            "By an estimate of first order, which no fit has confirmed, an error in the sensor"
+            " 1:RX (reads too much) would explain 90 % of it.",
+        ),
+    ],
+)
+def test_how_far_off_and_how_sure_is_said(suspect, said):
+    assert blamed(look(planted(4.0)), [suspect]).verdict.endswith(said)
 
 
 # -- bands -------------------------------------------------------------------------------------------------------

@@ -138,6 +138,93 @@ def test_the_gain_is_that_of_freeing_the_quantity(chain12_true):
     assert found[0].explains * whole == pytest.approx(cost[0] - cost[1], rel=0.01)
 
 
+# -- what the model has no quantity for ------------------------------------------------------------------------
+def storeys(n, extra=0.0):
+    """Floors on columns, each a spring with some of the mass; between ground floor and roof a further spring."""
+    groups = {}
+    for i in range(n):
+        K, M, floor = np.zeros((3, n, n))
+        ends = [j for j in (i - 1, i) if j >= 0]
+        K[ends, ends], M[ends, ends] = 1e6, 30.0
+        if i:
+            K[i, i - 1] = K[i - 1, i] = -1e6
+        floor[i, i] = 400.0
+        groups[f"column {i + 1}"] = updyn.Group(K, M, loss_factor=0.02)
+        groups[f"floor {i + 1}"] = updyn.Group(mass=floor)
+    tie = np.zeros((n, n))
+    tie[0, 0] = tie[-1, -1] = extra
+    tie[0, -1] = tie[-1, 0] = -extra
+    if extra:
+        groups["tie"] = updyn.Group(tie, loss_factor=0.02)
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def test_a_further_spring_is_not_blamed_on_a_mass_beyond_what_freeing_it_explains(add_noise):
+    """To first order the mass of the roof explains all of what its spring to the ground floor does."""
+    model, noise = storeys(5), {"relative": 0.01}
+    exact = updyn.response(
+        storeys(5, extra=2e4), np.linspace(0.5, 20.0, 150), model.dofs, ["1:X"], "accelerance"
+    )
+    data = add_noise(exact, np.random.default_rng(1), 0.01)
+    columns = [name for name in model.groups if name.startswith("column")]
+    unknowns = updyn.parameters(model, stiffness=columns)
+    without = updyn.update(model, data, unknowns, noise=noise)
+    estimated = updyn.update(model, data, unknowns)
+    for found in (without, estimated):
+        assert found.adequacy.outcome == "structure"
+        assert all(s.confirmed for s in found.adequacy.explained_by)
+        assert all(s.explains < 0.7 for s in found.adequacy.explained_by)
+    assert "No single quantity explains it" in without.message
+    assert without.remedy.startswith("Look for a part that the model lacks")
+    best = without.adequacy.explained_by[0]
+    assert best.name == "floor 5.mass"
+    freed = updyn.update(
+        model, data, unknowns + updyn.parameters(model, mass="floor 5"), noise=noise
+    )
+    square = [2.0 * one.history[-1].cost for one in (without, freed)]
+    beyond = square[0] - 2 * data.values.size + len(unknowns)
+    assert best.explains == pytest.approx((square[0] - square[1]) / beyond, abs=0.03)
+    assert best.change == pytest.approx(np.log(freed.values["floor 5.mass"]), rel=0.5)
+
+
+def test_what_a_short_fit_finds_at_a_bound_explains_nothing(make_chain):
+    """A sensor the wrong way round: no positive factor makes up for it, the smallest hides it best."""
+    model = make_chain(6)
+    freq = np.linspace(1.0, 40.0, 80)
+    frf = updyn.response(model, freq, model.dofs, ["1:X"], "accelerance")
+    values = frf.values.copy()
+    values[:, 3] *= -1.0
+    problem = Part.build(
+        model,
+        updyn.FRF(freq, values, model.dofs, ["1:X"], "accelerance"),
+        updyn.parameters(model, stiffness=["part1"]),
+    )
+    H = problem.responses(np.zeros(1))
+    weight = np.sqrt(2.0) / (0.01 * np.abs(H))
+    whitened = weight * (values - H)
+    found = localise(
+        Problem.of([problem]), np.zeros(1), Each((OutputError(weight),)), [whitened], None
+    )
+    assert "4:X.calibration" not in [s.name for s in found]
+
+
+def test_in_a_model_that_is_too_large_for_short_fits_nothing_is_confirmed(
+    chain12_true, monkeypatch
+):
+    monkeypatch.setattr("updyn.updating.judge.localise._MOST_WORK", 0.0)
+    _, found = fitted(
+        chain12_true,
+        chain(chain12_true),
+        "part2",
+        "stiffness",
+        1.2,
+        0.01,
+        np.random.default_rng(1),
+    )
+    assert found[0].name == "part2.stiffness"
+    assert not any(s.confirmed for s in found)
+
+
 # -- energy of the error in the constitutive relations ---------------------------------------------------------
 def test_energy_by_a_full_solution_of_the_constrained_problem():
     """Minimise lambda^H W lambda + theta |d|^2 / sigma^2 over all fields at once, with matrices written out."""

@@ -104,3 +104,20 @@ def test_how_the_optimiser_ended(status, holds):
 def test_other_names_are_refused():
     with pytest.raises(KeyError):
         judged()["believed"]
+
+
+def test_of_data_that_are_answered_but_for_rounding_no_deviations_are_given():
+    exact = judged(misfit=1e-13, left=4.0)
+    assert exact.converged.why == "The fit ended at a minimum of the misfit."
+    assert exact.plausible.why == "The model answers the data but for rounding."
+    assert "0.5 standard deviations" in judged(left=0.5).converged.why
+
+
+def test_what_a_message_says_beyond_the_four_parts():
+    found = judged()
+    message = f"The fit converged and the data determine all unknowns. {found.plausible.why} More."
+    assert found.beyond("converged", message) == "More."
+    open_ = judged("not-identifiable", rank=(2, 4))
+    message = "The fit ended, but the data determine only 2 of 4 unknowns: a, b can change."
+    assert open_.beyond("not-identifiable", message) == "Not determined: a, b can change."
+    assert [claim.answer for claim in open_.values()] == ["yes", "no", "not known", "yes"]

@@ -76,10 +76,13 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     assert status == "converged"
     assert message.endswith(found.verdict)
     assert remedy.startswith("Check units")
-    told = blamed(found, [Suspect("c", "mass", 0.9, 0.1, 0.4)])
+    told = blamed(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
     _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
     assert "Test 'locked': The model cannot explain" in message
     assert remedy.startswith("Free c.mass if it can be wrong, and run again. Check units")
+    partly = blamed(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
+    _, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": partly})
+    assert remedy.startswith("Look for a part that the model lacks")
     calm = assess(
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )

@@ -144,7 +144,7 @@ class MaximumLikelihood(Method):
         if not starts.exact:  # there is nothing better to find
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
-        with monitor.stage("elsewhere"):
+        with monitor.stage("other answers"):
             for _ in range(_HOPS):
                 others = self._elsewhere(problem, monitor, chosen)
                 answers += self._further(problem, noises, others, monitor, chosen)

@@ -190,6 +190,8 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
         unknowns=Unknowns.find(small, part.coordinates.parameters),
         rows=own,
         columns=np.array([int(np.flatnonzero(rows == c)[0]) for c in part.columns], dtype=np.intp),
+        # Evaluations are remembered by the name, too: this is another model at the same x.
+        name=f"{part.name} reduced at {frequency!r} Hz from {part.values(x).tolist()}",
     )
 
 

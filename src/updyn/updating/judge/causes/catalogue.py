@@ -7,12 +7,16 @@ from updyn.registry import Registry
 from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.conjugate import NonCausal
 from updyn.updating.judge.causes.delay import Delay
+from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.frequency_scale import FrequencyScale
+from updyn.updating.judge.causes.leakage import Leakage
 from updyn.updating.judge.causes.low_pass import LowPass
+from updyn.updating.judge.causes.mains import Mains
 from updyn.updating.judge.causes.mass_loading import MassLoading
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.judge.causes.quantity import Quantity
+from updyn.updating.judge.causes.reciprocity import Reciprocity
 from updyn.updating.judge.causes.scale import Scale
 from updyn.updating.judge.causes.sign import Sign
 from updyn.updating.judge.causes.swapped import Swapped
@@ -33,6 +37,10 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     FrequencyScale,
     Window,
     MassLoading,
+    Mains,
+    Leakage,
+    DrivePoint,
+    Reciprocity,
 )
 
 #: Kinds of faults by name. A further one derives from `Fault` and is registered here.

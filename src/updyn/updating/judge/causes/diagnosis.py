@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.data_alone import (
+    finding_of,
+    set_aside,
+    shown_by,
+    still_shown,
+    with_variance,
+)
 from updyn.updating.judge.causes.evidence import Evidence, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
@@ -23,7 +31,6 @@ from updyn.updating.judge.causes.trial import (
     robust_point,
     tried,
     widened,
-    with_noise,
 )
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
@@ -57,6 +64,9 @@ _MOST = 3
 _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
+#: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
+#: faults that were found do not explain the symptom.
+_WORSE = 1.5
 
 
 def strained(part: Part, x: _Real) -> bool:
@@ -99,30 +109,71 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     Returns
     -------
     list of Finding
-        The likeliest first. Empty where there are too few lines (`is_looked_at`).
+        Those that the data show by themselves, then the others, the likeliest first. Of the others
+        none where there are too few lines (`is_looked_at`).
 
     Raises
     ------
     SolverError
         If the model cannot be reduced.
     """
+    frf = with_variance(part.frf, noise)
+    seen = shown_by(frf)
+    for one in seen:
+        if one.fault.written:
+            frf = one.fault.repair(frf)
+    part = part.with_data(frf)
     if not is_looked_at(part):
-        return []
-    part = with_noise(part, noise.beforehand(part.frf), _LINES)
-    part, held = widened(part)
+        return [finding_of(one, part.name) for one in seen]
+    part, held = widened(part.thinned(_LINES))
     stage = stage_of(part)
-    findings: list[Finding] = []
     known = [np.concatenate([x, held]) for x in points]
+    explained = _explained(part, stage, known)
+    aside = set_aside(seen, part.frf)
+    if explained.findings and aside is not part.frf:
+        # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
+        by_itself = _explained(part.with_data(aside), stage, known)
+        if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
+            explained = by_itself
+    left = still_shown(seen, replace(explained.part.frf, variance=part.frf.variance))
+    return [finding_of(one, part.name) for one in left] + list(explained.findings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Explained:
+    """What model and data show together: findings, the part without them, and where its fit ended.
+
+    The end is None where nothing was found.
+    """
+
+    findings: tuple[Finding, ...]
+    part: Part
+    stage: Stage
+    end: _Real | None
+
+    def left_of(self, frf: FRF) -> float:
+        """Return the mean square of the misfit that is left of the data that count in others."""
+        part = self.part.with_data(replace(self.part.frf, variance=frf.variance))
+        begin = damped(part, part.coordinates.home) if self.end is None else self.end
+        trial = tried(self.stage.near(part, [begin]), None, [begin])
+        return np.inf if trial is None else trial.power
+
+
+def _explained(part: Part, stage: Stage, points: Sequence[_Real]) -> _Explained:
+    """Return the faults that model and data show together."""
+    findings: list[Finding] = []
+    end: _Real | None = None
     for _ in range(_MOST):
+        known = points if end is None else [end]
         found = _likeliest(part, stage, known, [(f.kind, f.channels) for f in findings])
         if not found:
             break
         best = found[0]
         findings.append(_finding(found, part.name))
-        known = [best.trial.x]
-        there = replace(stage.near(part, known), frf=part.frf)
-        part = part.with_data(best.fault.undo(Evidence(there, best.trial.x)))
-    return findings
+        end = best.trial.x
+        there = replace(stage.near(part, [end]), frf=part.frf)
+        part = part.with_data(best.fault.undo(Evidence(there, end)))
+    return _Explained(tuple(findings), part, stage, end)
 
 
 def _likeliest(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import read_fault
 
@@ -31,7 +32,8 @@ class Finding:
         How much likelier the data are with it than without it, times how often it happens.
     explains : float
         Share of the misfit that is left without it and not with it; or, where the unknowns can
-        imitate it, of how far they have to go from their start to do so.
+        imitate it, of how far they have to go from their start to do so. Of what the data show by
+        themselves: share of the data that it concerns.
     statement : str
         What is wrong, in a sentence.
     remedy : str
@@ -83,4 +85,6 @@ class Finding:
         DataError
             If no change of the data undoes it.
         """
-        return read_fault(self.written or self.kind).repair(frf)
+        if not self.written:
+            raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+        return read_fault(self.written).repair(frf)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
-from updyn.frf import FRF
 from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
@@ -23,7 +22,7 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
-__all__ = ["Trial", "damped", "robust_point", "tried", "widened", "with_noise"]
+__all__ = ["Trial", "damped", "robust_point", "tried", "widened"]
 
 _Real = NDArray[np.float64]
 
@@ -252,9 +251,3 @@ def widened(part: Part) -> tuple[Part, _Real]:
     coordinates = replace(part.coordinates, parameters=wide, box=None)
     whole = replace(part, unknowns=Unknowns.find(system, wide), coordinates=coordinates)
     return whole, coordinates.home[len(own) :]
-
-
-def with_noise(part: Part, variance: _Real, most: int) -> Part:
-    """Return the part on at most so many lines, with data that carry their variance."""
-    frf: FRF = replace(part.frf, variance=variance)
-    return replace(part, frf=frf).thinned(most)

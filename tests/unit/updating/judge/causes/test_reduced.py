@@ -11,7 +11,7 @@ from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.places import mistaken
 from updyn.updating.judge.causes.reduced import Reduced
-from updyn.updating.judge.causes.trial import widened, with_noise
+from updyn.updating.judge.causes.trial import widened
 from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part
 
@@ -59,8 +59,8 @@ def unknowns(model):
 
 @pytest.fixture(scope="module")
 def part(model, data, unknowns):
-    whole = Part.build(model, data, unknowns)
-    return widened(with_noise(whole, Stated(0.01, 1e-3).variance(data.values, data), 60))[0]
+    variance = Stated(0.01, 1e-3).variance(data.values, data)
+    return widened(Part.build(model, replace(data, variance=variance), unknowns))[0]
 
 
 @pytest.fixture(scope="module")

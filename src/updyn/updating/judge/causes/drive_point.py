@@ -1,0 +1,140 @@
+"""A drive point that gives out energy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.conjugate import NonCausal
+from updyn.updating.judge.causes.delay import Delay
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.quantity import Quantity
+from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.sign import Sign
+from updyn.updating.judge.causes.square import Square
+
+__all__ = ["DrivePoint"]
+
+#: Standard deviations of the noise, and share of the mobility (3 degrees), by which its real part
+#: is negative beyond doubt.
+_BEYOND, _PHASE = 4.0, 0.05
+#: Standard deviations from which a value has a phase.
+_CLEAR = 5.0
+#: Share of the lines of correct data at which that happens, and share that is worth a word.
+_BY_CHANCE, _LEAST = 0.02, 0.1
+#: Lines that count as so many, however narrow they are spaced.
+_MOST = 60
+#: Delays that are tried, in periods of the highest line.
+_PERIODS = np.array([0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class DrivePoint(ShownFault):
+    """At `value` of the lines the force takes energy out of the structure at these DOFs.
+
+    The mean power of a force is |F|^2 Re(Y) / 2, with Y the mobility of its drive point: Re(Y) >= 0
+    where the structure is passive (Ewins, Modal Testing, 2nd ed. 2000, section 2.3). As e^(i omega
+    t), the receptance has a negative imaginary part, the accelerance a positive one.
+
+    Attributes
+    ----------
+    behind : tuple of str
+        Faults that would explain it.
+    """
+
+    behind: tuple[str, ...] = ()
+
+    kind: ClassVar[str] = "drive-point"
+    symptom: ClassVar[bool] = True
+
+    @classmethod
+    def shown(cls, frf: FRF) -> Iterable[Shown]:
+        """Yield the drive points at which it is so, as one."""
+        square = Square.of(frf)
+        shares, log_odds = {}, 0.0
+        for i, label in enumerate(square.labels):
+            clear, active = _counted(square, i)
+            share = active / max(clear, 1)
+            gain = min(clear, _MOST) * _gained(share) + float(np.log(cls.odds))
+            if share >= _LEAST and gain > LIKELY:
+                shares[label] = share
+                log_odds = max(log_odds, gain)
+        if shares:
+            channels = tuple(shares)
+            fault = cls(channels, max(shares.values()), tuple(_explained_by(frf, channels)))
+            yield Shown(fault, log_odds, sum(shares.values()) / len(square.labels))
+
+    @property
+    def remedy(self) -> str:
+        """What to look at."""
+        return (
+            "Look at the direction of sensor and force, at the quantity that the file states, and"
+            " at time delays between the channels."
+        )
+
+    def set_aside(self, frf: FRF) -> FRF:
+        """Return the data in which these values do not count."""
+        square = Square.of(frf)
+        at = [square.labels.index(label) for label in self.channels]
+        return square.without(frf, zip(at, at, strict=True))
+
+    def statement(self) -> str:
+        """Return where, at how many lines, and what would explain it."""
+        behind = ""
+        if self.behind:
+            behind = f" What would explain it: {', or '.join(self.behind)}."
+        return (
+            f"At the drive point {self.where} the force takes energy out of the structure at"
+            f" {100.0 * self.value:.0f} % of the lines (the real part of the mobility is negative),"
+            f" which no passive structure allows.{behind}"
+        )
+
+
+def _explained_by(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
+    """Yield the faults without which these drive points would be passive."""
+    if _passive(Sign(tuple(channels)), frf, channels):
+        yield "the opposite sign of sensor or force"
+    for name, power in QUANTITIES.items():
+        if name != frf.quantity and _passive(Quantity((), power), frf, channels):
+            yield f"data that are {name}"
+    if _passive(NonCausal(), frf, channels):
+        yield "conjugated data"
+    for periods in _PERIODS:
+        for late in (periods / frf.freq[-1], -periods / frf.freq[-1]):
+            if _passive(Delay(tuple(channels), float(late)), frf, channels):
+                yield f"a delay of some {late:.1g} s"
+                return
+
+
+def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
+    """Return whether drive points are passive without a fault."""
+    square = Square.of(fault.repair(frf))
+    for label in channels:
+        clear, active = _counted(square, square.labels.index(label))
+        if active > _BY_CHANCE * clear:
+            return False
+    return True
+
+
+def _gained(share: float) -> float:
+    """Return the logarithm of the likelihood ratio of a line, at a share of active lines."""
+    if share <= _BY_CHANCE:
+        return 0.0
+    quiet = 0.0
+    if share < 1.0:
+        quiet = (1.0 - share) * np.log((1.0 - share) / (1.0 - _BY_CHANCE))
+    return float(share * np.log(share / _BY_CHANCE) + quiet)
+
+
+def _counted(square: Square, i: int) -> tuple[int, int]:
+    """Return the number of lines at which a drive point is clear, and of those with Re(Y) < 0."""
+    H, noise = square.values[:, i, i], square.noise[:, i, i]
+    clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)
+    s = 2j * np.pi * square.freq[clear]
+    to_mobility = s ** (1 - QUANTITIES[square.quantity])
+    Y, std = H[clear] * to_mobility, noise[clear] * np.abs(to_mobility) / np.sqrt(2.0)
+    return len(Y), int(np.count_nonzero(Y.real < -_BEYOND * std - _PHASE * np.abs(Y)))

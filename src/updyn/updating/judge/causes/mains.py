@@ -1,0 +1,202 @@
+"""Hum of the mains: single lines at multiples of 50 or 60 Hz."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+
+__all__ = ["Mains"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Frequencies of mains in Hz.
+_FREQUENCIES = (50.0, 60.0)
+#: Lines beside each that predict it, half on either side, and degree of their polynomial.
+_BESIDE, _DEGREE = 8, 3
+#: Terms of the polynomial beside a pole.
+_BESIDE_POLE = 3
+#: Largest spacing of lines, as a share of the mains frequency; largest distance of a line from a
+#: multiple, in spacings, at which it is judged: hum between two lines is in both.
+_COARSE, _NEAR = 0.1, 0.4
+#: Other lines that mains are compared with, at most.
+_COMPARED = 400
+#: Ratio of the deviation of a line from its prediction to the scatter of its neighbours from which
+#: it stands out, and share of the channels in which it does.
+_STANDS_OUT, _MANY = 4.0, 0.5
+#: Standard deviations from which the neighbours of a line show a resonance on it; half-power
+#: bandwidth in lines of the sharpest that is met: a record of one over the spacing does not resolve
+#: less.
+_RESONANT, _SHARP = 3.0, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Mains(ShownFault):
+    """Lines at multiples of `value` Hz hold hum of the mains.
+
+    Attributes
+    ----------
+    lines : tuple of float
+        Those that stand out, in Hz.
+    many : str
+        In how many channels.
+    """
+
+    lines: tuple[float, ...] = ()
+    many: str = ""
+
+    kind: ClassVar[str] = "mains"
+    unit: ClassVar[str] = "Hz"
+    odds: ClassVar[float] = 1e-2
+
+    @classmethod
+    def shown(cls, frf: FRF) -> Iterable[Shown]:
+        """Yield 50 or 60 Hz, whichever stands out, of evenly and finely spaced lines."""
+        if len(frf.freq) <= 2 * _BESIDE:
+            return
+        found: list[Shown] = []
+        for frequency in _FREQUENCIES:
+            hit = _hit(frf.freq, frequency)
+            if hit.any() and np.gradient(frf.freq)[hit].max() <= _COARSE * frequency:
+                found += cls._at(frf, frequency, hit)
+        yield from sorted(found, key=lambda one: -one.log_odds)[:1]
+
+    @classmethod
+    def _at(cls, frf: FRF, frequency: float, hit: NDArray[np.bool_]) -> Iterable[Shown]:
+        found = _Neighbours.of(frf, hit)
+        # What the most striking of all other lines reaches, a mains line has to exceed.
+        height = np.median(found.ratio, axis=1)
+        others = float(height[~hit].max(initial=0.0))
+        out = _hit(frf.freq, frequency, _NEAR) & (height > max(_STANDS_OUT, others))
+        out &= np.median(found.pole, axis=1) < _RESONANT
+        # One line may be a very sharp resonance, several at multiples hardly.
+        proven = out & (found.narrow < _SHARP)
+        if not proven.any() and len(np.unique(np.round(frf.freq[out] / frequency))) < 2:
+            return
+        # The noise of one force is in all its channels: only one channel counts.
+        n = _BESIDE - _DEGREE - 1
+        gains = n * np.log1p(height[out] ** 2 / n) - np.log(len(frf.freq))
+        log_odds = float(np.sum(gains) + np.log(cls.odds))
+        if log_odds > LIKELY:
+            many = np.mean(found.ratio[out] > _STANDS_OUT, axis=0) >= _MANY
+            text = f"{np.count_nonzero(many)} of {many.size} channels"
+            lines = tuple(float(f) for f in frf.freq[out])
+            share = np.count_nonzero(out) / len(frf.freq)
+            yield Shown(cls((), frequency, lines, text), log_odds, share)
+
+    @property
+    def written(self) -> str:
+        """``mains=50``."""
+        return f"{self.kind}={self.value:g}"
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> Mains:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If the frequency is not above 0, or channels are named.
+        """
+        found = super(ShownFault, cls).read(channels, value)
+        if not found.value > 0.0 or found.channels:
+            raise OptionError(f"repair {cls.kind!r}: expected mains=50 or mains=60")
+        return found
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            f'Leave these lines out: repair = ["{self.written}"] under [test]; in the next test,'
+            " look at cables and grounding."
+        )
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data without the lines next to multiples of the frequency."""
+        return frf.select(lines=frf.freq[~_hit(frf.freq, self.value)])
+
+    def statement(self) -> str:
+        """Return which lines stand out."""
+        shown = ", ".join(f"{f:.4g}" for f in self.lines[:6])
+        if len(self.lines) > 6:
+            shown += f" and {len(self.lines) - 6} more"
+        plural = "s" if len(self.lines) > 1 else ""
+        return (
+            f"Mains of {self.value:g} Hz: the line{plural} at {shown} Hz stand{'s' * (not plural)}"
+            f" out of what the neighbouring lines predict, in {self.many}."
+        )
+
+
+def _hit(freq: _Real, frequency: float, within: float = 0.5) -> NDArray[np.bool_]:
+    """Return the lines next to multiples of a frequency, within a share of the spacing."""
+    order = np.round(freq / frequency)
+    away = np.abs(freq - order * frequency) / np.gradient(freq)
+    return np.asarray((order >= 1) & (away <= within * (1.0 + 1e-9)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Neighbours:
+    """Lines against a polynomial through those beside them that no hum reaches.
+
+    It is a local polynomial without the transient (Pintelon & Schoukens, System Identification,
+    2nd ed. 2012, chapter 7).
+
+    Attributes
+    ----------
+    ratio : ndarray of float, shape (n_f, n_c)
+        Deviation of each line from its prediction, in units of its standard deviation.
+    pole : ndarray of float, shape (n_f, n_c)
+        Coefficient of 1 / distance in lines that the neighbours show, in units of its own standard
+        deviation: that of a resonance on the line.
+    narrow : ndarray of float, shape (n_f,)
+        Least half-power bandwidth, in lines, of a resonance that would explain the line, at two
+        standard deviations.
+    """
+
+    ratio: _Real
+    pole: _Real
+    narrow: _Real
+
+    @classmethod
+    def of(cls, frf: FRF, hit: NDArray[np.bool_]) -> _Neighbours:
+        n = len(frf.freq)
+        flat = frf.values.reshape(n, -1)
+        least = 1e-12 * np.abs(flat).max() + np.finfo(float).tiny
+        ratio, pole, narrow = np.zeros(flat.shape), np.zeros(flat.shape), np.zeros(n)
+        quiet = np.flatnonzero(~hit)
+        for k in np.union1d(np.flatnonzero(hit), quiet[:: -(-n // _COMPARED)]):
+            others = quiet[quiet != k]
+            first = np.searchsorted(others, k) - _BESIDE // 2
+            near = others[np.clip(first, 0, len(others) - _BESIDE) + np.arange(_BESIDE)]
+            away = (frf.freq[near] - frf.freq[k]) / (np.ptp(frf.freq[near]) / _BESIDE)
+            powers = (away / _BESIDE)[:, None] ** np.arange(_DEGREE + 1)
+            weights, std = _fitted(powers, flat[near], least)
+            deviation = np.abs(flat[k] - weights[0] @ flat[near])
+            ratio[k] = deviation / (std * np.sqrt(1.0 + weights[0] @ weights[0]))
+            weights, std = _fitted(
+                np.column_stack([1.0 / away, powers[:, :_BESIDE_POLE]]), flat[near], least
+            )
+            unsure = float(np.sqrt(weights[0] @ weights[0]))
+            pole[k] = np.abs(weights[0] @ flat[near]) / (std * unsure)
+            # All channels have a resonance at the same line: their noise averages out.
+            power = max(float(np.sum(pole[k] ** 2 - 1.0)), 0.0) + 2.0 * np.sqrt(len(std))
+            height = np.maximum(np.linalg.norm(deviation / std), np.finfo(float).tiny)
+            narrow[k] = unsure * np.sqrt(power) / height
+        return cls(ratio, pole, narrow)
+
+
+def _fitted(basis: _Real, seen: _Complex, least: float) -> tuple[_Real, _Real]:
+    """Return the weights of each coefficient, and the standard deviation of data about the fit."""
+    Q, R = np.linalg.qr(basis)
+    left = seen - Q @ (Q.T @ seen)
+    freedom = len(basis) - basis.shape[1]
+    std = np.sqrt(np.sum(np.abs(left) ** 2, axis=0) / freedom)
+    return np.linalg.solve(R, Q.T), np.maximum(std, least)

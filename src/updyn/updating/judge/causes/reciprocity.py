@@ -1,0 +1,144 @@
+"""Two FRFs that should be one: response at a by force at b, and the other way round."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
+from updyn.updating.judge.causes.square import Square
+
+__all__ = ["Reciprocity"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Difference, as a share, that sound tests have: sensors load the structure, hammers miss the spot.
+_USUAL = 0.07
+#: Standard deviations from which a value has a phase, and least number of such lines.
+_CLEAR, _FEWEST = 5.0, 8
+#: A description that explains the difference leaves less than this share of it.
+_EXPLAINED = 0.3
+#: Delays that are tried, in periods of the highest line.
+_TURNS, _STEPS = 2.0, 401
+
+
+@dataclass(frozen=True, slots=True)
+class Reciprocity(ShownFault):
+    """H_ab and H_ba differ by `value`, as a share.
+
+    Of a linear passive structure without rotating parts they are equal (Ewins, Modal Testing, 2nd
+    ed. 2000, section 2.5).
+
+    Attributes
+    ----------
+    as_if : str
+        What explains the difference.
+    """
+
+    as_if: str = ""
+
+    kind: ClassVar[str] = "reciprocity"
+    odds: ClassVar[float] = 1e-2
+    symptom: ClassVar[bool] = True
+
+    @classmethod
+    def shown(cls, frf: FRF) -> Iterable[Shown]:
+        """Yield the pairs that are not reciprocal, the worst first."""
+        square = Square.of(frf)
+        found = []
+        for a, b in square.pairs():
+            difference = _Difference.of(square, a, b)
+            if len(difference.freq) < _FEWEST:
+                continue
+            size = difference.size
+            ratio = size**2 / (_USUAL**2 + float(np.median(difference.noise**2)))
+            # One draw: a difference of one cause is that of all lines.
+            log_odds = ratio - 1.0 - float(np.log(max(ratio, 1.0))) + float(np.log(cls.odds))
+            if ratio > 1.0 and log_odds > LIKELY:
+                pair = (square.labels[a], square.labels[b])
+                fault = cls(pair, size, difference.described())
+                found.append(Shown(fault, log_odds, min(size, 1.0)))
+        number = max(sum(1 for _ in square.pairs()), 1)
+        found.sort(key=lambda one: -one.log_odds)
+        for one in found:
+            yield replace(one, share=one.share / number)
+
+    @property
+    def remedy(self) -> str:
+        """What to look at."""
+        return (
+            "Look at the two runs: the place and direction of sensor and hammer, and the"
+            f" sensitivities; measure {self.where} again, or leave out the one that is in doubt."
+        )
+
+    def statement(self) -> str:
+        """Return which pair, by how much, and what would explain it."""
+        a, b = self.channels
+        return (
+            f"Reciprocity is broken: the response at {a} to a force at {b} and that at {b} to a"
+            f" force at {a} differ by {100.0 * self.value:.0f} %{self.as_if}."
+        )
+
+    def set_aside(self, frf: FRF) -> FRF:
+        """Return the data in which neither of the two counts."""
+        square = Square.of(frf)
+        a, b = (square.labels.index(label) for label in self.channels)
+        return square.without(frf, [(a, b), (b, a)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Difference:
+    """ln(H_ab / H_ba) at the lines where both are clear, its noise, and these lines in Hz."""
+
+    log_ratio: _Complex
+    noise: _Real
+    freq: _Real
+
+    @classmethod
+    def of(cls, square: Square, a: int, b: int) -> _Difference:
+        H, G = square.values[:, a, b], square.values[:, b, a]
+        h, g = square.noise[:, a, b], square.noise[:, b, a]
+        clear = (np.abs(H) > _CLEAR * h) & (np.abs(G) > _CLEAR * g)
+        H, G = H[clear], G[clear]
+        noise = np.hypot(h[clear] / np.abs(H), g[clear] / np.abs(G))
+        return cls(np.log(H / G), noise, square.freq[clear])
+
+    @property
+    def size(self) -> float:
+        """The typical difference; the median leaves out resonances that shifted a little."""
+        return float(np.sqrt(np.median(np.abs(self.log_ratio) ** 2)))
+
+    def without(self, log_factor: Any) -> _Difference:
+        """Return what a factor between the two leaves, the phase between -pi and pi."""
+        left = self.log_ratio - log_factor
+        return replace(self, log_ratio=left.real + 1j * np.angle(np.exp(1j * left.imag)))
+
+    def delay(self) -> float:
+        """Return the delay in s that aligns the two best."""
+        tried = np.linspace(-_TURNS, _TURNS, _STEPS) / self.freq[-1]
+        unit = np.exp(1j * self.log_ratio.imag)
+        aligned = (np.exp(2j * np.pi * tried[:, None] * self.freq) @ unit).real
+        return float(tried[np.argmax(aligned)])
+
+    def described(self) -> str:
+        """Return what the difference looks like, where one or two numbers explain it."""
+        factor, late = float(np.median(self.log_ratio.real)), self.delay()
+        turned = -2j * np.pi * self.freq * late
+        times = f"a factor of {np.exp(factor):.3g}"
+        described: list[tuple[Any, str]] = [
+            (1j * np.pi, "the sign"),
+            (factor, times),
+            (factor + 1j * np.pi, f"the sign and {times}"),
+            (turned, f"a delay of {late:.2g} s"),
+            (factor + turned, f"a delay of {late:.2g} s and {times}"),
+        ]
+        for log_factor, text in described:
+            if self.without(log_factor).size < _EXPLAINED * self.size:
+                return f", which {text} explains"
+        return "; neither sign nor a factor nor a delay explains it"

@@ -1,0 +1,88 @@
+"""Faults that the data show by themselves, whatever the model."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault
+
+__all__ = ["LIKELY", "Shown", "ShownFault"]
+
+#: Logarithm of the odds from which a fault is found: 100 to 1.
+LIKELY = float(np.log(100.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A fault that the data show, and how clearly.
+
+    Attributes
+    ----------
+    fault : ShownFault
+        The fault.
+    log_odds : float
+        Logarithm of the odds that the data have it.
+    share : float
+        Share of the data that it concerns.
+    """
+
+    fault: ShownFault
+    log_odds: float
+    share: float
+
+
+class ShownFault(Fault):
+    """A fault that is found in the data alone, and not by comparison with the model.
+
+    Attributes
+    ----------
+    symptom : bool
+        Whether a fault of another kind may be behind it; it is told where none was found.
+    """
+
+    __slots__ = ()
+
+    symptom: ClassVar[bool] = False
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Return none: the model is not asked."""
+        return ()
+
+    @classmethod
+    @abstractmethod
+    def shown(cls, frf: FRF) -> Iterable[Shown]:
+        """Return what the data show, where its odds are 100 to 1 or more.
+
+        Parameters
+        ----------
+        frf : FRF
+            The data, with their variance as far as it is known.
+        """
+
+    @property
+    def written(self) -> str:
+        """Nothing, unless the kind says otherwise: no change of the data undoes it."""
+        return ""
+
+    def repair(self, frf: FRF) -> FRF:
+        """Refuse, unless the kind can.
+
+        Raises
+        ------
+        DataError
+            Always; the message says what to do.
+        """
+        raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+
+    def set_aside(self, frf: FRF) -> FRF:
+        """Return the data in which the values concerned do not count for other faults."""
+        return frf

@@ -1,0 +1,84 @@
+"""The values of data between DOFs that carry both a sensor and a force."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.problem.noise.neighbours import scatter
+
+__all__ = ["Square"]
+
+#: Variance of a value that does not count, in units of the square of the largest.
+_LOST = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Square:
+    """Values between DOFs that carry both a sensor and a force, signs of the labels taken out.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        The DOFs, without signs.
+    rows, columns : ndarray of int, shape (n,)
+        Where they stand among responses and references.
+    values : ndarray of complex, shape (n_f, n, n)
+        Positive force and positive motion in the same direction.
+    noise : ndarray of float, shape (n_f, n, n)
+        Standard deviation: the larger of what is known and the scatter of neighbouring lines.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    quantity : str
+        What the values are.
+    """
+
+    labels: tuple[str, ...]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    values: NDArray[np.complex128]
+    noise: NDArray[np.float64]
+    freq: NDArray[np.float64]
+    quantity: str
+
+    @classmethod
+    def of(cls, frf: FRF) -> Square:
+        """Return that of some data."""
+        responses = {str(abs(dof)): i for i, dof in enumerate(frf.responses)}
+        references = {str(abs(dof)): j for j, dof in enumerate(frf.references)}
+        labels = tuple(label for label in references if label in responses)
+        rows = np.array([responses[label] for label in labels], dtype=np.intp)
+        columns = np.array([references[label] for label in labels], dtype=np.intp)
+        sign = np.multiply.outer(frf.responses.signs[rows], frf.references.signs[columns])
+        at = np.ix_(np.arange(len(frf.freq)), rows, columns)
+        variance = scatter(frf)[at]
+        if frf.variance is not None:
+            variance = np.maximum(variance, frf.variance[at])
+        return cls(
+            labels, rows, columns, frf.values[at] * sign, np.sqrt(variance), frf.freq, frf.quantity
+        )
+
+    def pairs(self) -> Iterator[tuple[int, int]]:
+        """Yield the pairs of different DOFs."""
+        yield from combinations(range(len(self.labels)), 2)
+
+    def without(self, frf: FRF, pairs: Iterable[tuple[int, int]]) -> FRF:
+        """Return the data with some of these values lost in the noise, so that they do not count.
+
+        Parameters
+        ----------
+        frf : FRF
+            The data, with their variance.
+        pairs : iterable of (int, int)
+            Which, by the positions of response and force in `labels`.
+        """
+        assert frf.variance is not None
+        variance = frf.variance.copy()
+        for i, j in pairs:
+            variance[:, self.rows[i], self.columns[j]] = _LOST * np.abs(frf.values).max() ** 2
+        return replace(frf, variance=variance)
