@@ -199,14 +199,16 @@ class Evidence:
         moved = np.array([one != other for one, other in pairs])
         there = np.broadcast_to(moved[:, None], self.frf.values.shape).ravel()
         rows = np.flatnonzero(np.concatenate([there, there]))
-        A = self._columns.copy()
+        A = self._columns
         old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
-        A[rows] = new
-        normal = self._normal - old.T @ old + new.T @ new
+        curved = self._normal - old.T @ old + new.T @ new
         spread = spread_of(self.part)  # in which the matrix is 1 and what the data add
-        scaled = spread[:, None] * normal * spread
-        step = spread * scipy.linalg.solve(scaled, spread * (A.T @ b), assume_a="pos")
-        return np.asarray(b - A @ step)
+        pull = spread * (A.T @ b + (new - old).T @ b[rows])
+        scaled = spread[:, None] * curved * spread
+        step = spread * scipy.linalg.solve(scaled, pull, assume_a="pos")
+        adapted = A @ step
+        adapted[rows] = new @ step
+        return np.asarray(b - adapted)
 
     @cached_property
     def changes(self) -> _Real:
