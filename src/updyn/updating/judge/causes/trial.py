@@ -58,6 +58,8 @@ class Trial:
         Correlation of the misfit of neighbouring lines.
     n_values : int
         Number of real values.
+    numbers : int
+        Numbers of the fault that the data determine.
     quadratic : Quadratic or None
         The misfit about the end; None where nothing is held of the model.
     """
@@ -68,6 +70,7 @@ class Trial:
     far: float
     alike: float
     n_values: int
+    numbers: int = 0
     quadratic: Quadratic | None = None
 
     def gain(self, other: Trial) -> float:
@@ -86,8 +89,7 @@ class Trial:
         """
         alike = min(max(min(self.alike, other.alike), 0.0), _MOST_ALIKE)
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
-        numbers = [float(t.fault is not None and t.fault.tunes) for t in (other, self)]
-        cost = 0.5 * (numbers[1] - numbers[0]) * np.log(max(count, 2.0))
+        cost = 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
             level = [t.power + SMALLEST**2 for t in (other, self)]
             gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
@@ -132,12 +134,17 @@ def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) 
     holds = bool(held_of(part).any())
     # Once more, the spread of what is left being known, where priors are to count by it.
     fewest = 2 if holds else 1
+    if fault is not None:
+        x = fault.begun(part, x)
     for number in range(rounds):
         try:
-            freed = part if fault is None else part.with_data(fault.undo(Evidence(part, x)))
+            freed = part if fault is None else fault.accounted(part, x)
             x, power, far, alike = _descent(freed, x, steps)
             if number == rounds - 1:
                 break
+            if fault is not None and fault.adapts:
+                fault = fault.refined(Evidence(part, x))
+                continue
             if fault is None or not fault.tunes:
                 if number + 1 < fewest:
                     continue
@@ -151,8 +158,9 @@ def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) 
         fault = tuned
     if fault is not None and not fault.plausible():
         return None
+    numbers = 0 if fault is None else fault.numbers(part.frf)
     quadratic = _about(freed, fault, x) if holds else None
-    return Trial(fault, x, power, far, alike, 2 * part.n_values, quadratic)
+    return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers, quadratic)
 
 
 def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
