@@ -294,6 +294,10 @@ class AffineSystem:
         """Return the row of each entry of the pattern, shape (nnz,)."""
         return np.asarray(np.repeat(np.arange(self.n), np.diff(self.indptr)), dtype=np.intp)
 
+    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs that one is coupled with, itself included, ascending."""
+        return np.array(self.indices[self.indptr[dof] : self.indptr[dof + 1]])
+
 
 def _mixed(entries: list[NDArray[np.float64]], c: NDArray[Any]) -> NDArray[Any]:
     """Return the sum of c_t times `entries` of term t, shape (n_lines, n_entries).

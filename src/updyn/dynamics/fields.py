@@ -108,6 +108,9 @@ class FieldSolver(Protocol):
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return DOFs besides `seen` whose motion can be asked for."""
 
+    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs that one is coupled with in the model, itself included."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineSolver:
@@ -172,6 +175,10 @@ class LineSolver:
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the DOFs besides `seen`."""
         return np.setdiff1d(np.arange(self.system.n), seen)
+
+    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs that one is coupled with, itself included."""
+        return self.system.coupled(dof)
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""

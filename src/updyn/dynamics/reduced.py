@@ -25,7 +25,7 @@ mode in the band is missing when the basis is made.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
@@ -123,6 +123,28 @@ class Certificate:
     factorisations: int
 
 
+@dataclass(frozen=True, slots=True)
+class Across:
+    """What each state adds to a basis that holds between many states.
+
+    Attributes
+    ----------
+    shifts : tuple of float
+        In squares of the highest frequency; each state takes the next one.
+    depth : int
+        Number of moments at it.
+    combinations : int
+        Random combinations of the sensors beside the references.
+    lossy : bool
+        Whether the forces of damping add vectors, too.
+    """
+
+    shifts: tuple[float, ...] = (_SEARCH_SHIFT,)
+    depth: int = 2
+    combinations: int = _COMBINATIONS
+    lossy: bool = True
+
+
 @dataclass(slots=True, eq=False)
 class Reduction:
     """A growing basis for the receptance of a model between some DOFs, in a band.
@@ -193,7 +215,9 @@ class Reduction:
             middle = 0.5 * (gap[0] + gap[1])
             below[middle] = self._expand(state, middle, loads, self._depth)
 
-    def build_around(self, states: Sequence[State], seed: int = 0) -> None:
+    def build_around(
+        self, states: Sequence[State], seed: int = 0, across: Across | None = None
+    ) -> None:
         """Build a new basis that holds roughly between many states, for a search.
 
         Each state adds, of one factorisation in the lower part of the band, the solutions X for the
@@ -208,6 +232,8 @@ class Reduction:
             The first is that of the start. One that cannot be factorised adds nothing.
         seed : int
             Of the random combinations.
+        across : Across, optional
+            Where the whole band counts: other shifts, and more vectors.
 
         Raises
         ------
@@ -215,10 +241,12 @@ class Reduction:
             If no state can be factorised.
         """
         self._begin(states[0])
-        rng = np.random.default_rng(seed)
-        for state in states:
+        rng, across = np.random.default_rng(seed), across or Across()
+        for number, state in enumerate(states):
+            shift = across.shifts[number % len(across.shifts)] * self._top
             with suppress(SolverError):
-                self._expand(state, _SEARCH_SHIFT * self._top, self._combined_loads(rng), depth=2)
+                loads = self._combined_loads(rng, across.combinations)
+                self._expand(state, shift, loads, across.depth, lossy=across.lossy)
         if self.basis.size == 0:
             raise SolverError("tier 'reduced': the model is singular at the start")
 
@@ -245,9 +273,9 @@ class Reduction:
         diagonal = self._matrix(state, -self._top).diagonal()
         self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
 
-    def _combined_loads(self, rng: np.random.Generator) -> _Real:
+    def _combined_loads(self, rng: np.random.Generator, combinations: int) -> _Real:
         """Return unit loads at the references and at random combinations of the sensors."""
-        groups = (self.columns, _MOST_REFERENCES), (self.rows, _COMBINATIONS)
+        groups = (self.columns, _MOST_REFERENCES), (self.rows, combinations)
         loads = []
         for dofs, most in groups:
             own = np.unique(dofs)
@@ -259,13 +287,15 @@ class Reduction:
             loads.append(F)
         return np.asfortranarray(np.hstack(loads))
 
-    def _expand(self, state: State, shift: float, loads: _Real, depth: int) -> int | None:
+    def _expand(
+        self, state: State, shift: float, loads: _Real, depth: int, *, lossy: bool = True
+    ) -> int | None:
         """Add the basis vectors of a shift; return how many modes lie below it, if known."""
         factorised, X = self._solved(state, shift, loads)
-        lossy, inertial = self._lossy(state), self._inertial(state)
+        damping, inertial = self._lossy(state), self._inertial(state)
         lost = None
-        if lossy.any():
-            lost = factorised.solve(self.system.applied(lossy, X))
+        if lossy and damping.any():
+            lost = factorised.solve(self.system.applied(damping, X))
         self.basis.append(X.copy())
         self.poll()
         for _ in range(depth - 1):
@@ -806,6 +836,8 @@ class ReducedSolver:
         The basis there.
     stack : ndarray of float, shape (n_terms, r * r)
         The projected matrices.
+    coupling : mapping of int to ndarray of int
+        The DOFs that each of the observed is coupled with in the whole model.
     backend : str
         Which backend made the basis.
     label : str
@@ -816,6 +848,7 @@ class ReducedSolver:
     observed: NDArray[np.intp]
     rows: NDArray[np.float64]
     stack: NDArray[np.float64]
+    coupling: Mapping[int, NDArray[np.integer[Any]]]
     backend: str
     label: str = "reduced"
 
@@ -860,7 +893,8 @@ class ReducedSolver:
             terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs
         )
         stack = np.stack([A.ravel() for A in basis.terms])
-        return cls(reduced, observed, basis.at(observed), stack, backend, label)
+        coupling = {int(d): system.coupled(int(d)) for d in observed}
+        return cls(reduced, observed, basis.at(observed), stack, coupling, backend, label)
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""
@@ -929,6 +963,10 @@ class ReducedSolver:
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return DOFs besides `seen` that can be read."""
         return np.setdiff1d(self.observed, seen)
+
+    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs that one is coupled with in the whole model, itself included."""
+        return self.coupling[dof]
 
     def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:
         place = np.searchsorted(self.observed, dofs)

@@ -45,7 +45,8 @@ def diagnose(
     noise : None, str or mapping
         As for `update`.
     tier, backend : str, optional
-        As for `update`.
+        As for `update`. Models of more than some hundred degrees of freedom are reduced for it
+        in any case.
 
     Returns
     -------
@@ -56,13 +57,16 @@ def diagnose(
     ------
     InputError
         If model, data, unknowns or options do not fit together.
+    SolverError
+        If the model is to be reduced, and cannot be solved at its start.
     """
     if unknowns is None:
         unknowns = _all_unknowns(model)
     selection = Selection.of(unknowns)
     test = Test(selection.start_of(model), frf, "", None, noise)
     check([test], selection.parameters)
-    part = Part.build(test.model, frf, selection.parameters, tier=tier, backend=backend)
+    exact = None if tier == "reduced" else tier
+    part = Part.build(test.model, frf, selection.parameters, tier=exact, backend=backend)
     return tuple(diagnosed(part, choose_noise(noise, frf)))
 
 

@@ -169,7 +169,7 @@ def run(
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
-        causes = _causes(problem, splits, found, noises, monitor, reducing=reducing)
+        causes = _causes(problem, whole, splits, found, noises, monitor)
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
@@ -232,23 +232,21 @@ def _decisive(
 
 def _causes(
     problem: Problem,
+    exact: Problem,
     splits: Sequence[Split],
     found: Judgement,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
-    *,
-    reducing: bool,
-) -> tuple[tuple[Finding, ...], bool]:
+) -> tuple[tuple[Finding, ...], str]:
     """Return the causes of what a fit left of the data; they are looked for where it is not noise.
 
-    They are looked for in all data, those that were held out included. A reduced model stands for
-    the measured degrees of freedom alone, and for no others. The second is whether they were
-    looked for wherever they had to be.
+    They are looked for in all data, those that were held out included, and by the whole model. The
+    second says why they were not looked for, where they had to be; empty where they were.
     """
     if found.fit.reason in ("stopped", "failed"):
-        return (), True
+        return (), ""
     out: list[Finding] = []
-    looked = True
+    unseen = ""
     with monitor.stage("causes"), suppress(Stopped):
         for i, (part, split, adequacy) in enumerate(
             zip(problem.parts, splits, found.adequacy, strict=True)
@@ -256,26 +254,30 @@ def _causes(
             noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
             predicted = validated([found.correlation[i]]).holds is not False
             if not noisy or not predicted or strained(part, found.fit.x):
-                whole = part.with_data(split.whole)
-                if reducing or not is_looked_at(whole):
-                    looked = False
+                whole = replace(part, solver=exact.parts[i].solver).with_data(split.whole)
+                if not is_looked_at(whole):
+                    unseen = f"causes are not looked for in {whole.n_lines} lines"
                     out += findings_in(whole.frf, noises[i], part.name)
                     continue
-                out += diagnosed(whole, noises[i], [found.fit.x])
-    return tuple(out), looked
+                try:
+                    out += diagnosed(whole, noises[i], [found.fit.x])
+                except SolverError as error:
+                    unseen = f"causes could not be looked for ({error})"
+                    out += findings_in(whole.frf, noises[i], part.name)
+    return tuple(out), unseen
 
 
 def _common(
     problem: Problem,
     found: Judgement,
-    causes: tuple[tuple[Finding, ...], bool],
+    causes: tuple[tuple[Finding, ...], str],
     selection: Selection,
     options: RunOptions,
     monitor: Monitor,
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
-    findings, looked = causes
+    findings, unseen = causes
     tests = [part.name for part in problem.parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     end = ending(problem, fit, monitor.history)
@@ -306,7 +308,7 @@ def _common(
         misfit=found.misfit,
         pressed=_pressed(selection.parameters, found.at_bound),
         findings=findings,
-        looked=looked,
+        unseen=unseen,
     )
     if findings:
         message, remedy = caused(findings, message, remedy)

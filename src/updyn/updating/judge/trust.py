@@ -141,7 +141,7 @@ def trust(
     misfit: float,
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
-    looked: bool = True,
+    unseen: str = "",
 ) -> Trust:
     """Return the verdict in four parts.
 
@@ -163,14 +163,14 @@ def trust(
         Stiffnesses and masses at a bound, and the number of those that are unknown.
     findings : sequence of Finding
         Causes that were found.
-    looked : bool
-        Whether causes were looked for, or what is left is noise.
+    unseen : str
+        Why causes were not looked for, though what is left is not noise.
     """
     return Trust(
         _converged(status, left, misfit),
         _determined(status, rank, answers),
         validated(correlation),
-        _plausible(status, correlation, misfit, pressed, findings, looked=looked),
+        _plausible(status, correlation, misfit, pressed, findings, unseen=unseen),
     )
 
 
@@ -247,7 +247,7 @@ def _plausible(
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
     *,
-    looked: bool,
+    unseen: str,
 ) -> Claim:
     if status in ("stopped", "failed"):
         return Claim(None, f"The fit {status}.")
@@ -275,8 +275,8 @@ def _plausible(
                 f" {residual:.2g} of the level.",
             )
     mild = f" {findings[0].statement}" if findings else ""
-    if not looked:
-        mild = " What is left is not noise; causes are not looked for in a model of this size."
+    if unseen:
+        mild = f" What is left is not noise; {unseen}."
     said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
     if misfit < ROUNDED:
         said = "The model answers the data but for rounding."

@@ -22,6 +22,7 @@ from updyn.updating.judge.causes.data_alone import (
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.judge.causes.trial import (
     Trial,
@@ -52,8 +53,8 @@ _FAR_OFF = 2.0
 _WORTH = 0.1
 #: Other causes that are named.
 _NAMED = 2
-#: Operations of one evaluation, about, up to which hundreds of them are made.
-_MOST_WORK = 3e9
+#: How often a model is made better where a decision is taken.
+_SETTLED = 3
 #: Most faults of one test.
 _MOST = 3
 #: Fewer lines say nothing.
@@ -76,8 +77,8 @@ def strained(part: Part, x: _Real) -> bool:
 
 
 def is_looked_at(part: Part) -> bool:
-    """Return whether the model is small enough for causes to be looked for."""
-    return part.thinned(_LINES).work <= _MOST_WORK
+    """Return whether the data have lines enough for causes to be looked for."""
+    return part.n_lines >= _FEWEST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,22 +107,29 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     -------
     list of Finding
         Those that the data show by themselves, then the others, the likeliest first. Of the others
-        none where an evaluation of the model takes seconds (`is_looked_at`).
+        none where there are too few lines (`is_looked_at`).
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be reduced.
     """
     frf = with_variance(part.frf, noise)
     seen = shown_by(frf)
     for one in seen:
         if one.fault.written:
             frf = one.fault.repair(frf)
-    if not is_looked_at(part) or len(frf.freq) < _FEWEST:
+    part = part.with_data(frf)
+    if not is_looked_at(part):
         return [finding_of(one, part.name) for one in seen]
-    part, held = widened(part.with_data(frf).thinned(_LINES))
+    part, held = widened(part.thinned(_LINES))
+    stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, known)
+    explained = _explained(part, stage, known)
     aside = set_aside(seen, part.frf)
     if explained.findings and aside is not part.frf:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), known)
+        by_itself = _explained(part.with_data(aside), stage, known)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
     left = still_shown(seen, replace(explained.part.frf, variance=part.frf.variance))
@@ -137,50 +145,101 @@ class _Explained:
 
     findings: tuple[Finding, ...]
     part: Part
+    stage: Stage
     end: _Real | None
 
     def left_of(self, frf: FRF) -> float:
         """Return the mean square of the misfit that is left of the data that count in others."""
         part = self.part.with_data(replace(self.part.frf, variance=frf.variance))
-        start = damped(part, part.coordinates.home)
-        trial = tried(part, None, [start] if self.end is None else [self.end])
+        begin = damped(part, part.coordinates.home) if self.end is None else self.end
+        trial = tried(self.stage.near(part, [begin]), None, [begin])
         return np.inf if trial is None else trial.power
 
 
-def _explained(part: Part, points: Sequence[_Real]) -> _Explained:
+def _explained(part: Part, stage: Stage, points: Sequence[_Real]) -> _Explained:
     """Return the faults that model and data show together."""
     findings: list[Finding] = []
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, known, [(f.kind, f.channels) for f in findings])
+        found = _likeliest(part, stage, known, [(f.kind, f.channels) for f in findings])
         if not found:
             break
         best = found[0]
         findings.append(_finding(found, part.name))
         end = best.trial.x
-        part = part.with_data(best.fault.undo(Evidence(part, end)))
-    return _Explained(tuple(findings), part, end)
+        there = replace(stage.near(part, [end]), frf=part.frf)
+        part = part.with_data(best.fault.undo(Evidence(there, end)))
+    return _Explained(tuple(findings), part, stage, end)
 
 
 def _likeliest(
-    part: Part, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
+    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
 ) -> list[_Found]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
-    start = damped(part, part.coordinates.home)
-    without = tried(part, None, [*points, start])
-    if without is None:
+    home = part.coordinates.home
+    here = stage.near(part, [home, *points])
+    for _ in range(_SETTLED):
+        start = damped(here, home)
+        without = tried(here, None, [*points, start])
+        if without is None:
+            return []
+        here, without = _settled(part, here, stage, without)
+        fresh = [
+            (fault, x)
+            for fault, x in _worth_a_trial(here, without, start)
+            if (fault.kind, fault.channels) not in told
+        ]
+        if len(fresh) > _KEPT:
+            fresh = _promising(here, fresh, without)
+        ranked = _ranked(here, fresh, without)
+        if not _stands(ranked):
+            return []
+        there = stage.near(part, [ranked[0].trial.x])
+        if there.solver is here.solver:
+            break
+        here, without = there, tried(there, None, [without.x]) or without
+        alike = [one for one in ranked if one.log_odds > ranked[0].log_odds - 2.0 * _ALIKE_ODDS]
+        ranked = _ranked(here, [(one.fault, one.trial.x) for one in alike[:_KEPT]], without)
+        if _stands(ranked):
+            break
+        # It was an error of the model, which is now smaller.
+    if not _stands(ranked):
         return []
-    fresh = [
-        (fault, x)
-        for fault, x in _worth_a_trial(part, without, start)
-        if (fault.kind, fault.channels) not in told
-    ]
-    if len(fresh) > _KEPT:
-        fresh = _promising(part, fresh, without)
+    assert without is not None
+    # What freed the unknowns from a poor minimum may not have been the fault.
+    better = tried(here, None, [ranked[0].trial.x])
+    lost = max(better.gain(without), 0.0) if better is not None else 0.0
+    if ranked[0].log_odds - lost < _LIKELY:
+        return []
+    return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+
+
+def _stands(ranked: Sequence[_Found]) -> bool:
+    return bool(ranked) and ranked[0].log_odds >= _LIKELY
+
+
+def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
+    """Return the part with a model that holds where a trial without a fault ends, and that end.
+
+    Far from the data, any model around the start will do.
+    """
+    for _ in range(_SETTLED):
+        if trial.power > _SMALL**2:
+            break
+        there = stage.near(part, [trial.x])
+        if there.solver is here.solver:
+            break
+        here, trial = there, tried(there, None, [trial.x]) or trial
+    return here, trial
+
+
+def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) -> list[_Found]:
+    """Return the faults that are worth a word after a fit of each, the likeliest first."""
     found: dict[tuple[str, tuple[str, ...]], _Found] = {}
-    while fresh:
-        fault, x = fresh.pop()
+    waiting = list(fresh)
+    while waiting:
+        fault, x = waiting.pop()
         key = (fault.kind, fault.channels)
         trial = tried(part, fault, [x])
         if trial is None or trial.fault is None:
@@ -188,17 +247,9 @@ def _likeliest(
         log_odds = trial.gain(without) + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
             found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
-            fresh += [(other, trial.x) for other in trial.fault.relatives()]
+            waiting += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
-    ranked = sorted(worth, key=lambda one: -one.log_odds)
-    if not ranked or ranked[0].log_odds < _LIKELY:
-        return []
-    # What freed the unknowns from a poor minimum may not have been the fault.
-    better = tried(part, None, [ranked[0].trial.x])
-    lost = max(better.gain(without), 0.0) if better is not None else 0.0
-    if ranked[0].log_odds - lost < _LIKELY:
-        return []
-    return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
+    return sorted(worth, key=lambda one: -one.log_odds)
 
 
 def _share(trial: Trial, without: Trial) -> float:

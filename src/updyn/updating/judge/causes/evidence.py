@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import State
@@ -100,14 +102,18 @@ class Evidence:
             np.concatenate([own.slopes, more.slopes], axis=2),
         )
 
-    def answer(self, frf: FRF) -> tuple[_Complex, _Complex]:
-        """Return H, shape (n_f, n_i, n_j), and d ln H by x, for the responses of some data."""
-        wanted, known = labels_of(frf), self._measured
-        if not set(wanted) <= set(known.labels):
-            known = self._everywhere
-        at = [known.labels.index(label) for label in wanted]
+    def answer(self, frf: FRF) -> _Complex:
+        """Return the model's answer at the responses of some data, shape (n_f, n_i, n_j)."""
+        known, at = self._of(labels_of(frf))
         sign = np.array([dof.sign for dof in frf.responses], dtype=float)
-        return known.H[:, at] * sign[:, None], known.slopes[:, :, at]
+        return np.asarray(known.H[:, at] * sign[:, None])
+
+    def _of(self, labels: Sequence[str]) -> tuple[_Answers, list[int]]:
+        """Return the answers that hold some responses, and where these stand in them."""
+        known = self._measured
+        if not set(labels) <= set(known.labels):
+            known = self._everywhere
+        return known, [known.labels.index(label) for label in labels]
 
     @cached_property
     def by_frequency(self) -> _Complex:
@@ -151,11 +157,11 @@ class Evidence:
     @cached_property
     def weight(self) -> _Real:
         """What counts of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
-        return log_misfit(self.answer(self.frf)[0], self.frf)[1]
+        return log_misfit(self.answer(self.frf), self.frf)[1]
 
     def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real over imaginary parts."""
-        return stacked(log_misfit(self.answer(frf)[0], frf)[0])
+        return stacked(log_misfit(self.answer(frf), frf)[0])
 
     @cached_property
     def unit(self) -> float:
@@ -163,21 +169,55 @@ class Evidence:
         e = self.misfit(self.frf)
         return float(np.sqrt(2.0 * e @ e / e.size)) + SMALLEST
 
-    def spanned(self, frf: FRF) -> _Real:
-        """Return an orthonormal basis of what the unknowns can change, their spread counted."""
+    def left(self, frf: FRF, b: _Real) -> _Real:
+        """Return what is left once all unknowns have adapted, to first order.
+
+        Parameters
+        ----------
+        frf : FRF
+            Data of the same references on the same lines; sensors may stand elsewhere.
+        b : ndarray of float, shape (2 m + n,)
+            A change of the misfit in `unit`, above one of the unknowns in their spread.
+        """
         if frf.responses == self.frf.responses:
-            return self._span
-        return self._basis(self.answer(frf)[1])
+            Q = self._span
+            return np.asarray(b - Q @ (Q.T @ b))
+        # Few of the rows differ: their part of the normal equations is exchanged.
+        pairs = zip(frf.responses, self.frf.responses, strict=True)
+        moved = np.array([one != other for one, other in pairs])
+        there = np.broadcast_to(moved[:, None], self.frf.values.shape).ravel()
+        rows = np.flatnonzero(np.concatenate([there, there]))
+        A = self._columns.copy()
+        old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved))
+        A[rows] = new
+        normal = self._normal - old.T @ old + new.T @ new
+        spread = spread_of(self.part)  # in which the matrix is 1 and what the data add
+        scaled = spread[:, None] * normal * spread
+        step = spread * scipy.linalg.solve(scaled, spread * (A.T @ b), assume_a="pos")
+        return np.asarray(b - A @ step)
+
+    @cached_property
+    def _columns(self) -> _Real:
+        """What the unknowns change, above their spread, shape (2 m + n, n)."""
+        labels = labels_of(self.frf)
+        changes = self._changes(labels, np.arange(len(labels)))
+        return np.vstack([changes, np.diag(1.0 / spread_of(self.part))])
+
+    def _changes(self, labels: Sequence[str], rows: NDArray[np.intp]) -> _Real:
+        """Return what the unknowns change at some of the rows of data, in `unit`."""
+        known, at = self._of([labels[i] for i in rows])
+        weight = self.weight[:, rows]
+        changes = [stacked(weight * slope[:, at]) for slope in known.slopes]
+        return np.stack(changes, axis=1) / self.unit
 
     @cached_property
     def _span(self) -> _Real:
-        return self._basis(self.answer(self.frf)[1])
-
-    def _basis(self, slopes: _Complex) -> _Real:
-        columns = np.stack([stacked(self.weight * slope) for slope in slopes], axis=1) / self.unit
-        held = np.vstack([columns, np.diag(1.0 / spread_of(self.part))])
         # The prior on every unknown makes the columns independent.
-        return np.linalg.qr(held)[0]
+        return np.linalg.qr(self._columns)[0]
+
+    @cached_property
+    def _normal(self) -> _Real:
+        return np.asarray(self._columns.T @ self._columns)
 
 
 def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:

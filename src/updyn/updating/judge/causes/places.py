@@ -20,12 +20,15 @@ def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
     dofs = part.solver.system.dofs
     measured = {str(abs(dof)) for dof in part.frf.responses}
     of_node: dict[int, list[int]] = {}
-    for i, dof in enumerate(dofs):
-        of_node.setdefault(dof.node, []).append(i)
+    # A reduced model answers at some DOFs only.
+    for i in part.solver.others(part.rows[:0]).tolist():
+        of_node.setdefault(dofs[i].node, []).append(i)
+    known = {i for one in of_node.values() for i in one}
     for dof in part.frf.responses:
-        turns = dof.direction.startswith("R")
-        near = [i for i in of_node[dof.node] if dofs[i].direction.startswith("R") == turns]
-        near += [i for i in _beside(part, of_node[dof.node]) if dofs[i].direction == dof.direction]
+        own, turns = of_node[dof.node], dof.direction.startswith("R")
+        near = [i for i in own if dofs[i].direction.startswith("R") == turns]
+        beside = [i for i in _beside(part, own) if i in known]
+        near += [i for i in beside if dofs[i].direction == dof.direction]
         for i in near[:_MOST]:
             place = abs(dofs[i])
             if str(place) not in measured:
@@ -34,8 +37,7 @@ def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
 
 def _beside(part: Part, own: list[int]) -> list[int]:
     """Return the DOFs of other nodes that are coupled with those of a node, nearest in number."""
-    system = part.solver.system
     coupled: set[int] = set()
     for i in own:
-        coupled.update(system.indices[system.indptr[i] : system.indptr[i + 1]].tolist())
+        coupled.update(part.solver.coupled(i).tolist())
     return sorted(coupled - set(own), key=lambda i: int(np.abs(i - own[0])))

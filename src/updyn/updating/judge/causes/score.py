@@ -36,15 +36,15 @@ def fitted(evidence: Evidence, fault: Fault | None) -> tuple[float, Fault | None
     frf = evidence.frf
     if fault is not None and not (fault.tunes and fault.value == 0.0):
         frf = fault.undo(evidence)
-    Q, unit = evidence.spanned(frf), evidence.unit
+    unit = evidence.unit
     home = (evidence.part.coordinates.home - evidence.x) / spread_of(evidence.part)
     b = np.concatenate([evidence.misfit(frf) / unit, home])
-    b -= Q @ (Q.T @ b)
+    b = evidence.left(frf, b)
     if fault is not None and fault.tunes:
         d = np.zeros_like(b)
         d[: -len(home)] = stacked(evidence.weight * fault.slope(evidence)) / unit
         size = float(np.linalg.norm(d))
-        d -= Q @ (Q.T @ d)
+        d = evidence.left(frf, d)
         # What the unknowns can do as well is left to them.
         if np.linalg.norm(d) > _DISTINCT * size:
             step = float(d @ b / (d @ d))

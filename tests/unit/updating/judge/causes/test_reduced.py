@@ -1,0 +1,128 @@
+"""Causes in larger models: a reduced model says the same as the whole one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.elements.structure import Beam, rectangle, structure
+from updyn.updating.judge.causes import reduced
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.judge.causes.reduced import Reduced
+from updyn.updating.judge.causes.trial import widened
+from updyn.updating.problem.noise import Stated
+from updyn.updating.problem.problem import Part
+
+SENSORS = ["20:Z", "35:Z", "50:Y", "60:Z", "79:Y", "79:Z"]
+
+
+@pytest.fixture(scope="module")
+def true():
+    """A cantilever of 80 beams in four segments, clamped at node 0: 480 DOFs."""
+    segments = [
+        Beam(
+            f"segment {s + 1}",
+            [[i, i + 1] for i in range(20 * s, 20 * s + 20)],
+            2.1e11,
+            7850.0,
+            rectangle(0.03, 0.02),
+            orientation=[0.0, 0.0, 1.0],
+            loss_factor=0.01,
+        )
+        for s in range(4)
+    ]
+    nodes = {i: [0.02 * i, 0.0, 0.0] for i in range(81)}
+    return structure(nodes, segments, grounded=[0])
+
+
+@pytest.fixture(scope="module")
+def model(true):
+    factors = (0.85, 1.2, 0.9, 1.1)
+    return true.scaled(
+        {name: {"stiffness": f} for name, f in zip(true.groups, factors, strict=True)}
+    )
+
+
+@pytest.fixture(scope="module")
+def data(true, add_noise):
+    freq = np.linspace(4.0, 400.0, 24)
+    frf = updyn.response(true, freq, SENSORS, ["60:Z", "79:Y"], "accelerance")
+    return add_noise(frf, np.random.default_rng(1), 0.01)
+
+
+@pytest.fixture(scope="module")
+def unknowns(model):
+    return updyn.parameters(model, stiffness="all", loss_factor="all")
+
+
+@pytest.fixture(scope="module")
+def part(model, data, unknowns):
+    variance = Stated(0.01, 1e-3).variance(data.values, data)
+    return widened(Part.build(model, replace(data, variance=variance), unknowns))[0]
+
+
+@pytest.fixture(scope="module")
+def stage(part):
+    return Reduced(part)
+
+
+def test_the_model_is_reduced(part, stage, true):
+    assert true.n_dofs == 480 > reduced._DOFS
+    here = stage.near(part, [part.coordinates.home])
+    assert here.solver.tier == "reduced"
+    assert here.solver.system.n < 0.3 * part.solver.system.n
+
+
+def test_it_knows_the_same_places(part, stage):
+    here = stage.near(part, [])
+    assert list(mistaken(here)) == list(mistaken(part))
+
+
+def test_it_gives_the_same_evidence(part, stage):
+    """Answers at and beside the sensors, slopes by unknowns and frequency, damping, drive points."""
+    rng = np.random.default_rng(0)
+    x = part.coordinates.home + 0.1 * rng.uniform(-1.0, 1.0, part.n)
+    x = np.clip(x, *part.coordinates.bounds)
+    here = replace(stage.near(part, [x]), frf=part.frf)
+    found, wanted = Evidence(here, x), Evidence(part, x)
+    everywhere = wanted._everywhere
+    assert found._everywhere.labels == everywhere.labels
+    level = np.abs(everywhere.H).max(axis=(1, 2), keepdims=True)
+    assert np.abs(found._everywhere.H - everywhere.H).max() < 2e-3 * level.max()
+    clear = np.abs(wanted.answer(part.frf)) > 0.01 * level
+    for own, whole in (
+        (found.answer(part.frf), wanted.answer(part.frf)),
+        (found.by_frequency, wanted.by_frequency),
+        (found.damped(3.0), wanted.damped(3.0)),
+    ):
+        assert own[clear] == pytest.approx(whole[clear], rel=0.02, abs=0.02 * np.abs(whole).max())
+    assert found.apparent == pytest.approx(
+        wanted.apparent, rel=0.02, abs=5e-3 * np.abs(wanted.apparent).max()
+    )
+
+
+def test_the_stated_error_holds(part, stage):
+    x = part.coordinates.home + 0.15
+    here = stage.near(part, [x])
+    off = np.abs(here.responses(x) - part.responses(x))
+    added = np.sqrt(here.frf.variance - part.frf.variance)
+    assert (off <= added + 1e-9 * np.abs(part.frf.values)).all()
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_same_is_found(model, data, unknowns, monkeypatch, whole):
+    """By the reduced model, and by the whole one."""
+    if whole:
+        monkeypatch.setattr(reduced, "_DOFS", 10_000)
+    values = data.values.copy()
+    values[:, 3] *= np.exp(0.2)
+    few = replace(data, values=values).select(lines=data.freq[::2])
+    (found,) = updyn.diagnose(model, few, unknowns)
+    assert (found.kind, found.channels) == ("calibration", ("60:Z",))
+    assert found.value == pytest.approx(0.2, abs=5e-3)
+
+
+def test_in_sound_data_of_a_larger_model_nothing_is_found(model, data, unknowns):
+    assert updyn.diagnose(model, data, unknowns) == ()
