@@ -33,7 +33,7 @@ import structures
 
 import updyn
 from updyn.frf import FRF, QUANTITIES
-from updyn.model import Model
+from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet
 
 NOISE = structures.Noise(0.01, 1e-3)
@@ -49,6 +49,7 @@ class Seeded:
     sound: FRF
     kind: str
     channels: tuple[str, ...] = ()
+    changed: Callable[[Model], Model] = lambda model: model  # what is wrong with the model instead
 
 
 def plain(dofs) -> list[str]:
@@ -260,6 +261,107 @@ def leakage(bench, frf, rng):
     return Seeded(NOISE.added(cut, rng), frf, "leakage")
 
 
+def scaled_groups(bench, rng, low, high):
+    """The true structure with all stiffnesses changed by about one factor, each by 3 % besides."""
+    factor = 1.0 + rng.choice([-1, 1]) * rng.uniform(low, high)
+    stiff = [name for name, g in bench.case.true.groups.items() if g.stiffness is not None]
+    return bench.case.true.scaled(
+        {name: {"stiffness": factor * (1.0 + rng.uniform(-0.03, 0.03))} for name in stiff}
+    )
+
+
+def other_test(bench, frf, rng):
+    """One response of another state: stiffnesses off by 6 to 20 %, about the same everywhere."""
+    if frf.values.shape[1] < 2:
+        return None
+    clean = bench.case.clean
+    other = updyn.response(
+        scaled_groups(bench, rng, 0.06, 0.2),
+        clean.freq,
+        clean.responses,
+        clean.references,
+        clean.quantity,
+    )
+    i, label = sensor(frf, rng)
+    values = frf.values.copy()
+    values[:, i] = NOISE.added(other, rng).values[:, i]
+    return Seeded(replace(frf, values=values), frf, "other-test", (label,))
+
+
+def missing_mode(bench, frf, rng):
+    """One more mode within the band, loss factor 0.5 to 3 %, as high as the rms of the data."""
+    f = frf.freq
+    f0 = np.exp(rng.uniform(np.log(f[len(f) // 5]), np.log(f[-len(f) // 5])))
+    loss = rng.uniform(0.005, 0.03)
+    shape = rng.uniform(0.3, 1.0, frf.values.shape[1]) * rng.choice([-1, 1], frf.values.shape[1])
+    own = rng.uniform(0.3, 1.0, frf.values.shape[2])
+    rows = plain(frf.responses)
+    for j, label in enumerate(plain(frf.references)):
+        if label in rows:
+            own[j] = shape[rows.index(label)]
+    power = QUANTITIES[frf.quantity]
+    pole = (1j * f / f0) ** power / (1.0 + 1j * loss - (f / f0) ** 2)
+    level = np.sqrt(np.mean(np.abs(frf.values) ** 2)) * rng.uniform(0.5, 1.5) * loss
+    sign = (-1.0) ** (power // 2)  # the accelerance of a drive point has a positive imaginary part
+    term = sign * level * pole[:, None, None] * np.outer(shape, own) * (1j ** (power % 2 * -1))
+    return Seeded(replace(frf, values=frf.values + term), frf, "missing-mode")
+
+
+def with_springs(model: Model, name: str, at: list[str], stiffness: float) -> Model:
+    """Return a model with springs to the ground."""
+    K = np.zeros((model.n_dofs, model.n_dofs))
+    for label in at:
+        i = plain(model.dofs).index(label)
+        K[i, i] = stiffness
+    return Model.from_groups({**model.groups, name: Group(K, loss_factor=0.02)}, model.dofs)
+
+
+def translations(frf: FRF) -> list[str]:
+    return [label for label in plain(frf.responses) if "R" not in label]
+
+
+def freed(model: Model) -> Model:
+    """Return a chain of masses and springs without its springs to the ground."""
+    groups = {}
+    for name, group in model.groups.items():
+        K = group.stiffness
+        if K is not None:
+            K = K.toarray()
+            group = replace(group, stiffness=K - np.diag(K.sum(axis=1)))
+        groups[name] = group
+    return Model.from_groups(groups, model.dofs)
+
+
+def support(bench, frf, rng):
+    """The chain on two springs, suspended at 1 to 4 times the lowest line; the model is free."""
+    if bench.case.name != "chain":
+        return None
+    true = freed(bench.case.true)
+    mass = sum(float(g.mass.sum()) for g in true.groups.values() if g.mass is not None)
+    stiffness = 0.5 * mass * (2 * np.pi * frf.freq[0] * rng.uniform(1.0, 4.0)) ** 2
+    at = [str(d) for d in rng.choice(plain(true.dofs), 2, replace=False)]
+    clean = bench.case.clean
+    where = (clean.freq, clean.responses, clean.references, clean.quantity)
+    held = updyn.response(with_springs(true, "springs", at, stiffness), *where)
+    sound = NOISE.added(updyn.response(true, *where), rng)
+    return Seeded(NOISE.added(held, rng), sound, "support", (), freed)
+
+
+def no_support(bench, frf, rng):
+    """The model has a spring to the ground that is not there, as stiff as half of its DOF."""
+    labels = translations(frf)
+    if not labels:
+        return None
+    label = str(rng.choice(labels))
+    i = plain(bench.case.true.dofs).index(label)
+    stiffness = 0.5 * float(bench.case.true.stiffness[i, i])
+
+    def changed(model: Model) -> Model:
+        return with_springs(model, "stand", [label], stiffness)
+
+    return Seeded(frf, frf, "no-support", ("stand",), changed)
+
+
 def none(bench, frf, rng):
     return Seeded(frf, frf, "")
 
@@ -283,6 +385,10 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "reciprocity": reciprocity,
     "drive point": drive_point,
     "leakage": leakage,
+    "other test": other_test,
+    "missing mode": missing_mode,
+    "support": support,
+    "no support": no_support,
 }
 #: What all unknowns together can imitate, unless masses are known.
 IMITATED = ("unit", "common calibration", "frequency scale")
@@ -367,6 +473,7 @@ def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[st
     if seeded is None:
         return None
     sought = unknowns(bench, start, fault, free=given.free)
+    start = seeded.changed(start)
     begun = time.perf_counter()
     found = updyn.diagnose(start, seeded.faulty, sought)
     out: dict[str, object] = {

@@ -1,7 +1,7 @@
 """Local minima of the likelihood beside the estimate, which fit the data about as well.
 
 The minimisation starts from random points, first of the log error, whose basins are wide; and from
-the estimate with two unknowns of a kind exchanged, because the usual reason for several minima is
+the estimate with parts of the structure exchanged, because the usual reason for several minima is
 data that cannot tell which of two parts is the stiff one.
 """
 
@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.progress import WorkCounter
+from updyn.updating.fit.answers import exchanged
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
@@ -30,7 +31,7 @@ STARTS = 8
 _SPREAD = 1.0
 #: Least loss factor of every other random start: more damping widens the basin.
 _INFLATED = 0.1
-#: Exchanges of two unknowns from which the cost is minimised.
+#: Exchanges from which the cost is minimised.
 _EXCHANGES = 3
 #: Cost above the lowest minimum beyond which a minimum is dropped.
 _NEGLIGIBLE = 12.0
@@ -94,17 +95,8 @@ def _random(
 
 
 def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bool]]:
-    """Yield the estimate with two unknowns of one quantity exchanged, of lowest cost first."""
-    lower, upper = likelihood.bounds
-    items = list(likelihood.problem.coordinates.parameters)
-    tries = []
-    for i in range(len(x)):
-        for j in range(i):
-            if items[i].quantity != items[j].quantity or items[i].drives or items[j].drives:
-                continue
-            other = np.array(x)
-            other[[i, j]] = x[[j, i]]
-            tries.append(np.clip(other, lower, upper))
+    """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
+    tries = list(exchanged(likelihood.problem, x))
     costs = list(map(likelihood.cost, tries))
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
         if np.isfinite(costs[at]):

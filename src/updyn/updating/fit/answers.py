@@ -28,9 +28,11 @@ __all__ = [
     "Answer",
     "elsewhere",
     "equals",
+    "exchanged",
     "explains",
     "preferred",
     "put_back",
+    "restarted",
     "weakly_held",
 ]
 
@@ -53,6 +55,8 @@ _UNSURE = 0.05
 _HOPS = 6
 #: by so many standard deviations, and at most a factor of e.
 _FAR = 8.0
+#: Unknowns with a larger one are restarted together, so many times.
+_RESTARTED, _RESTARTS = 0.01, 6
 #: Largest number of exchanges, and of points that are tried because they fit fairly well.
 _EXCHANGES, _PROMISING = 200, 4
 
@@ -164,6 +168,26 @@ def weakly_held(problem: Problem, answer: Answer) -> Iterator[_Vector]:
                 yield moved
 
 
+def restarted(problem: Problem, answer: Answer, seed: int) -> Iterator[_Vector]:
+    """Yield points, shape (n,), with the least known unknowns at random about their start.
+
+    All of them together: light parts whose resonances have been taken for one another's do not come
+    free one by one. The other unknowns stay, as the data hold them.
+    """
+    if answer.local is None:
+        return
+    coordinates, std = problem.coordinates, _std(answer.local)
+    least = np.argsort(-std)[:_HOPS]
+    loose = least[std[least] > _RESTARTED]
+    if len(loose) < 2:
+        return
+    drawn = np.random.default_rng(seed).normal(size=(_RESTARTS, len(loose)))
+    for row in drawn:
+        x = answer.x.copy()
+        x[loose] = coordinates.home[loose] + _usual(problem)[loose] * row
+        yield np.clip(x, *coordinates.bounds)
+
+
 def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
     """Yield points, shape (n,), with the unknowns farthest from their start put back to it.
 
@@ -199,7 +223,7 @@ def elsewhere(
     most : int
         Largest number of points that are looked at.
     """
-    tries = [*_exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
+    tries = [*exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_values, 50)]
@@ -216,7 +240,7 @@ def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:
                 yield moved
 
 
-def _exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
+def exchanged(problem: Problem, x: _Vector) -> Iterator[_Vector]:
     """Yield points with the unknowns of groups exchanged: of like groups in mirror order, of two.
 
     What is exchanged are stiffnesses and masses, not their factors.

@@ -19,12 +19,14 @@ from updyn.updating.fit.answers import (
     explains,
     preferred,
     put_back,
+    restarted,
     weakly_held,
 )
 from updyn.updating.fit.method import Fit, Method, Rival, Starts, descend, known_length, stopped_at
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
@@ -50,6 +52,8 @@ _A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
 _BACK = (6, 2)
 #: How often further answers are looked for about a better one.
 _HOPS = 2
+#: Steps of a descent along a valley; as many as there were before, or so many, are taken in all.
+_FOLLOWING, _FEWEST = 12, 50
 
 
 def _one(local: Local) -> float:
@@ -144,6 +148,7 @@ class MaximumLikelihood(Method):
         if not starts.exact:  # there is nothing better to find
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
+        ends: list[Answer] = []
         with monitor.stage("other answers"):
             for _ in range(_HOPS):
                 others = self._elsewhere(problem, monitor, chosen)
@@ -151,9 +156,16 @@ class MaximumLikelihood(Method):
                 before, chosen = chosen, preferred(problem, answers)
                 if chosen is before:
                     break
+            for _ in range(_HOPS):
+                ends, reached = self._valleys(problem, noises, monitor, chosen)
+                answers += reached
+                before, chosen = chosen, preferred(problem, answers)
+                if chosen is before:
+                    break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
-        rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in equals(chosen, answers)]
+        as_well = [*equals(chosen, answers), *ends]
+        rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in as_well]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
         settled = self.starts < _AGREE or starts.agreed or self._explains(problem, chosen)
@@ -208,8 +220,7 @@ class MaximumLikelihood(Method):
             return explains(problem, answer)
         return True
 
-    @staticmethod
-    def _elsewhere(problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
+    def _elsewhere(self, problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
         """Return points away from an answer from which another may be reached."""
 
         def unlikelihood(x: _Vector) -> float:
@@ -222,7 +233,8 @@ class MaximumLikelihood(Method):
         with suppress(Stopped):
             most = 2 * len(monitor.history)  # no more work than the fit was
             further = elsewhere(problem, at, unlikelihood, most)
-            for x in chain(weakly_held(problem, at), put_back(problem, at), further):
+            loose = restarted(problem, at, self.seed)
+            for x in chain(weakly_held(problem, at), loose, put_back(problem, at), further):
                 if not any(np.array_equal(x, point) for point in points):
                     points.append(x)
         return points
@@ -250,6 +262,35 @@ class MaximumLikelihood(Method):
                 if here <= at.unlikelihood + _WORTH:
                     found.append(self._answer(problem, noises, x, monitor))
         return found
+
+    def _valleys(
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, at: Answer
+    ) -> tuple[list[Answer], list[Answer]]:
+        """Return the far ends of valleys that are open, and the answers reached from there."""
+        settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
+
+        def refitted(x: _Vector, held: int) -> Answer | None:
+            with suppress(SolverError):
+                there = holding(problem, x, held)
+                outcome = descend(there, at.residual, x, monitor, settings, relax=False)
+                known, residual = _weigh(problem, noises, outcome.x)
+                unlikelihood = _unlikelihood(problem, known, outcome.x)
+                return Answer(outcome.x, "held", unlikelihood, known, residual, outcome.local)
+            return None
+
+        ends, reached = list[Answer](), list[Answer]()
+        most = len(monitor.history) + max(len(monitor.history), _FEWEST)
+        with suppress(Stopped):
+            for valley in valleys(problem, at):
+                if monitor.stopped or len(monitor.history) >= most:
+                    break
+                if any(valley.is_covered(end.x) for end in ends):
+                    continue
+                end = valley.end(refitted)
+                if end is not None:
+                    ends.append(end)
+                    reached += self._further(problem, noises, [end.x], monitor, at)
+        return ends, reached
 
     def _answer(
         self,

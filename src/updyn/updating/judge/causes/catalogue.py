@@ -14,11 +14,15 @@ from updyn.updating.judge.causes.leakage import Leakage
 from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.mains import Mains
 from updyn.updating.judge.causes.mass_loading import MassLoading
+from updyn.updating.judge.causes.missing_mode import MissingMode
 from updyn.updating.judge.causes.moved import Moved
+from updyn.updating.judge.causes.no_support import NoSupport
+from updyn.updating.judge.causes.other_test import OtherTest
 from updyn.updating.judge.causes.quantity import Quantity
 from updyn.updating.judge.causes.reciprocity import Reciprocity
 from updyn.updating.judge.causes.scale import Scale
 from updyn.updating.judge.causes.sign import Sign
+from updyn.updating.judge.causes.support import Support
 from updyn.updating.judge.causes.swapped import Swapped
 from updyn.updating.judge.causes.window import Window
 
@@ -37,6 +41,10 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     FrequencyScale,
     Window,
     MassLoading,
+    OtherTest,
+    Support,
+    NoSupport,
+    MissingMode,
     Mains,
     Leakage,
     DrivePoint,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
+from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.finding import Finding
@@ -36,13 +38,34 @@ def shown_by(frf: FRF) -> list[Shown]:
     return sorted(found, key=lambda one: -one.log_odds)
 
 
-def still_shown(seen: Sequence[Shown], freed: FRF) -> list[Shown]:
-    """Return what is still to be told of data when they are freed of other faults.
+def still_shown(
+    seen: Sequence[Shown], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
+) -> list[Shown]:
+    """Return what is still to be told beside other findings: a symptom of these is not.
 
-    A symptom that is gone without them needs no further word.
+    Parameters
+    ----------
+    seen : sequence of Shown
+        What the data showed.
+    frf : FRF
+        These data.
+    findings : sequence of Finding
+        What model and data showed together.
+    thinned : (FRF, FRF)
+        Some lines of the data, as they are and freed of the findings by the model: of those that no
+        change of the data undoes.
     """
-    kinds = {one.fault.kind for one in shown_by(freed)}
-    return [one for one in seen if not one.fault.symptom or one.fault.kind in kinds]
+    repaired = frf
+    for finding in findings:
+        if finding.written:
+            with suppress(UpdynError):  # a repair that leaves too little
+                repaired = finding.repair(repaired)
+    after = {one.fault.kind for one in shown_by(repaired)}
+    before, freed = ({one.fault.kind for one in shown_by(data)} for data in thinned)
+    gone = before - freed
+    symptoms = [one for one in seen if one.fault.symptom]
+    explained = [one for one in symptoms if one.fault.kind not in after or one.fault.kind in gone]
+    return [one for one in seen if one not in explained]
 
 
 def set_aside(seen: Sequence[Shown], frf: FRF) -> FRF:

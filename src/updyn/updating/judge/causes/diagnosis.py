@@ -61,6 +61,8 @@ _MOST = 3
 _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
 _SMALL, _ALIKE = 0.3, 0.3
+#: Mean square of the misfit below which the faults that were found explain all data.
+_EXPLAINED = 1e-3
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
 #: faults that were found do not explain the symptom.
 _WORSE = 1.5
@@ -119,20 +121,23 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     for one in seen:
         if one.fault.written:
             frf = one.fault.repair(frf)
+    told = [finding_of(one, part.name) for one in seen]
     part = part.with_data(frf)
     if not is_looked_at(part):
-        return [finding_of(one, part.name) for one in seen]
+        return told
     part, held = widened(part.thinned(_LINES))
     stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, stage, known)
+    explained = _explained(part, stage, known, told)
     aside = set_aside(seen, part.frf)
-    if explained.findings and aside is not part.frf:
+    symptoms = explained.findings and aside is not part.frf
+    if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), stage, known)
+        by_itself = _explained(part.with_data(aside), stage, known, told)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
-    left = still_shown(seen, replace(explained.part.frf, variance=part.frf.variance))
+    freed = replace(explained.part.frf, variance=part.frf.variance)
+    left = still_shown(seen, frf, explained.findings, (part.frf, freed))
     return [finding_of(one, part.name) for one in left] + list(explained.findings)
 
 
@@ -156,25 +161,27 @@ class _Explained:
         return np.inf if trial is None else trial.power
 
 
-def _explained(part: Part, stage: Stage, points: Sequence[_Real]) -> _Explained:
+def _explained(
+    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
+) -> _Explained:
     """Return the faults that model and data show together."""
     findings: list[Finding] = []
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, stage, known, [(f.kind, f.channels) for f in findings])
+        found = _likeliest(part, stage, known, [*told, *findings])
         if not found:
             break
         best = found[0]
         findings.append(_finding(found, part.name))
         end = best.trial.x
         there = replace(stage.near(part, [end]), frf=part.frf)
-        part = part.with_data(best.fault.undo(Evidence(there, end)))
+        part = replace(best.fault.accounted(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
 
 
 def _likeliest(
-    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[tuple[str, tuple[str, ...]]]
+    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
 ) -> list[_Found]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
     home = part.coordinates.home
@@ -188,7 +195,7 @@ def _likeliest(
         fresh = [
             (fault, x)
             for fault, x in _worth_a_trial(here, without, start)
-            if (fault.kind, fault.channels) not in told
+            if not any(_covers(finding, fault) for finding in told)
         ]
         if len(fresh) > _KEPT:
             fresh = _promising(here, fresh, without)
@@ -250,6 +257,13 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
     return sorted(worth, key=lambda one: -one.log_odds)
+
+
+def _covers(finding: Finding, fault: Fault) -> bool:
+    """Return whether a fault needs no further word beside a finding."""
+    kind = CAUSES[finding.kind]
+    same = finding.kind == fault.kind or kind.leaves_out
+    return (same and finding.channels == fault.channels) or fault.kind in kind.blurs
 
 
 def _share(trial: Trial, without: Trial) -> float:
@@ -318,10 +332,14 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
-            cost, tuned = fitted(evidence, fault)
+            try:
+                cost, tuned = fitted(evidence, fault)
+            except SolverError:  # a resonance without damping, under that hypothesis
+                continue
             if tuned is None or not tuned.plausible():
                 continue
             gain = 0.5 * (without - cost) + float(np.log(fault.odds))
+            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
             key = (kind, tuned.channels)
             if key not in best or gain > best[key][0]:
                 best[key] = (gain, tuned)

@@ -28,6 +28,8 @@ SMALLEST = 1e-3
 _FACTOR, _LOSS = 0.4, 0.2
 #: Share of the frequency by which its derivative is taken.
 _STEP = 1e-5
+#: Loss factor of soft supports: foam, rubber cords.
+_SOFT_LOSS = 0.05
 
 
 def labels_of(frf: FRF) -> list[str]:
@@ -144,6 +146,48 @@ class Evidence:
         power = QUANTITIES[part.frf.quantity]
         return np.asarray(ratio + power * np.log(1.0 + rate / s)[:, None, None])
 
+    def stretched(self, log_factor: float) -> _Complex:
+        """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
+
+        A is its accelerance: that of exp(-2 log_factor) times all stiffnesses over its own.
+        """
+        elsewhere = replace(self.frf, freq=self.frf.freq * np.exp(log_factor))
+        there = self.part.with_data(elsewhere).responses(self.x)
+        power = QUANTITIES["accelerance"] - QUANTITIES[self.frf.quantity]
+        return _log_ratio(there, self.part.responses(self.x)) + power * log_factor
+
+    def lifted(self, frequency: float) -> _Complex:
+        """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j).
+
+        Parameters
+        ----------
+        frequency : float
+            Of the suspension in Hz: K + (2 pi frequency)^2 (1 + i eta) M stands for K, eta is the
+            loss factor of soft supports.
+        """
+        part, state = self.part, self.part.state(self.x)
+        mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
+        square = (2.0 * np.pi * frequency) ** 2 * (1.0 + 1j * _SOFT_LOSS)
+        lift = np.where(mass, state.factor * square, 0.0)
+
+        def compute() -> Record:
+            return (_log_ratio(_receptance(part, state, lift), _receptance(part, state)),)
+
+        (ratio,) = part.recall("lifted", self.x, compute, np.array(frequency))
+        return ratio
+
+    def loosened(self, group: str, log_factor: float) -> _Complex:
+        """Return the model's ln H with exp(log_factor) times a group's stiffness over H."""
+        part, state = self.part, self.part.state(self.x)
+        own = [t.group == group and t.quantity == "stiffness" for t in part.solver.system.terms]
+        looser = replace(state, factor=np.where(own, np.exp(log_factor), 1.0) * state.factor)
+
+        def compute() -> Record:
+            return (_log_ratio(_receptance(part, looser), _receptance(part, state)),)
+
+        (ratio,) = part.recall("loosened " + group, self.x, compute, np.array(log_factor))
+        return ratio
+
     @cached_property
     def apparent(self) -> _Complex:
         """omega^2 times the model's drive-point receptance of each response, shape (n_f, n_i)."""
@@ -227,11 +271,16 @@ def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:
     return block.H, block.dH
 
 
-def _receptance(part: Part, state: State) -> _Complex:
-    """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j)."""
+def _receptance(part: Part, state: State, lift: _Complex | None = None) -> _Complex:
+    """Return the receptance of the channels in a state of the model, shape (n_f, n_i, n_j).
+
+    With a lift, shape (n_terms,), it is added to the coefficients of the terms.
+    """
     freq = part.frf.freq
     columns, place = np.unique(part.columns, return_inverse=True)
     c = part.solver.system.coefficients(state, 2.0 * np.pi * freq)
+    if lift is not None:
+        c = c + lift[:, None]
     U = part.solver.solve(c, columns, freq)[:, :, place.ravel()]
     return np.asarray(part.solver.at(U, part.rows).transpose(1, 0, 2))
 

@@ -14,6 +14,7 @@ from updyn.dofs import Dof
 from updyn.errors import OptionError, in_all, suggest
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.problem.problem import Part
 
 __all__ = [
     "FORCE",
@@ -134,6 +135,13 @@ class Fault(ABC):
         Whether the data say by how much: `slope` is defined.
     adds : bool
         Whether two such faults are one with the sum of their values.
+    blurs : tuple of str
+        Kinds that may be imitated by what is left when this one is accounted for, as only its first
+        approximation is.
+    leaves_out : bool
+        Whether the repair leaves its channels out, so that nothing else is to be told of them.
+    adapts : bool
+        Whether what it takes away is found anew from model and data as the fit goes on: `refined`.
     changes_all : bool
         Whether it changes all data so much that a fit is needed to see it.
     """
@@ -147,6 +155,9 @@ class Fault(ABC):
     two: ClassVar[str] = ""
     tunes: ClassVar[bool] = False
     adds: ClassVar[bool] = False
+    blurs: ClassVar[tuple[str, ...]] = ()
+    leaves_out: ClassVar[bool] = False
+    adapts: ClassVar[bool] = False
     changes_all: ClassVar[bool] = False
 
     @classmethod
@@ -168,6 +179,22 @@ class Fault(ABC):
     def slope(self, evidence: Evidence) -> _Complex:
         """Return d ln(measured) / d value, shape (n_f, n_i, n_j); 0 where it does not tune."""
         return np.zeros(evidence.frf.values.shape, dtype=np.complex128)
+
+    def numbers(self, frf: FRF) -> int:
+        """Return how many numbers of it the data determine."""
+        return int(self.tunes)
+
+    def refined(self, evidence: Evidence) -> Self:
+        """Return the fault as model and data show it at a point; itself where it does not adapt."""
+        return self
+
+    def accounted(self, part: Part, x: _Real) -> Part:
+        """Return the part that takes account of the fault: on data that are freed of it at x."""
+        return part.with_data(self.undo(Evidence(part, x)))
+
+    def begun(self, part: Part, x: _Real) -> _Real:
+        """Return the point from which a fit that takes account of the fault begins."""
+        return x
 
     def relatives(self) -> Iterable[Fault]:
         """Return faults of other kinds that would do nearly the same, to be tried beside it."""

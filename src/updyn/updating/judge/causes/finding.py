@@ -12,6 +12,8 @@ __all__ = ["Finding"]
 
 #: Share of the misfit that a cause has to explain to speak against an answer.
 _MOST_OF_IT = 0.5
+#: Kinds that spoil some lines and leave the others as they are.
+_LOCAL = ("mains", "missing-mode")
 #: A calibration, as a logarithm, that leaves an answer that may be used.
 _MILD = 0.3
 
@@ -25,7 +27,8 @@ class Finding:
     kind : str
         ``"sign"``, ``"swapped"``, ``"quantity"``, ...
     channels : tuple of str
-        Labels of the sensors that it is about, ``"force 2:Z"`` for a reference; empty: all.
+        Labels of the sensors that it is about, ``"force 2:Z"`` for a reference; of ``"no-support"``
+        the group. Empty: all.
     value : float
         By how much, in the unit that the statement names; 0 where the kind says it all.
     odds : float
@@ -61,9 +64,10 @@ class Finding:
     def grave(self) -> bool:
         """Whether the answer cannot be believed while it is so.
 
-        A calibration of some tens of per cent leaves an answer that may be used with care.
+        A calibration of some tens of per cent, or a mode that the model lacks, leaves an answer
+        that may be used with care.
         """
-        if self.explains < _MOST_OF_IT:
+        if self.explains < _MOST_OF_IT or self.kind in _LOCAL:
             return False
         return self.kind != "calibration" or abs(self.value) > _MILD
 

@@ -38,6 +38,7 @@ class Leakage(ShownFault):
 
     kind: ClassVar[str] = "leakage"
     unit: ClassVar[str] = "s"
+    blurs: ClassVar[tuple[str, ...]] = ("missing-mode",)
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:

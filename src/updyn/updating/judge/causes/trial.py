@@ -57,6 +57,8 @@ class Trial:
         Correlation of the misfit of neighbouring lines.
     n_values : int
         Number of real values.
+    numbers : int
+        Numbers of the fault that the data determine.
     """
 
     fault: Fault | None
@@ -65,6 +67,7 @@ class Trial:
     far: float
     alike: float
     n_values: int
+    numbers: int = 0
 
     def gain(self, other: Trial) -> float:
         """Return by how much the logarithm of the likelihood is larger than that of another trial.
@@ -76,8 +79,7 @@ class Trial:
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
         level = [t.power + SMALLEST**2 for t in (other, self)]
         gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
-        numbers = [float(t.fault is not None and t.fault.tunes) for t in (other, self)]
-        return float(gained - 0.5 * (numbers[1] - numbers[0]) * np.log(max(count, 2.0)))
+        return float(gained - 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0)))
 
 
 def tried(
@@ -109,11 +111,18 @@ def tried(
 
 
 def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) -> Trial | None:
+    if fault is not None:
+        x = fault.begun(part, x)
     for number in range(rounds):
         try:
-            freed = part if fault is None else part.with_data(fault.undo(Evidence(part, x)))
+            freed = part if fault is None else fault.accounted(part, x)
             x, power, far, alike = _descent(freed, x, steps)
-            if fault is None or not fault.tunes or number == rounds - 1:
+            if fault is None or number == rounds - 1:
+                break
+            if fault.adapts:
+                fault = fault.refined(Evidence(part, x))
+                continue
+            if not fault.tunes:
                 break
             tuned = _tuned(part, freed, fault, x)
         except SolverError:
@@ -124,7 +133,8 @@ def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) 
         fault = tuned
     if fault is not None and not fault.plausible():
         return None
-    return Trial(fault, x, power, far, alike, 2 * part.n_values)
+    numbers = 0 if fault is None else fault.numbers(part.frf)
+    return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers)
 
 
 def _tuned(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault | None:

@@ -1,0 +1,231 @@
+"""A mode that is measured and not in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, OptionError
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.misfit import log_misfit
+
+__all__ = ["MissingMode"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Misfit at a line over its median, and by itself, from which a mode may be missing; most such
+#: lines.
+_STANDS_OUT, _LEAST, _MOST = 3.0, 0.1, 3
+#: Lines about the mode that are fitted: within a share of its frequency, and this many at least.
+_NEAR, _FEWEST = 0.15, 9
+#: First and least loss factor; refinements of the pole.
+_LOSS, _LEAST_LOSS, _REFINED = 0.01, 1e-4, 6
+#: Share of the sensors below which it is a fault of these, and no mode.
+_FEW = 0.6
+#: Half-power bandwidth, in spacings of the lines, below which the pole describes a single line.
+_NARROW = 0.03
+#: Share of its frequency on either side that the repair leaves out.
+_LEFT_OUT = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class MissingMode(Fault):
+    """A mode at `value` Hz is in the data and not in the model: one more pole, of rank one.
+
+    It adds (i omega)^k a b^T / (omega_0^2 (1 + i eta) - omega^2) to the model's FRFs (Ewins, Modal
+    Testing, 2nd ed. 2000, section 2.7).
+
+    Attributes
+    ----------
+    loss : float
+        Its loss factor eta.
+    wide : float
+        Its half-power bandwidth, in spacings of the lines about it.
+    many : float
+        Share of the sensors, or of the forces, that see it: (sum a)^2 / (n sum a^2), with a the
+        root of the misfit of each that it explains.
+    """
+
+    loss: float = _LOSS
+    wide: float = 1.0
+    many: float = 1.0
+
+    kind: ClassVar[str] = "missing-mode"
+    unit: ClassVar[str] = "Hz"
+    odds: ClassVar[float] = 5e-3
+    adapts: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the lines about which the misfit stands out."""
+        frf = evidence.frf
+        if len(frf.freq) <= _FEWEST:
+            return
+        e = log_misfit(evidence.answer(frf), frf)[0]
+        power = np.sqrt(np.mean(np.abs(e) ** 2, axis=(1, 2)))
+        padded = np.pad(power, 1, constant_values=-1.0)
+        peaks = (power >= padded[:-2]) & (power > padded[2:])
+        large = power > max(_STANDS_OUT * float(np.median(power)), _LEAST)
+        out = np.flatnonzero(peaks & large & (frf.freq > 0.0))
+        for line in out[np.argsort(-power[out])][:_MOST]:
+            yield cls((), float(frf.freq[line])).refined(evidence)
+
+    def numbers(self, frf: FRF) -> int:
+        """Return 2 for the pole and 2 for each entry of a and b, whose scale is one number."""
+        return 2 * (len(frf.responses) + len(frf.references))
+
+    def refined(self, evidence: Evidence) -> Self:
+        """Return the fault by the pole that explains most, near its own."""
+        at = _Residual.near(evidence, self.value)
+        best, least = self, at.left(self)
+        spacing = float(np.median(np.diff(at.freq)))
+        step, factor = spacing, 3.0
+        for _ in range(_REFINED):
+            near = [
+                replace(best, value=f, loss=max(loss, _LEAST_LOSS))
+                for f in (best.value - step, best.value, best.value + step)
+                for loss in (best.loss / factor, best.loss, best.loss * factor)
+                if f > 0.0
+            ]
+            for one in near:
+                left = at.left(one)
+                if left < least:
+                    best, least = one, left
+            step, factor = 0.5 * step, np.sqrt(factor)
+        return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data less the mode, which is fitted to what the model leaves about it."""
+        frf = evidence.frf
+        residues = _Residual.near(evidence, self.value).residues(self)
+        u, s, vh = np.linalg.svd(residues)
+        shape = s[0] * np.outer(u[:, 0], vh[0])
+        return replace(frf, values=frf.values - self.pole(frf)[:, None, None] * shape)
+
+    def pole(self, frf: FRF) -> _Complex:
+        """Return (i omega)^k / (1 + i eta - (omega / omega_0)^2), shape (n_f,)."""
+        below = 1.0 + 1j * self.loss - (frf.freq / self.value) ** 2
+        return (1j * frf.freq / self.value) ** QUANTITIES[frf.quantity] / below
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data without the lines about the mode.
+
+        Raises
+        ------
+        DataError
+            If no line is left.
+        """
+        kept = frf.freq[np.abs(frf.freq / self.value - 1.0) > _LEFT_OUT]
+        if not len(kept):
+            raise DataError(f"repair {self.written!r}: all lines are about that mode")
+        return frf.select(lines=kept)
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> MissingMode:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If the frequency is not above 0.
+        """
+        found = super(MissingMode, cls).read(channels, value)
+        if not found.value > 0.0 or found.channels:
+            raise OptionError(f"repair {cls.kind!r}: expected its frequency in Hz")
+        return found
+
+    def plausible(self) -> bool:
+        """Return whether it is damped as modes are, and not in a few channels alone."""
+        return self.loss < 0.5 and self.wide > _NARROW and self.many > _FEW
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at its shape: is it one that the model cannot move in, such as torsion, another"
+            " plane, or an attached part? Until the model has it, leave"
+            f" {100.0 * _LEFT_OUT:.0f} % on either side of it out:"
+            f' repair = ["{self.written}"] under [test].'
+        )
+
+    def statement(self) -> str:
+        """Return where it is."""
+        return (
+            f"A mode at {self.value:.4g} Hz (loss factor {self.loss:.2g}) is measured and is not in"
+            " the model."
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residual:
+    """What the model leaves of the data about a frequency.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n, n_i, n_j)
+        Data less model.
+    weight : ndarray of float, shape (n, n_i, n_j)
+        1 over the level of data and model, and 0 where both are noise.
+    frf : FRF
+        The data there.
+    """
+
+    freq: _Real
+    values: _Complex
+    weight: _Real
+    frf: FRF
+
+    @classmethod
+    def near(cls, evidence: Evidence, frequency: float) -> _Residual:
+        """Return that at the lines about a frequency."""
+        frf = evidence.frf
+        away = np.abs(frf.freq / frequency - 1.0)
+        at = np.flatnonzero(away <= max(_NEAR, float(np.sort(away)[_FEWEST - 1])))
+        H = evidence.answer(frf)[at]
+        there = frf.select(lines=frf.freq[at])
+        level = np.sqrt(np.abs(H) ** 2 + np.abs(there.values) ** 2)
+        clear = log_misfit(H, there)[1] / np.maximum(level, np.finfo(float).tiny)
+        return cls(there.freq, there.values - H, clear, there)
+
+    def _basis(self, mode: MissingMode) -> _Complex:
+        """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""
+        flat = (1j * self.freq / mode.value) ** QUANTITIES[self.frf.quantity]
+        both = np.stack([mode.pole(self.frf), flat], axis=-1)
+        return np.asarray(self.weight.transpose(1, 2, 0)[..., None] * both)
+
+    def _fitted(self, mode: MissingMode) -> tuple[_Complex, _Complex, _Complex]:
+        A = self._basis(mode)
+        b = (self.weight * self.values).transpose(1, 2, 0)
+        Q, R = np.linalg.qr(A)
+        return R, np.einsum("ijnk,ijn->ijk", Q.conj(), b), b
+
+    def left(self, mode: MissingMode) -> float:
+        """Return the sum of squares that the mode leaves."""
+        _, q, b = self._fitted(mode)
+        return float(np.sum(np.abs(b) ** 2) - np.sum(np.abs(q) ** 2))
+
+    def many(self, mode: MissingMode) -> float:
+        """Return the share of the sensors, or of the forces if it is less, that see the mode."""
+        R = self._fitted(mode)[0]
+        beyond = np.abs(self.residues(mode) * np.abs(R[..., 0, 0])) ** 2
+        shares = []
+        for axis in (0, 1):
+            a = np.sqrt(beyond.sum(axis=1 - axis))
+            shares.append(float(a.sum() ** 2 / (len(a) * max(float(a @ a), 1e-300))))
+        return min(shares)
+
+    def residues(self, mode: MissingMode) -> _Complex:
+        """Return the residue of each channel, shape (n_i, n_j)."""
+        R, q, _ = self._fitted(mode)
+        last = q[..., 1] / np.where(R[..., 1, 1] == 0, 1.0, R[..., 1, 1])
+        first = np.where(R[..., 0, 0] == 0, 1.0, R[..., 0, 0])
+        return np.asarray((q[..., 0] - R[..., 0, 1] * last) / first)

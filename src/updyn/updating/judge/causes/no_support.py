@@ -1,0 +1,114 @@
+"""A support of the model that does not hold the structure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.holding import ground_springs
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Part
+
+__all__ = ["NoSupport"]
+
+#: First values: shares of the stiffness that are left.
+_LEFT = (0.2, 0.02)
+#: Largest share that is worth a word.
+_MOST_LEFT = 0.3
+#: Least share of the stiffness, and how far its logarithm may be off.
+_LEAST, _ANYTHING = 1e-4, 5.0
+#: Step of the logarithm by which its derivative is taken.
+_STEP = 1e-3
+
+
+class NoSupport(Fault):
+    """A group that holds the model to the ground has exp(value) times its stiffness, if any.
+
+    The group stands in `channels`. It is not among the unknowns.
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "no-support"
+    tunes: ClassVar[bool] = True
+    adapts: ClassVar[bool] = True
+    odds: ClassVar[float] = 2e-3
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the groups of springs to the ground whose stiffness is taken as known."""
+        for group in ground_springs(evidence.part):
+            for left in _LEFT:
+                yield cls((group,), float(np.log(left)))
+
+    @property
+    def written(self) -> str:
+        """Nothing: the model is to be changed."""
+        return ""
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at how the structure was held in the test; leave that group out of the model, or"
+            " make its stiffness an unknown with a wide prior."
+        )
+
+    def repair(self, frf: FRF) -> FRF:
+        """Refuse: the data are not what is wrong.
+
+        Raises
+        ------
+        DataError
+            Always; the message says what to do.
+        """
+        raise DataError(f"support conditions are not taken out of the data. {self.remedy}")
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return the derivative of the model's ln H by the logarithm of the stiffness."""
+        low, high = (
+            evidence.loosened(self.channels[0], self.value + step) for step in (-_STEP, _STEP)
+        )
+        return np.asarray((high - low) / (2.0 * _STEP))
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H with that stiffness over its own."""
+        return divided(evidence.frf, evidence.loosened(self.channels[0], self.value))
+
+    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+        """Return the part with that stiffness as an unknown that may be anything."""
+        items, at = list(part.coordinates.parameters), self._at(part)
+        items[at] = replace(items[at], lower=_LEAST, prior_std=_ANYTHING)
+        wide = replace(part.coordinates, parameters=ParameterSet(tuple(items)))
+        return replace(part, coordinates=wide)
+
+    def begun(self, part: Part, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return x with the stiffness at its share."""
+        return part.coordinates.with_one(x, self._at(part), max(self.value, np.log(_LEAST)))
+
+    def refined(self, evidence: Evidence) -> Self:
+        """Return the fault by the stiffness of the point."""
+        return replace(self, value=float(evidence.x[self._at(evidence.part)]))
+
+    def _at(self, part: Part) -> int:
+        return part.coordinates.parameters.names.index(f"{self.channels[0]}.stiffness")
+
+    def plausible(self) -> bool:
+        """Return whether most of the stiffness is missing."""
+        return bool(self.value < np.log(_MOST_LEFT))
+
+    def statement(self) -> str:
+        """Return which group does not hold."""
+        share = 100.0 * np.exp(max(self.value, -20.0))
+        return (
+            f"The group {self.where!r} holds the model to the ground, and the structure seems to be"
+            f" free of it: the data leave {share:.2g} % of its stiffness."
+        )

@@ -1,0 +1,98 @@
+"""A sensor whose data come from another test: the structure was in another state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault, divided, each_sensor, place_of
+
+__all__ = ["OtherTest"]
+
+#: Fewest channels among which one can be another.
+_FEWEST = 2
+#: First values of the logarithm of the factor between the frequencies.
+_SHIFTS = (-0.07, -0.025, 0.0, 0.025, 0.07)
+
+
+class OtherTest(Fault):
+    """When a sensor was measured, all stiffnesses were exp(-2 value) times those of the others.
+
+    Its resonances stand at exp(-value) times theirs. K and exp(-2 value) K have the accelerances
+    A(f) and A(exp(value) f).
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "other-test"
+    tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
+    leaves_out: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each sensor by various factors, where there are others to compare it with."""
+        frf = evidence.frf
+        if frf.values.shape[1] * frf.values.shape[2] < _FEWEST:
+            return
+        for channels in each_sensor(frf):
+            for shift in _SHIFTS:
+                yield cls(channels, shift)
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data without the sensor, or without the force.
+
+        Raises
+        ------
+        DataError
+            If nothing else is left.
+        """
+        place = place_of(self.channels, frf)
+        rows = np.setdiff1d(np.arange(len(frf.responses)), place.rows)
+        columns = np.setdiff1d(np.arange(len(frf.references)), place.columns)
+        if not (self.channels and len(rows) and len(columns)):
+            raise DataError(f"repair {self.written!r}: without {self.where} no data are left")
+        return frf.select(
+            responses=[frf.responses[int(i)] for i in rows],
+            references=[frf.references[int(j)] for j in columns],
+        )
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return d ln A / d ln f at the channels, of the accelerance."""
+        frf = evidence.frf
+        power = QUANTITIES["accelerance"] - QUANTITIES[frf.quantity]
+        return (frf.freq[:, None, None] * evidence.by_frequency + power) * self._at(frf)
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's A(exp(value) f) / A(f) at the channels."""
+        return divided(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
+
+    def _at(self, frf: FRF) -> NDArray[np.float64]:
+        """Return 1 at the channels, 0 elsewhere."""
+        return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape).real
+
+    def plausible(self) -> bool:
+        """Return whether it is from 0.5 % to 30 %."""
+        return 5e-3 < abs(self.value) < 0.3
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at when and how it was measured; if the structure was in another state, leave it"
+            f' out, repair = ["{self.written}"] under [test], or make it a test of its own.'
+        )
+
+    def statement(self) -> str:
+        """Return where its resonances are."""
+        return (
+            f"The resonances of {self.where} stand at {np.exp(-self.value):.4g} times those of the"
+            " other channels: its data seem to come from another test, or another state of the"
+            " structure."
+        )

@@ -1,0 +1,92 @@
+"""A structure that stands on something, where the model is free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.holding import is_free
+
+__all__ = ["Support"]
+
+#: First values, in shares of the lowest and of the highest line.
+_LOW, _HIGH = (0.4, 1.1, 3.0), (0.13, 0.4)
+#: Share of the frequency by which its derivative is taken.
+_STEP = 1e-4
+
+
+class Support(Fault):
+    """The structure is suspended at `value` Hz; the model is free.
+
+    Springs everywhere in proportion to the mass, K + (2 pi value)^2 M, lift the squares of all
+    natural frequencies alike, those of the rigid-body modes from 0 to that of the suspension.
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "support"
+    unit: ClassVar[str] = "Hz"
+    tunes: ClassVar[bool] = True
+    odds: ClassVar[float] = 2e-3
+    blurs: ClassVar[tuple[str, ...]] = ("missing-mode",)
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield some frequencies of the suspension, where nothing holds the model."""
+        if not is_free(evidence.part):
+            return
+        freq = evidence.frf.freq
+        for value in [share * freq[0] for share in _LOW] + [share * freq[-1] for share in _HIGH]:
+            if value > 0.0:
+                yield cls((), float(value))
+
+    @property
+    def written(self) -> str:
+        """Nothing: the model is to be changed."""
+        return ""
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at how the structure was held in the test; give the model springs to the ground"
+            " there, as a group whose stiffness is unknown, or take the supports away and measure"
+            " again."
+        )
+
+    def repair(self, frf: FRF) -> FRF:
+        """Refuse: the data are not what is wrong.
+
+        Raises
+        ------
+        DataError
+            Always; the message says what to do.
+        """
+        raise DataError(f"support conditions are not taken out of the data. {self.remedy}")
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return the derivative of the model's ln H by the frequency of the suspension."""
+        low, high = (evidence.lifted(self.value * f) for f in (1.0 - _STEP, 1.0 + _STEP))
+        return np.asarray((high - low) / (2.0 * _STEP * self.value))
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H of K + (2 pi value)^2 M over that of K."""
+        return divided(evidence.frf, evidence.lifted(self.value))
+
+    def plausible(self) -> bool:
+        """Return whether it is a frequency."""
+        return self.value > 0.0
+
+    def statement(self) -> str:
+        """Return how stiff the support is."""
+        return (
+            f"The structure seems to be held where the model is free: supports on which it would"
+            f" oscillate at {self.value:.3g} Hz explain the data."
+        )
