@@ -75,10 +75,11 @@ def _results(ran: Ran) -> str:
 
 def _to_go_on(ran: Ran) -> str:
     """Return how a run that has not finished goes on."""
-    status = ran.run.result.status
+    status, trust = ran.run.result.status, ran.run.result.trust
     if status == "stopped":
         return f"To go on from here: {_AGAIN}"
-    if status == "max-iterations":
+    # From data that are not to be believed more steps lead nowhere.
+    if status == "max-iterations" and (trust is None or trust.credible):
         return f"To go on from here, with more max_iterations: {_AGAIN}"
     return ""
 

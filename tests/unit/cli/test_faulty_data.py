@@ -79,6 +79,7 @@ def test_what_once_ended_green_ends_with_exit_code_3_and_names_its_cause(
 
     screen = " ".join(capsys.readouterr().out.split())
     assert "plausible no " in screen
+    assert "more max_iterations" not in screen  # more steps would not make it true
     page = Page((tmp_path / "job" / "report.html").read_text(encoding="utf-8")).words
     for text in (screen, page):
         assert first["statement"] in text

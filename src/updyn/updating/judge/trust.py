@@ -21,6 +21,12 @@ PARTS = ("converged", "determined", "validated", "plausible")
 #: Typical misfit from which no noise model makes an answer plausible: half of the values are off by
 #: more than this share.
 GROSS = 0.5
+#: How a fit ended that did not converge.
+_ENDED = {
+    "max-iterations": "The largest number of steps was reached before convergence.",
+    "stalled": "The fit stalled before a minimum of the misfit.",
+    "failed": "The fit failed.",
+}
 #: Typical misfit below which there is nothing left but rounding.
 ROUNDED = 1e-8
 #: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
@@ -176,7 +182,7 @@ def _converged(status: str, left: float | None, misfit: float) -> Claim:
         gain = f" What is left to gain is {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
-    return Claim(False, f"The fit ended as {status}.{gain}")
+    return Claim(False, _ENDED[status] + gain)
 
 
 def _determined(status: str, rank: tuple[int, int], answers: int) -> Claim:

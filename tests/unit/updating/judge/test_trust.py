@@ -106,6 +106,20 @@ def test_other_names_are_refused():
         judged()["believed"]
 
 
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        ("max-iterations", "The largest number of steps was reached before convergence."),
+        ("stalled", "The fit stalled before a minimum of the misfit."),
+        ("failed", "The fit failed."),
+    ],
+)
+def test_how_a_fit_ended_that_did_not_converge_is_said_in_words(status, said):
+    found = judged(status, left=None)
+    assert found.converged == False  # noqa: E712 - compares by what holds
+    assert found.converged.why == said
+
+
 def test_of_data_that_are_answered_but_for_rounding_no_deviations_are_given():
     exact = judged(misfit=1e-13, left=4.0)
     assert exact.converged.why == "The fit ended at a minimum of the misfit."

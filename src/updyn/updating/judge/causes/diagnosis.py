@@ -19,9 +19,10 @@ from updyn.updating.judge.causes.data_alone import (
     still_shown,
     with_variance,
 )
-from updyn.updating.judge.causes.evidence import Evidence, spread_of
+from updyn.updating.judge.causes.evidence import Evidence, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
 from updyn.updating.judge.causes.trial import (
@@ -55,6 +56,8 @@ _WORTH = 0.1
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
 _SETTLED = 3
+#: Share of what was left from which a fit has arrived.
+_ARRIVED = 0.9
 #: Most faults of one test.
 _MOST = 3
 #: Fewer lines say nothing.
@@ -229,15 +232,17 @@ def _stands(ranked: Sequence[_Found]) -> bool:
 def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:
     """Return the part with a model that holds where a trial without a fault ends, and that end.
 
-    Far from the data, any model around the start will do.
+    Far from the data, any model around the start will do, and any end.
     """
     for _ in range(_SETTLED):
         if trial.power > _SMALL**2:
             break
-        there = stage.near(part, [trial.x])
-        if there.solver is here.solver:
+        before, here = here, stage.near(part, [trial.x])
+        further = tried(here, None, [trial.x]) or trial
+        done = further.power > _ARRIVED * trial.power and here.solver is before.solver
+        trial = further
+        if done:
             break
-        here, trial = there, tried(there, None, [trial.x]) or trial
     return here, trial
 
 
@@ -251,9 +256,11 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
         trial = tried(part, fault, [x])
         if trial is None or trial.fault is None:
             continue
-        log_odds = trial.gain(without) + float(np.log(fault.odds))
+        gain, explained = trial.compared(without)
+        log_odds = gain + float(np.log(fault.odds))
         if key not in found or log_odds > found[key].log_odds:
-            found[key] = _Found(trial, trial.fault, log_odds, _share(trial, without))
+            share = _share(trial, without, explained)
+            found[key] = _Found(trial, trial.fault, log_odds, share)
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
     worth = [one for one in found.values() if one.explains >= _WORTH]
     return sorted(worth, key=lambda one: -one.log_odds)
@@ -266,9 +273,8 @@ def _covers(finding: Finding, fault: Fault) -> bool:
     return (same and finding.channels == fault.channels) or fault.kind in kind.blurs
 
 
-def _share(trial: Trial, without: Trial) -> float:
+def _share(trial: Trial, without: Trial, explained: float) -> float:
     """Return the share of the misfit, or of the unknowns' way, that a fault explains."""
-    explained = 1.0 - trial.power / without.power
     # What has no size of its own does not do it by chance.
     known = trial.fault is not None and not trial.fault.tunes
     if known and without.far > _FAR_OFF**2 * len(without.x):
@@ -329,6 +335,8 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
         without, _ = fitted(evidence, None)
     except SolverError:
         return []
+    weighs = promising and bool(held_of(part).any())
+    unheld = _log_evidence(evidence, None) if weighs else 0.0
     best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
@@ -338,7 +346,10 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
                 continue
             if tuned is None or not tuned.plausible():
                 continue
-            gain = 0.5 * (without - cost) + float(np.log(fault.odds))
+            gain = 0.5 * (without - cost)
+            if weighs and fault.tunes:
+                gain = max(gain, _log_evidence(evidence, tuned) - unheld)
+            gain += float(np.log(fault.odds))
             gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
             key = (kind, tuned.channels)
             if key not in best or gain > best[key][0]:
@@ -353,6 +364,15 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
         if len(chosen) == _REFITTED:
             break
     return chosen
+
+
+def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
+    """Return the evidence near a point where what is left is noise, to first order."""
+    frf = slope = None
+    if fault is not None:
+        frf, slope = fault.undo(evidence), fault.slope(evidence)
+    quadratic = Quadratic.at(evidence, frf, slope)
+    return quadratic.best(quadratic.n_values, evidence.unit**2)[1].log_evidence
 
 
 def _finding(found: Sequence[_Found], test: str) -> Finding:

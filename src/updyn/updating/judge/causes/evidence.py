@@ -14,10 +14,11 @@ from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
-__all__ = ["SMALLEST", "Evidence", "labels_of", "spread_of", "stacked"]
+__all__ = ["SMALLEST", "Evidence", "Held", "held_of", "labels_of", "spread_of", "stacked"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -42,6 +43,17 @@ def spread_of(part: Part) -> _Real:
     usual = np.where(part.coordinates.parameters.is_factor, _FACTOR, _LOSS)
     given = [p.prior_std for p in part.coordinates.parameters]
     return np.array([u if g is None else g for u, g in zip(usual, given, strict=True)])
+
+
+@dataclass(frozen=True, slots=True)
+class Held(Parameter):
+    """What nobody seeks, and may be a little wrong all the same."""
+
+
+def held_of(part: Part) -> NDArray[np.bool_]:
+    """Return which of the unknowns are stiffnesses and masses that nobody seeks, shape (n,)."""
+    own = part.coordinates.parameters
+    return np.array([isinstance(p, Held) and p.quantity in ("stiffness", "mass") for p in own])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,28 +243,38 @@ class Evidence:
         moved = np.array([one != other for one, other in pairs])
         there = np.broadcast_to(moved[:, None], self.frf.values.shape).ravel()
         rows = np.flatnonzero(np.concatenate([there, there]))
-        A = self._columns.copy()
-        old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved))
-        A[rows] = new
-        normal = self._normal - old.T @ old + new.T @ new
+        A = self._columns
+        old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
+        curved = self._normal - old.T @ old + new.T @ new
         spread = spread_of(self.part)  # in which the matrix is 1 and what the data add
-        scaled = spread[:, None] * normal * spread
-        step = spread * scipy.linalg.solve(scaled, spread * (A.T @ b), assume_a="pos")
-        return np.asarray(b - A @ step)
+        pull = spread * (A.T @ b + (new - old).T @ b[rows])
+        scaled = spread[:, None] * curved * spread
+        step = spread * scipy.linalg.solve(scaled, pull, assume_a="pos")
+        adapted = A @ step
+        adapted[rows] = new @ step
+        return np.asarray(b - adapted)
+
+    @cached_property
+    def changes(self) -> _Real:
+        """What the unknowns change in the misfit, to first order, shape (2 m, n)."""
+        labels = labels_of(self.frf)
+        return self._changes(labels, np.arange(len(labels)))
+
+    @cached_property
+    def normal(self) -> _Real:
+        """Inner products of `changes`, shape (n, n)."""
+        return np.asarray(self.changes.T @ self.changes)
 
     @cached_property
     def _columns(self) -> _Real:
         """What the unknowns change, above their spread, shape (2 m + n, n)."""
-        labels = labels_of(self.frf)
-        changes = self._changes(labels, np.arange(len(labels)))
-        return np.vstack([changes, np.diag(1.0 / spread_of(self.part))])
+        return np.vstack([self.changes / self.unit, np.diag(1.0 / spread_of(self.part))])
 
     def _changes(self, labels: Sequence[str], rows: NDArray[np.intp]) -> _Real:
-        """Return what the unknowns change at some of the rows of data, in `unit`."""
+        """Return what the unknowns change at some of the rows of data."""
         known, at = self._of([labels[i] for i in rows])
         weight = self.weight[:, rows]
-        changes = [stacked(weight * slope[:, at]) for slope in known.slopes]
-        return np.stack(changes, axis=1) / self.unit
+        return np.stack([stacked(weight * slope[:, at]) for slope in known.slopes], axis=1)
 
     @cached_property
     def _span(self) -> _Real:

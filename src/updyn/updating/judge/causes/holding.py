@@ -21,8 +21,11 @@ _KNOWN = 0.1
 def is_free(part: Part) -> bool:
     """Return whether nothing holds the model against a translation in which it is measured.
 
-    Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
+    Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held; so are
+    reduced ones, whose coordinates are not those of nodes.
     """
+    if part.solver.tier == "reduced":
+        return False
     measured = {dof.direction for dof in part.frf.responses} - {"RX", "RY", "RZ"}
     return any(not any(_force(part, term, d) for term in _springs(part)) for d in measured)
 
@@ -30,8 +33,11 @@ def is_free(part: Part) -> bool:
 def ground_springs(part: Part) -> list[str]:
     """Return the groups of springs between single nodes and the ground, of known stiffness.
 
-    They stand among the unknowns of the part with a narrow prior.
+    They stand among the unknowns of the part with a narrow prior. In a reduced model, whose
+    coordinates are not those of nodes, none is found.
     """
+    if part.solver.tier == "reduced":
+        return []
     own = part.coordinates.parameters
     spread = dict(zip(own.names, spread_of(part), strict=True))
     found = []

@@ -13,11 +13,12 @@ from updyn.sensitivity import Unknowns
 from updyn.updating.fit.method import descend, serial_correlation
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, Held, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.score import fitted
-from updyn.updating.problem.parameters import Parameter, ParameterSet
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
@@ -59,6 +60,8 @@ class Trial:
         Number of real values.
     numbers : int
         Numbers of the fault that the data determine.
+    quadratic : Quadratic or None
+        The misfit about the end; None where nothing is held of the model.
     """
 
     fault: Fault | None
@@ -68,18 +71,35 @@ class Trial:
     alike: float
     n_values: int
     numbers: int = 0
+    quadratic: Quadratic | None = None
 
     def gain(self, other: Trial) -> float:
-        """Return by how much the logarithm of the likelihood is larger than that of another trial.
+        """Return by how much the logarithm of the evidence is larger than that of another trial.
 
         Values that follow each other alike count less; each number of a fault costs what the
         Bayesian information criterion says (Schwarz, Ann. Stat. 6 (1978) 461).
         """
+        return self.compared(other)[0]
+
+    def compared(self, other: Trial) -> tuple[float, float]:
+        """Return the gain, and the share of the other's misfit that is explained.
+
+        Where something is held of the model, both are taken with that being off as far as suits
+        them best, and the other's misfit with that being off as far as suits this one.
+        """
         alike = min(max(min(self.alike, other.alike), 0.0), _MOST_ALIKE)
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
-        level = [t.power + SMALLEST**2 for t in (other, self)]
-        gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
-        return float(gained - 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0)))
+        cost = 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0))
+        if self.quadratic is None or other.quadratic is None:
+            level = [t.power + SMALLEST**2 for t in (other, self)]
+            gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
+            return float(gained - cost), 1.0 - self.power / other.power
+        least = min(self.power, other.power)
+        share, own = self.quadratic.best(count, least)
+        _, best = other.quadratic.best(count, least)
+        there = other.quadratic.outcome(share, count, least)
+        gained = own.log_evidence - best.log_evidence
+        return float(gained - cost), 1.0 - own.power / there.power
 
 
 def tried(
@@ -111,30 +131,46 @@ def tried(
 
 
 def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) -> Trial | None:
+    holds = bool(held_of(part).any())
+    # Once more, the spread of what is left being known, where priors are to count by it.
+    fewest = 2 if holds else 1
     if fault is not None:
         x = fault.begun(part, x)
     for number in range(rounds):
         try:
             freed = part if fault is None else fault.accounted(part, x)
             x, power, far, alike = _descent(freed, x, steps)
-            if fault is None or number == rounds - 1:
+            if number == rounds - 1:
                 break
-            if fault.adapts:
+            if fault is not None and fault.adapts:
                 fault = fault.refined(Evidence(part, x))
                 continue
-            if not fault.tunes:
+            if fault is None or not fault.tunes:
+                if number + 1 < fewest:
+                    continue
                 break
             tuned = _tuned(part, freed, fault, x)
         except SolverError:
             return None
         assert tuned is not None
-        if abs(tuned.value - fault.value) < 1e-3 * abs(tuned.value):
+        if number + 1 >= fewest and abs(tuned.value - fault.value) < 1e-3 * abs(tuned.value):
             break
         fault = tuned
     if fault is not None and not fault.plausible():
         return None
     numbers = 0 if fault is None else fault.numbers(part.frf)
-    return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers)
+    quadratic = _about(freed, fault, x) if holds else None
+    return Trial(fault, x, power, far, alike, 2 * part.n_values, numbers, quadratic)
+
+
+def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
+    """Return the misfit about the end of a trial, the size of a fault being free, too."""
+    try:
+        evidence = Evidence(freed, x)
+        slope = fault.slope(evidence) if fault is not None and fault.tunes else None
+        return Quadratic.at(evidence, slope=slope)
+    except SolverError:
+        return None
 
 
 def _tuned(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault | None:
@@ -208,15 +244,15 @@ def widened(part: Part) -> tuple[Part, _Real]:
     own, system = part.coordinates.parameters, part.solver.system
     sought = {(drive.group, drive.quantity) for p in own for drive in p.acts_on}
     loss = part.state(part.coordinates.home).loss
-    items: list[Parameter] = []
+    items: list[Held] = []
     for t, term in enumerate(system.terms):
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
-            items.append(Parameter(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
+            items.append(Held(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
         lossy = term.quantity == "stiffness" and loss[t] > 0.0 and term.table is None
         if lossy and (term.group, "loss_factor") not in sought:
             spread = _HELD_LOSS * float(loss[t])
-            items.append(Parameter(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
+            items.append(Held(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
     if not 0 < len(items) <= _MOST_HELD:
         return part, np.zeros(0)
     wide = ParameterSet((*own.items, *items))

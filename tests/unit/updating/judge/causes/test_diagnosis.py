@@ -87,6 +87,24 @@ def test_a_scaled_axis_is_found_where_masses_are_known(chain12, chain12_true, da
     assert np.exp(found.value) == pytest.approx(1.03, abs=2e-3)
 
 
+def test_a_common_factor_is_found_where_masses_are_known(chain12, chain12_true, data):
+    """Masses that are all off by that factor would do the same, and hardly ever are."""
+    model = chain12_true.scaled({name: {"mass": 1.0} for name in chain12.groups})
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    (found,) = updyn.diagnose(model, replace(data, values=1.1 * data.values), unknowns)
+    assert (found.kind, found.channels) == ("calibration", ())
+    assert np.exp(found.value) == pytest.approx(1.1, abs=0.01)
+
+
+def test_a_model_whose_known_values_are_off_is_no_fault_of_the_data(chain12, chain12_true, data):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        off = {name: {"mass": 1.0 + rng.choice([-0.05, 0.05])} for name in chain12.groups}
+        model = chain12_true.scaled(off)
+        unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+        assert updyn.diagnose(model, data, unknowns) == ()
+
+
 def test_in_sound_data_nothing_is_found(chain12, clean, unknowns, add_noise):
     for seed in range(5):
         noisy = add_noise(clean, np.random.default_rng(seed), 0.01)

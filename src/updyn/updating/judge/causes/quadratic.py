@@ -1,0 +1,156 @@
+"""The evidence of a hypothesis near a point, with what is held as right as suits it best.
+
+What is held of a model may be off by 5 %, and many held values that adapt together imitate a fault
+of the data, say a scaled frequency axis. A comparison at the best values alone does not see what
+that takes: values that are off by 5 % each, independently, hardly ever form just the pattern of a
+fault, to the precision of the data. The evidence sees it. By Laplace's approximation it is the
+likelihood and the prior density at the best values, times the share of what the prior allows that
+the data leave (Occam factor: MacKay, Neural Comput. 4 (1992) 415; Kass & Raftery, J. Am. Stat.
+Assoc. 90 (1995) 773). How far the held values are off is not known, either; every hypothesis is
+taken with the size of that which suits it best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, held_of, spread_of, stacked
+
+__all__ = ["SHARES", "Outcome", "Quadratic"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complexfloating[Any, Any]]
+
+#: How far what is held may be off, as shares of its spread; the last is all of it.
+SHARES = (0.02, 0.1, 0.3, 1.0)
+#: Prior of the size of a fault, as the log misfit that it makes (rms): none.
+_OPEN = 10.0
+#: How often the level of what is left is found anew.
+_LEVELS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A hypothesis with what is held off by some share of its spread.
+
+    Attributes
+    ----------
+    power : float
+        Mean square of the log misfit that is left.
+    log_evidence : float
+        But for a constant.
+    """
+
+    power: float
+    log_evidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Quadratic:
+    """The misfit at a point to second order, and the unknowns' priors.
+
+    Attributes
+    ----------
+    normal : ndarray of float, shape (n, n)
+        J^T J, of real over imaginary parts.
+    gradient : ndarray of float, shape (n,)
+        J^T e.
+    square : float
+        e^T e.
+    off : ndarray of float, shape (n,)
+        How far the unknowns are from the centres of their priors.
+    spread : ndarray of float, shape (n,)
+        Standard deviations of the priors.
+    held : ndarray of bool, shape (n,)
+        Stiffnesses and masses that nobody seeks.
+    n_values : int
+        Number of real values.
+    """
+
+    normal: _Real
+    gradient: _Real
+    square: float
+    off: _Real
+    spread: _Real
+    held: NDArray[np.bool_]
+    n_values: int
+
+    @classmethod
+    def at(cls, evidence: Evidence, frf: FRF | None = None, slope: _Complex | None = None) -> Self:
+        """Return that of model and data at a point.
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Model and data there.
+        frf : FRF, optional
+            The data freed of a fault, of the same channels.
+        slope : ndarray of complex, shape (n_f, n_i, n_j), optional
+            Slope of the log data by the size of a fault, which adapts, too, as the last unknown.
+        """
+        part, J = evidence.part, evidence.changes
+        e = evidence.misfit(evidence.frf if frf is None else frf)
+        normal, gradient = evidence.normal, J.T @ e
+        off, spread, held = evidence.x - part.coordinates.home, spread_of(part), held_of(part)
+        if slope is not None:
+            d = stacked(evidence.weight * slope)
+            d /= max(float(np.sqrt(2.0 * d @ d / d.size)), np.finfo(np.float64).tiny)
+            across = J.T @ d
+            normal = np.block([[normal, across[:, None]], [across, d @ d]])
+            gradient = np.append(gradient, d @ e)
+            off, spread, held = (
+                np.append(off, 0.0),
+                np.append(spread, _OPEN),
+                np.append(held, False),
+            )
+        return cls(normal, gradient, float(e @ e), off, spread, held, e.size)
+
+    def best(self, count: float, level: float) -> tuple[float, Outcome]:
+        """Return the share of the spread that suits best, and the outcome with it."""
+        shares = SHARES if self.held.any() else SHARES[-1:]
+        found = [(share, self.outcome(share, count, level)) for share in shares]
+        return max(found, key=lambda one: one[1].log_evidence)
+
+    def outcome(self, share: float, count: float, level: float) -> Outcome:
+        """Return what is left, and the evidence, with what is held off by a share of its spread.
+
+        Parameters
+        ----------
+        share : float
+            1: all of it; the point is taken to be the best one then.
+        count : float
+            Number of independent real values.
+        level : float
+            Mean square of the log misfit of the best hypothesis: of noise.
+        """
+        spread = np.where(self.held, share * self.spread, self.spread)
+        step = np.zeros(len(spread))
+        power = self._power(step)
+        for _ in range(_LEVELS if share < 1.0 else 0):
+            each = 2.0 * count / self.n_values / (power + SMALLEST**2)
+            pull = each * spread * self.gradient - self.off / spread
+            step = spread * np.linalg.solve(self._curved(spread, each), pull)
+            power = self._power(step)
+        far = float(np.sum(((self.off + step) / spread) ** 2))
+        fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
+        return Outcome(power, fitted - self._occam(spread, count, level))
+
+    def _power(self, step: _Real) -> float:
+        left = self.square - 2.0 * self.gradient @ step + step @ self.normal @ step
+        return 2.0 * max(float(left), 0.0) / self.n_values
+
+    def _curved(self, spread: _Real, each: float) -> _Real:
+        """Return the second derivative of -ln of the posterior, in units of the spread."""
+        return np.asarray(np.eye(len(spread)) + each * spread[:, None] * self.normal * spread)
+
+    def _occam(self, spread: _Real, count: float, level: float) -> float:
+        """Return -ln of the share of what is held that the data leave, whatever the others are."""
+        each = 2.0 * count / self.n_values / (level + SMALLEST**2)
+        curved = self._curved(spread, each)
+        sought = curved[np.ix_(~self.held, ~self.held)]
+        return 0.5 * float(np.linalg.slogdet(curved)[1] - np.linalg.slogdet(sought)[1])

@@ -1,0 +1,70 @@
+"""The evidence near a point, against a linear problem whose evidence is known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from updyn.updating.judge.causes.quadratic import SHARES, Quadratic
+
+
+@pytest.fixture
+def linear():
+    """J, and the quadratic of e about its best point with the whole spread of what is held."""
+    rng = np.random.default_rng(0)
+    J = rng.standard_normal((400, 5))
+    spread = np.array([0.4, 0.4, 0.05, 0.05, 0.05])
+    held = np.array([False, False, True, True, True])
+    return rng, J, spread, held
+
+
+def quadratic(J, e, x, spread, held):
+    return Quadratic(J.T @ J, J.T @ e, float(e @ e), x, spread, held, len(e))
+
+
+def solved(J, y, sigma, spread):
+    """Return the best x, and ln p(y) of y = J x + noise, x in its prior."""
+    x = np.linalg.solve(J.T @ J / sigma**2 + np.diag(spread**-2.0), J.T @ y / sigma**2)
+    covariance = sigma**2 * np.eye(len(y)) + (J * spread**2) @ J.T
+    return x, float(multivariate_normal(np.zeros(len(y)), covariance).logpdf(y))
+
+
+@pytest.mark.parametrize("true", [[0.0, 0.0, 0.0], [0.04, -0.05, 0.03]])
+def test_the_evidence_of_what_is_held_is_that_of_a_linear_problem(linear, true):
+    """All of its spread against a tenth: the same odds as the marginal likelihood's."""
+    rng, J, spread, held = linear
+    sigma = 0.1
+    y = J @ np.array([0.2, -0.3, *true]) + sigma * rng.standard_normal(len(J))
+    x, whole = solved(J, y, sigma, spread)
+    narrow = np.where(held, 0.1 * spread, spread)
+    _, tenth = solved(J, y, sigma, narrow)
+    about = quadratic(J, y - J @ x, x, spread, held)
+    level = about.outcome(1.0, len(y), 1.0).power
+    assert level == pytest.approx(2.0 * sigma**2, rel=0.15)
+    found = [about.outcome(share, len(y), level).log_evidence for share in (1.0, 0.1)]
+    assert found[0] - found[1] == pytest.approx(whole - tenth, rel=0.15, abs=0.5)
+
+
+def test_what_is_right_is_held_tight_and_what_is_off_is_not(linear):
+    rng, J, spread, held = linear
+    for off, expected in ((0.0, SHARES[0]), (1.0, SHARES[-1])):
+        y = J @ np.array([0.2, -0.3, *(off * 0.05 * np.array([1.0, -1.0, 1.2]))])
+        y += 0.02 * rng.standard_normal(len(J))
+        x, _ = solved(J, y, 0.02, spread)
+        about = quadratic(J, y - J @ x, x, spread, held)
+        share, best = about.best(len(y), 2.0 * 0.02**2)
+        assert share == expected
+        assert best.log_evidence >= about.outcome(1.0, len(y), 2.0 * 0.02**2).log_evidence
+
+
+def test_without_held_values_there_is_the_plain_likelihood_and_prior(linear):
+    rng, J, spread, _ = linear
+    y = J @ np.array([0.2, -0.3, 0.0, 0.0, 0.0]) + 0.1 * rng.standard_normal(len(J))
+    x, _ = solved(J, y, 0.1, spread)
+    e = y - J @ x
+    about = quadratic(J, e, x, spread, np.zeros(5, dtype=bool))
+    share, best = about.best(300.0, 0.02)
+    power = 2.0 * float(e @ e) / len(e)
+    assert share == 1.0
+    assert best.power == pytest.approx(power)
+    far = float(np.sum((x / spread) ** 2))
+    assert best.log_evidence == pytest.approx(-150.0 * np.log(power + 1e-6) - 0.5 * far)
