@@ -112,7 +112,9 @@ def test_a_model_that_is_singular_between_the_lines_has_curves_through_them(resu
     start = chain(1)
     start = start.with_damping({"bay 1": {"loss_factor": 0.0}})
     frf = measured(start, n_lines=10, responses=["1:Z"], references=["1:Z"], coherence=False)
-    monkeypatch.setattr(report_data, "_grid", lambda *_: np.union1d(frf.freq, at_resonance))
+    monkeypatch.setattr(
+        report_data, "fine_grid", lambda *_, **__: np.union1d(frf.freq, at_resonance)
+    )
     found = gather(
         dataclasses.replace(smallest(), start=start, model=start, frf=frf, lines=frf.freq)
     )
