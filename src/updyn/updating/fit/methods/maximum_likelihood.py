@@ -269,13 +269,20 @@ class MaximumLikelihood(Method):
         """Return the far ends of valleys that are open, and the answers reached from there."""
         settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
 
+        if at.local is None:
+            return [], []
+        lowest = at.local.cost
+
         def refitted(x: _Vector, held: int) -> Answer | None:
             with suppress(SolverError):
                 there = holding(problem, x, held)
                 outcome = descend(there, at.residual, x, monitor, settings, relax=False)
                 known, residual = _weigh(problem, noises, outcome.x)
-                unlikelihood = _unlikelihood(problem, known, outcome.x)
-                return Answer(outcome.x, "held", unlikelihood, known, residual, outcome.local)
+                # The answer is a minimum with its own weights; with renewed ones, next to an error
+                # of the model, it need not be.
+                rise = outcome.local.cost - lowest
+                least = max(_unlikelihood(problem, known, outcome.x), at.unlikelihood + rise)
+                return Answer(outcome.x, "held", least, known, residual, outcome.local)
             return None
 
         ends, reached = list[Answer](), list[Answer]()
