@@ -290,5 +290,6 @@ def _sizes(problem: Problem) -> _Vector:
     sizes = np.zeros(problem.n)
     for i, p in enumerate(parameters):
         if p.is_factor and not p.drives and system.has(p.group, p.quantity):
-            sizes[i] = np.log(np.abs(system.terms[system.find(p.group, p.quantity)].data).sum())
+            total = np.abs(system.terms[system.find(p.group, p.quantity)].data).sum()
+            sizes[i] = np.log(total) if total > 0.0 else 0.0  # a matrix of zeros has no size
     return sizes

@@ -214,13 +214,10 @@ def _freed(problem: Problem, x: _Real, more: Sequence[Parameter]) -> tuple[Probl
     """Return the problem with further unknowns, and x with their start."""
     wide = ParameterSet((*problem.coordinates.parameters.items, *more))
     coordinates = replace(problem.coordinates, parameters=wide, box=None, within=None)
-    # Evaluations are remembered by name and x: with other unknowns it is another model.
-    names = " ".join(p.name for p in more)
     parts = []
     for part in problem.parts:
         unknowns = Unknowns.find(part.solver.system, wide)
-        name = f"{part.name} with {names}"
-        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates, name=name))
+        parts.append(replace(part, unknowns=unknowns, coordinates=coordinates))
     return Problem.of(parts), np.concatenate([x, coordinates.home[problem.n :]])
 
 

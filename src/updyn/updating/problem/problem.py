@@ -371,7 +371,8 @@ class Part:
         if not self._digest:
             frf = self.frf
             parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity)
-            self._digest.append(digest((self.name, self.solver.label, *parts)))
+            sought = "\n".join(self.coordinates.parameters.names)
+            self._digest.append(digest((self.name, self.solver.label, sought, *parts)))
         return [kind, self._digest[0], x, *about]
 
     def recall(

@@ -267,11 +267,10 @@ class MaximumLikelihood(Method):
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, at: Answer
     ) -> tuple[list[Answer], list[Answer]]:
         """Return the far ends of valleys that are open, and the answers reached from there."""
-        settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
-
         if at.local is None:
             return [], []
         lowest = at.local.cost
+        settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
 
         def refitted(x: _Vector, held: int) -> Answer | None:
             with suppress(SolverError):

@@ -25,6 +25,7 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
+from updyn.updating.judge.causes.shown import LIKELY
 from updyn.updating.judge.causes.trial import (
     Trial,
     damped,
@@ -45,9 +46,8 @@ _LINES = 60
 _REFITTED, _OF_A_KIND = 6, 2
 #: Those of them that are fitted to the end.
 _KEPT = 4
-#: Logarithm of the odds from which a fault is found: 100 to 1; and of those between two faults
-#: below which the data do not tell them apart.
-_LIKELY, _ALIKE_ODDS = float(np.log(100.0)), 3.0
+#: Logarithm of the odds between two faults below which the data do not tell them apart.
+_ALIKE_ODDS = 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
@@ -220,13 +220,13 @@ def _likeliest(
     # What freed the unknowns from a poor minimum may not have been the fault.
     better = tried(here, None, [ranked[0].trial.x])
     lost = max(better.gain(without), 0.0) if better is not None else 0.0
-    if ranked[0].log_odds - lost < _LIKELY:
+    if ranked[0].log_odds - lost < LIKELY:
         return []
     return [one for one in ranked if one.log_odds > ranked[0].log_odds - _ALIKE_ODDS]
 
 
 def _stands(ranked: Sequence[_Found]) -> bool:
-    return bool(ranked) and ranked[0].log_odds >= _LIKELY
+    return bool(ranked) and ranked[0].log_odds >= LIKELY
 
 
 def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, Trial]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof
-from updyn.errors import OptionError, in_all, suggest
+from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence, labels_of
 from updyn.updating.problem.problem import Part
@@ -19,6 +19,7 @@ from updyn.updating.problem.problem import Part
 __all__ = [
     "FORCE",
     "Fault",
+    "Irreparable",
     "Place",
     "divided",
     "each_sensor",
@@ -256,3 +257,24 @@ class Fault(ABC):
         except ValueError:
             raise OptionError(f"repair {cls.kind!r}: {value!r} is no number") from None
         return cls(names, number)
+
+
+class Irreparable(Fault):
+    """A fault that no change of the data undoes."""
+
+    __slots__ = ()
+
+    @property
+    def written(self) -> str:
+        """Nothing, unless the kind says otherwise."""
+        return ""
+
+    def repair(self, frf: FRF) -> FRF:
+        """Refuse, unless the kind can.
+
+        Raises
+        ------
+        DataError
+            Always; the message says what to do.
+        """
+        raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.fault import Irreparable, divided
 
 __all__ = ["MassLoading"]
 
 
-class MassLoading(Fault):
+class MassLoading(Irreparable):
     """A mass of `value` kg stands at the response of each row, and nowhere else.
 
     H_ij / (1 - omega^2 m H_ii) is measured instead of H_ij (Ewins, Modal Testing, 2nd ed. 2000,
@@ -35,11 +35,6 @@ class MassLoading(Fault):
         turns = any(dof.direction.startswith("R") for dof in evidence.frf.responses)
         if len(evidence.frf.responses) > 1 and not turns:
             yield cls()
-
-    @property
-    def written(self) -> str:
-        """Nothing: no change of the data undoes it."""
-        return ""
 
     @property
     def remedy(self) -> str:

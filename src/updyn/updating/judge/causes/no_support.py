@@ -9,10 +9,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.fault import Irreparable, divided
 from updyn.updating.judge.causes.holding import ground_springs
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
@@ -29,7 +28,7 @@ _LEAST, _ANYTHING = 1e-4, 5.0
 _STEP = 1e-3
 
 
-class NoSupport(Fault):
+class NoSupport(Irreparable):
     """A group that holds the model to the ground has exp(value) times its stiffness, if any.
 
     The group stands in `channels`. It is not among the unknowns.
@@ -50,27 +49,12 @@ class NoSupport(Fault):
                 yield cls((group,), float(np.log(left)))
 
     @property
-    def written(self) -> str:
-        """Nothing: the model is to be changed."""
-        return ""
-
-    @property
     def remedy(self) -> str:
         """What to do about it."""
         return (
             "Look at how the structure was held in the test; leave that group out of the model, or"
             " make its stiffness an unknown with a wide prior."
         )
-
-    def repair(self, frf: FRF) -> FRF:
-        """Refuse: the data are not what is wrong.
-
-        Raises
-        ------
-        DataError
-            Always; the message says what to do.
-        """
-        raise DataError(f"support conditions are not taken out of the data. {self.remedy}")
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the logarithm of the stiffness."""

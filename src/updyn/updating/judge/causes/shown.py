@@ -9,10 +9,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.fault import Irreparable
 
 __all__ = ["LIKELY", "Shown", "ShownFault"]
 
@@ -39,7 +38,7 @@ class Shown:
     share: float
 
 
-class ShownFault(Fault):
+class ShownFault(Irreparable):
     """A fault that is found in the data alone, and not by comparison with the model.
 
     Attributes
@@ -67,21 +66,6 @@ class ShownFault(Fault):
         frf : FRF
             The data, with their variance as far as it is known.
         """
-
-    @property
-    def written(self) -> str:
-        """Nothing, unless the kind says otherwise: no change of the data undoes it."""
-        return ""
-
-    def repair(self, frf: FRF) -> FRF:
-        """Refuse, unless the kind can.
-
-        Raises
-        ------
-        DataError
-            Always; the message says what to do.
-        """
-        raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
 
     def set_aside(self, frf: FRF) -> FRF:
         """Return the data in which the values concerned do not count for other faults."""

@@ -8,10 +8,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.fault import Irreparable, divided
 from updyn.updating.judge.causes.holding import is_free
 
 __all__ = ["Support"]
@@ -22,7 +21,7 @@ _LOW, _HIGH = (0.4, 1.1, 3.0), (0.13, 0.4)
 _STEP = 1e-4
 
 
-class Support(Fault):
+class Support(Irreparable):
     """The structure is suspended at `value` Hz; the model is free.
 
     Springs everywhere in proportion to the mass, K + (2 pi value)^2 M, lift the squares of all
@@ -48,11 +47,6 @@ class Support(Fault):
                 yield cls((), float(value))
 
     @property
-    def written(self) -> str:
-        """Nothing: the model is to be changed."""
-        return ""
-
-    @property
     def remedy(self) -> str:
         """What to do about it."""
         return (
@@ -60,16 +54,6 @@ class Support(Fault):
             " there, as a group whose stiffness is unknown, or take the supports away and measure"
             " again."
         )
-
-    def repair(self, frf: FRF) -> FRF:
-        """Refuse: the data are not what is wrong.
-
-        Raises
-        ------
-        DataError
-            Always; the message says what to do.
-        """
-        raise DataError(f"support conditions are not taken out of the data. {self.remedy}")
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return the derivative of the model's ln H by the frequency of the suspension."""
