@@ -26,6 +26,7 @@ from updyn.updating.problem.residuals import Each
 __all__ = [
     "AS_WELL",
     "Answer",
+    "as_likely",
     "elsewhere",
     "equals",
     "exchanged",
@@ -122,11 +123,15 @@ def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
     One that ran out of steps counts: it fits as well already.
     """
     found: list[Answer] = []
-    for other in sorted(others, key=lambda answer: answer.unlikelihood):
-        as_well = other.unlikelihood <= chosen.unlikelihood + AS_WELL
-        if as_well and all(_differ(known, other) for known in [chosen, *found]):
+    for other in sorted(as_likely(chosen, others), key=lambda answer: answer.unlikelihood):
+        if all(_differ(known, other) for known in [chosen, *found]):
             found.append(other)
     return found
+
+
+def as_likely(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
+    """Return the other answers that are as likely as the chosen one, or nearly."""
+    return [other for other in others if other.unlikelihood <= chosen.unlikelihood + AS_WELL]
 
 
 def _differ(a: Answer, b: Answer) -> bool:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.updating.fit.answers import AS_WELL, Answer
+from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Part, Problem
@@ -162,3 +165,20 @@ def test_local_model_is_of_the_whole_problem():
     assert first.std == pytest.approx(
         np.sqrt(np.linalg.solve(information, [0.0, 1.0])[1]), rel=1e-6
     )
+
+
+def test_an_end_that_a_better_answer_leaves_behind_is_no_rival(monkeypatch):
+    """Valleys of the first answer reach a better one, to which its ends are unlikely."""
+    behind: list[np.ndarray] = []
+
+    def reached(self, problem, noises, monitor, at):
+        better = replace(at, unlikelihood=at.unlikelihood - 10.0 * AS_WELL)
+        end = replace(at, x=at.x + 0.5)
+        behind.append(end.x)
+        return [end], [better]
+
+    monkeypatch.setattr(MaximumLikelihood, "_valleys", reached)
+    start = carried_mass(1.9e4)
+    result = updyn.update(start, measured(1e-3), updyn.parameters(start, stiffness="all"))
+    assert behind
+    assert result.status == "converged"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.updating.fit.answers import (
     Answer,
+    as_likely,
     elsewhere,
     equals,
     explains,
@@ -164,7 +165,8 @@ class MaximumLikelihood(Method):
                     break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)
-        as_well = [*equals(chosen, answers), *ends]
+        # Ends of valleys of a former answer may be less likely by now.
+        as_well = [*equals(chosen, answers), *as_likely(chosen, ends)]
         rivals = [Rival(a.x, a.unlikelihood - chosen.unlikelihood) for a in as_well]
         if monitor.stopped:
             return replace(fit, reason="stopped", rivals=tuple(rivals))
