@@ -375,6 +375,20 @@ def none(bench, frf, rng):
     return Seeded(frf, frf, "")
 
 
+def held_off(bench, frf, rng):
+    """Nothing is wrong with the data; each mass, which is held, is off by 3 to 5 %."""
+
+    def changed(model: Model) -> Model:
+        off = {
+            name: {"mass": 1.0 + rng.choice([-1, 1]) * rng.uniform(0.03, 0.05)}
+            for name, group in model.groups.items()
+            if group.mass is not None
+        }
+        return model.scaled(off)
+
+    return Seeded(frf, frf, "", changed=changed)
+
+
 FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "none": none,
     "quantity": quantity,
@@ -398,6 +412,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "missing mode": missing_mode,
     "support": support,
     "no support": no_support,
+    "held off": held_off,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (
@@ -412,7 +427,7 @@ COMPUTED = (
     "no support",
 )
 #: What all unknowns together can imitate, unless masses are known.
-IMITATED = ("unit", "common calibration", "frequency scale")
+IMITATED = ("unit", "common calibration", "frequency scale", "held off")
 
 
 def unknowns(

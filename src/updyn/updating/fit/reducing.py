@@ -27,10 +27,10 @@ from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import scattered
+from updyn.updating.fit.search import coarse, scattered
 from updyn.updating.problem.noise import Approximate, NoiseModel, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
-from updyn.updating.problem.residuals import LogError
+from updyn.updating.problem.residuals import log_error
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
@@ -312,7 +312,7 @@ class Reducing:
                 with monitor.stage("reduce"):
                     if number == 0:
                         if far:
-                            x = self._better(problem, x)
+                            x = self._better(problem, noises, x)
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
@@ -343,11 +343,14 @@ class Reducing:
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
-    def _better(self, problem: Problem, x: _Vector) -> _Vector:
-        """Return where a search ended, or the start where its log error is smaller."""
-        before = _log_cost(problem, self._home)
+    def _better(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
+        """Return where a search ended, or the start where its log error is smaller.
+
+        Weighted by the noise, as the search is: the values of faint channels are rounding.
+        """
+        before = _log_cost(coarse(problem, noises), self._home)
         self._make(x)
-        if _log_cost(self.inside(problem), x) <= before:
+        if _log_cost(coarse(self.inside(problem), noises), x) <= before:
             return x
         self._make(self._home)
         return self._home
@@ -457,7 +460,7 @@ def _faintest(frf: FRF) -> float:
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:
-    local = LogError().local(problem, x)
+    local = log_error(problem).local(problem, x)
     if local is None:
         return np.inf
     return local.cost
