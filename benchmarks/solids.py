@@ -28,6 +28,8 @@ from updyn.updating.problem.residuals import OutputError
 #: Bricks in x, y and z, by the number of DOFs.
 CELLS = {"864": (3, 3, 18), "2025": (4, 4, 27), "10140": (12, 12, 20)}
 NOISE = 0.01
+#: Values below this share of the loudest of their line are rounding, and tell nothing.
+FAINTEST = 1e-9
 #: Largest error of a recovered unknown in standard deviations.
 SURE = 4.0
 
@@ -47,7 +49,9 @@ def measured(size: str, sensors: int) -> tuple[updyn.Model, FRF, np.ndarray]:
     unknowns = everything(true)
     part = Part.build(true, clean, unknowns)
     x = part.coordinates.to_x(unknowns.start)
-    R = OutputError(np.sqrt(2.0) / (NOISE * np.abs(clean.values))).local(Problem.of([part]), x).R
+    size = np.abs(clean.values)
+    spread = NOISE * np.maximum(size, FAINTEST * size.max(axis=(1, 2), keepdims=True))
+    R = OutputError(np.sqrt(2.0) / spread).local(Problem.of([part]), x).R
     return true, clean, np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)
 
 

@@ -95,14 +95,14 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
     omega = 2.0 * np.pi * freq
     system = part.solver.system
     c, w = constitutive_weights(system, part.state(x), omega)
-    factor = part.sign * ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
+    power = ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
     rows, place = np.unique(part.rows, return_inverse=True)
     P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)
     for t, term in enumerate(system.terms):
         own = P[term.own]
         S += w[t][:, None, None] * np.einsum("nfi,nfk->fik", own, term.times(own.conj()))
-    d, noise = misfit / factor, variance / np.abs(factor) ** 2
+    d, noise = part.sign * misfit / power, variance / np.abs(power) ** 2
     size, floor = np.sum(np.abs(d) ** 2, axis=1), np.sum(noise, axis=1)
     trace = np.maximum(np.einsum("fii->f", S).real, np.finfo(float).tiny)
     theta = np.maximum(size - floor, 1e-3 * size) / trace[:, None]

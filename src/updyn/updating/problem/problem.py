@@ -183,7 +183,7 @@ class Part:
     rows, columns : ndarray of int
         Model DOFs of responses and references.
     sign : ndarray of float, shape (n_i, n_j)
-        Product of the signs of response and reference.
+        Product of the signs of response and reference; 0: there is no response, by symmetry.
     session : Session
         Where the lines are solved, and what is remembered of them. A copy sent to another process
         has a plain one.
