@@ -33,7 +33,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"by more than {100 * search._UNSURE:g} % is moved alone",
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",
-        f"below {residuals._ROUNDING:.0e} of the largest of its line",
+        f"below {residuals.ROUNDING:.0e} of the largest of its line",
         f"whose log error is at most {search._WORTH:g} times the least",
         "Factors are moved by up to {:.0f} or {:.0f} %".format(
             *(100 * far for far in search._BESIDE)

@@ -23,7 +23,7 @@ from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, make_method, options_of
 from updyn.updating.fit.monitor import Monitor, Progress
-from updyn.updating.fit.reducing import Reducing, fallback, is_reduced
+from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
@@ -37,7 +37,7 @@ from updyn.updating.problem.data import Split, Test, check, has_quantity, split_
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import ROUNDING, Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult
@@ -186,7 +186,13 @@ def run(
         result = UpdateResult(
             **common,
             title=_title(options.title, test.name),
-            options=used[i] | {"engine": session.engine.name} | _solved(parts[i], reduced) | more,
+            options={
+                **used[i],
+                "engine": session.engine.name,
+                **_solved(parts[i], reduced),
+                **_left_out(problem.parts[i]),
+                **more,
+            },
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
             frf=test.frf,
@@ -392,6 +398,13 @@ def _solved(part: Part, reduced: Reducing | None) -> dict[str, Any]:
     return fallback(part.solver.used, part.solver.backend)
 
 
+def _left_out(part: Part) -> dict[str, list[str]]:
+    """Return, for the record, the channels that are rounding."""
+    at = np.argwhere(part.sign == 0.0)
+    names = [f"{part.frf.responses[i]} / {part.frf.references[j]}" for i, j in at]
+    return {"rounding": names} if names else {}
+
+
 def _fitted(
     whole: Problem,
     lines: Sequence[Lines],
@@ -468,6 +481,8 @@ def _fitted_from_start(
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
             problem = Problem.of(list(map(on_lines, whole.parts, lines)))
+            finest = ROUNDING if reduced is None else FINEST
+            problem = Problem.of([part.without_rounding(x, finest) for part in problem.parts])
             monitor.problem = problem
             for part in problem.parts:
                 part.responses(x)

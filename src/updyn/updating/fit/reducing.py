@@ -28,12 +28,12 @@ from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import coarse, scattered
-from updyn.updating.problem.noise import Approximate, NoiseModel, level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.noise import Approximate, NoiseModel
+from updyn.updating.problem.problem import Part, Problem, shares_of
 from updyn.updating.problem.residuals import log_error
 from updyn.updating.problem.session import Stopped
 
-__all__ = ["Reducing", "fallback", "is_reduced", "reduction_of"]
+__all__ = ["FINEST", "Reducing", "fallback", "is_reduced", "reduction_of"]
 
 _Vector = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ _MARGIN = 10.0
 #: Largest number of lines of a search.
 _SEARCHED = 200
 #: Wanted besides: the error as a share of the faintest channel; and the finest that is asked for.
-_FAINT, _FINEST = 1e-3, 1e-9
+_FAINT, FINEST = 1e-3, 1e-9
 #: Number of DOFs without a sensor whose error counts too, for the experiment advice.
 _ELSEWHERE = 200
 
@@ -134,14 +134,13 @@ class _Part:
     first: FieldSolver | None = None
     certificate: Certificate | None = None
     lost: NDArray[np.float64] | None = None
-    rounding: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(cls, part: Part, accuracy: float) -> _Part:
         others = part.solver.others(np.union1d(part.rows, part.columns))
         stride = max(1, -(-len(others) // _ELSEWHERE))
         reduction = reduction_of(part, accuracy, others[::stride])
-        reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), _FINEST))
+        reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), FINEST))
         return cls(part, reduction)
 
     def build(self, x: _Vector) -> None:
@@ -230,13 +229,11 @@ class Reducing:
             part.first = part.solver
 
     def inside(self, problem: Problem) -> Problem:
-        """Return a problem with the latest reduced models, without channels that are rounding."""
+        """Return a problem with the latest reduced models."""
         parts = []
         for part, made in zip(problem.parts, self._parts, strict=True):
             if made.solver is not None:
-                part = replace(part, solver=made.solver)
-                made.rounding = _rounding(part, self._x)
-                parts.append(_without(part, made.rounding))
+                parts.append(replace(part, solver=made.solver))
         return Problem.of(parts)
 
     def fit(
@@ -397,15 +394,8 @@ class Reducing:
             "error": error,
             "channel error": channel,
             "factorisations": sum(c.factorisations for c in found),
-            **self._left_out,
             **fallback(used, self._parts[0].reduction.backend),
         }
-
-    @property
-    def _left_out(self) -> dict[str, int]:
-        """Number of channels that are rounding, where there are any."""
-        number = sum(int(p.rounding.sum()) for p in self._parts if p.rounding is not None)
-        return {"channels of rounding": number} if number else {}
 
     def _make(self, x: _Vector) -> None:
         """Build reduced models at x, not certified."""
@@ -464,37 +454,8 @@ def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:
 
 def _faintest(frf: FRF) -> float:
     """Return the level of the faintest channel over the loudest one's, rounding left out."""
-    share = _shares(frf.values, frf)
-    return float(share[share > _FINEST].min(initial=1.0))
-
-
-def _shares(H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
-    """Return the level of each channel over that of the loudest measured one, shape (n_i, n_j)."""
-    level, loudest = (
-        np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) / level_by_unit(frf)[0]
-        for values in (H, frf.values)
-    )
-    return np.asarray(level / max(float(loudest.max()), np.finfo(float).tiny))
-
-
-def _rounding(part: Part, x: _Vector) -> NDArray[np.bool_]:
-    """Return which channels are rounding, in the data and at x, shape (n_i, n_j)."""
-    faint = _shares(part.frf.values, part.frf) <= _FINEST
-    if faint.any():
-        faint &= _shares(part.responses(x), part.frf) <= _FINEST
-    return faint
-
-
-def _without(part: Part, channels: NDArray[np.bool_]) -> Part:
-    """Return the part with exact zeros in some channels.
-
-    Where symmetry forbids a response, what a reduced model says of it is its error; the derivatives
-    of that would count as knowledge of the unknowns.
-    """
-    if not channels.any():
-        return part
-    frf = replace(part.frf, values=np.where(channels, 0.0, part.frf.values))
-    return replace(part, frf=frf, sign=np.where(channels, 0.0, part.sign))
+    share = shares_of(frf.values, frf)
+    return float(share[share > FINEST].min(initial=1.0))
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:

@@ -358,7 +358,8 @@ def examine(
         errors.append(OutputError(weight, "residual"))
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
-            whitened.append(np.where(weight > 0.0, weight * misfit, np.nan))
+            told = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
+            whitened.append(np.where(told, weight * misfit, np.nan))
         base = noise
         if isinstance(noise, Robust):
             base = noise.base

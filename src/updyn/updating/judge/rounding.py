@@ -95,7 +95,8 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
         except SolverError:
             continue
         misfit = np.median(left / np.where(measured > 0.0, measured, np.inf), axis=0)
-        share = np.where((share > _FINE) & (share > _SMALL * misfit), share, 0.0)
+        seen = (share > _FINE) & (share > _SMALL * misfit) & (part.sign != 0.0)
+        share = np.where(seen, share, 0.0)
         i, j, k = (int(n) for n in np.unravel_index(np.argmax(share), share.shape))
         if share[i, j, k] > 0.0:
             channel = (part.frf.responses.labels[j], part.frf.references.labels[k])

@@ -16,20 +16,25 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.channels import Gains
+from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
 
 __all__ = [
+    "ROUNDING",
     "Block",
     "Coordinates",
     "Part",
     "Problem",
+    "shares_of",
 ]
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 _RELAXED = -0.5
+#: What is below this share of the loudest is rounding.
+ROUNDING = 1e-11
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
@@ -276,6 +281,32 @@ class Part:
             return self
         return replace(self, frf=self.frf.select(lines=self.frf.freq[::stride]))
 
+    def without_rounding(self, x: _Vector, share: float) -> Part:
+        """Return the part with exact zeros in channels that are rounding, in model and data.
+
+        Symmetry forbids these responses. What a model says of them is its error, whose derivatives
+        would count as knowledge of the unknowns.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (n,)
+            Where the model is looked at.
+        share : float
+            Channels below this share of the loudest measured one are rounding.
+
+        Raises
+        ------
+        SolverError
+            If the model is singular at a line.
+        """
+        faint = shares_of(self.frf.values, self.frf) <= share
+        if faint.any():
+            faint &= shares_of(self.responses(x), self.frf) <= share
+        if not faint.any():
+            return self
+        frf = replace(self.frf, values=np.where(faint, 0.0, self.frf.values))
+        return replace(self, frf=frf, sign=np.where(faint, 0.0, self.sign))
+
     @property
     def n(self) -> int:
         """Number of unknowns."""
@@ -446,6 +477,23 @@ class Part:
             return (np.concatenate(list(self.each(_responses, items))),)
 
         return self.recall("responses", x, compute)[0]
+
+
+def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
+    """Return the rms of each channel over that of the loudest measured one, shape (n_i, n_j).
+
+    Parameters
+    ----------
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        The model's or the measured values, each counted in the rms of its unit.
+    frf : FRF
+        The data.
+    """
+    level, loudest = (
+        np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) / level_by_unit(frf)[0]
+        for values in (H, frf.values)
+    )
+    return np.asarray(level / max(float(loudest.max()), np.finfo(float).tiny))
 
 
 def _middle(freq: NDArray[np.float64]) -> float:

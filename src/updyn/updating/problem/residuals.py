@@ -21,7 +21,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.problem import ROUNDING, Part, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
@@ -49,8 +49,6 @@ _Complex = NDArray[np.complex128]
 _CLEAR = 0.1
 #: Times its variance, a square of a level that noise alone hardly has.
 _BIAS = 9.0
-#: A value below this share of the loudest of its line is rounding.
-_ROUNDING = 1e-11
 
 
 class Residual(Protocol):
@@ -143,7 +141,7 @@ def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
     own = np.maximum(size**2 - _BIAS * variance, 0.0)
     clear = np.sqrt(own / (own + variance / _CLEAR**2 + np.finfo(float).tiny))
     share = size / level_by_unit(frf)
-    return np.where(share > _ROUNDING * share.max(axis=(1, 2), keepdims=True), clear, 0.0)
+    return np.where(share > ROUNDING * share.max(axis=(1, 2), keepdims=True), clear, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
