@@ -236,7 +236,7 @@ def _causes(tests: Sequence[PreparedTest], unknowns: ParameterSet) -> str:
             where = f"{test.name}: " if test.name else ""
             texts.append(f"{where}{one.statement}\n{one.remedy}")
     if not texts:
-        return ""
+        return "The data, as far as they were searched before any fit, show no known fault."
     return "\n".join(["What the data and the model before any fit suggest:", *texts])
 
 

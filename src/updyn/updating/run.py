@@ -32,7 +32,7 @@ from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strai
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.trust import trust, validated
-from updyn.updating.judge.verdict import ambiguous, caused, disbelieved, verdict
+from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, verdict
 from updyn.updating.problem.data import Split, Test, check, has_quantity, split_data
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
@@ -236,6 +236,30 @@ def _decisive(
     return decisive
 
 
+@dataclass(frozen=True, slots=True)
+class _Causes:
+    """Causes of what a fit left of the data.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Those that were found.
+    searched : bool
+        Whether they were looked for in what a fit left of some test.
+    unseen : str
+        Why they were not looked for, where they had to be; empty where they were.
+    """
+
+    findings: tuple[Finding, ...] = ()
+    searched: bool = False
+    unseen: str = ""
+
+    @property
+    def cleared(self) -> bool:
+        """Whether they were looked for, and none was found."""
+        return self.searched and not self.findings and not self.unseen
+
+
 def _causes(
     problem: Problem,
     exact: Problem,
@@ -243,16 +267,15 @@ def _causes(
     found: Judgement,
     noises: Sequence[NoiseModel],
     monitor: Monitor,
-) -> tuple[tuple[Finding, ...], str]:
+) -> _Causes:
     """Return the causes of what a fit left of the data; they are looked for where it is not noise.
 
-    They are looked for in all data, those that were held out included, and by the whole model. The
-    second says why they were not looked for, where they had to be; empty where they were.
+    They are looked for in all data, those that were held out included, and by the whole model.
     """
     if found.fit.reason in ("stopped", "failed"):
-        return (), ""
+        return _Causes()
     out: list[Finding] = []
-    unseen = ""
+    searched, unseen = False, ""
     with monitor.stage("causes"), suppress(Stopped):
         for i, (part, split, adequacy) in enumerate(
             zip(problem.parts, splits, found.adequacy, strict=True)
@@ -267,23 +290,23 @@ def _causes(
                     continue
                 try:
                     out += diagnosed(whole, noises[i], [found.fit.x])
+                    searched = True
                 except SolverError as error:
                     unseen = f"causes could not be looked for ({error})"
                     out += findings_in(whole.frf, noises[i], part.name)
-    return tuple(out), unseen
+    return _Causes(tuple(out), searched, unseen)
 
 
 def _common(
     problem: Problem,
     found: Judgement,
-    causes: tuple[tuple[Finding, ...], str],
+    causes: _Causes,
     selection: Selection,
     options: RunOptions,
     monitor: Monitor,
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
-    findings, unseen = causes
     tests = [part.name for part in problem.parts]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     end = ending(problem, fit, monitor.history)
@@ -313,14 +336,16 @@ def _common(
         correlation=found.correlation,
         misfit=found.misfit,
         pressed=_pressed(selection.parameters, found.at_bound),
-        findings=findings,
-        unseen=unseen,
+        findings=causes.findings,
+        unseen=causes.unseen,
     )
-    if findings:
-        message, remedy = caused(findings, message, remedy)
+    if causes.findings:
+        message, remedy = caused(causes.findings, message, remedy)
     if status == "converged" and not judged.credible:
         status = "not-credible"
         message, remedy = disbelieved(judged, message, remedy)
+    if causes.cleared:
+        remedy = cleared(remedy)
     notes = [message, selection.note]
     if fit.pull is not None:
         notes.append(fit.pull.note)
@@ -337,7 +362,7 @@ def _common(
         "identifiability": replace(found.analysis.report, advice=found.advice),
         "alternatives": others,
         "trust": judged,
-        "findings": findings,
+        "findings": causes.findings,
         "history": tuple(monitor.history),
         "versions": {
             "updyn": __version__,

@@ -16,7 +16,7 @@ from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
 from updyn.updating.judge.trust import Trust
 
-__all__ = ["ambiguous", "caused", "disbelieved", "verdict"]
+__all__ = ["ambiguous", "caused", "cleared", "disbelieved", "verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
 _CORRELATED = 3.0
@@ -36,10 +36,8 @@ _ARRIVED = 0.1
 #: the last ten gained this share of what is left.
 _FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
-_LOOK = (
-    "Check units, calibration and labels; look at the channels with the lowest FRAC; free other"
-    " groups."
-)
+_CHECK = "Check units, calibration and labels"
+_LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
 
 
 def verdict(
@@ -237,6 +235,11 @@ def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str,
     if grave:
         return f"{said} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
     return f"{message} {said}", f"{remedy} {findings[0].remedy}".strip()
+
+
+def cleared(remedy: str) -> str:
+    """Return the remedy of a fit whose data were searched for faults, none of which was found."""
+    return remedy.replace(_CHECK, "No known fault of the data explains it (docs/verdict.md)")
 
 
 def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:

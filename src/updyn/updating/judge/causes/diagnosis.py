@@ -50,8 +50,9 @@ _KEPT = 4
 _ALIKE_ODDS = 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
-#: Share of the misfit that a fault explains at least; less is one of many small errors.
-_WORTH = 0.1
+#: Share of the misfit that a fault explains at least; less is one of many small errors. Where what
+#: it leaves is noise, by its correlation from line to line, there are no others.
+_WORTH, _WHITE = 0.1, 0.1
 #: Other causes that are named.
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
@@ -262,7 +263,7 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
             share = _share(trial, without, explained)
             found[key] = _Found(trial, trial.fault, log_odds, share)
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
-    worth = [one for one in found.values() if one.explains >= _WORTH]
+    worth = [one for one in found.values() if one.explains >= _WORTH or one.trial.alike < _WHITE]
     return sorted(worth, key=lambda one: -one.log_odds)
 
 

@@ -13,7 +13,7 @@ __all__ = ["log_misfit"]
 _Complex = NDArray[np.complex128]
 
 #: Noise, as a share of the level, at which a value weighs 0.7.
-_CLEAR = 0.1
+_CLEAR = 0.03
 #: Below so many standard deviations of the noise there is no phase, and no level but that.
 _SEEN = 3.0
 #: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.

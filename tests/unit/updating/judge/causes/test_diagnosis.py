@@ -142,3 +142,24 @@ def test_a_roving_mass_is_found_and_not_said_to_be_repaired(chain12, chain12_tru
     assert "repair" not in found.remedy
     with pytest.raises(updyn.UpdynError, match="sensor_masses"):
         found.repair(bad)
+
+
+def test_a_fault_that_the_unknowns_imitate_is_found_where_it_leaves_but_noise(
+    gear_train, add_noise
+):
+    """Damping does nearly what a late sensor of the gear train does: it explains a little only."""
+    freq = np.geomspace(2.0, 1000.0, 60) / (2.0 * np.pi)
+    sound = updyn.response(gear_train, freq, [f"{i}:RZ" for i in range(1, 5)], ["2:RZ"])
+    rng = np.random.default_rng(0)
+    late = row(add_noise(sound, rng, 0.01, 1e-3), 0, np.exp(-2j * np.pi * freq * 0.001))
+    off = {
+        name: {
+            "stiffness": 1.0 + rng.uniform(-0.3, 0.3),
+            "mass": 1.0 + rng.uniform(-0.1, 0.1),
+            "loss_factor": 0.0,
+        }
+        for name in gear_train.groups
+    }
+    (found, *_) = updyn.diagnose(gear_train.scaled(off), late)
+    assert (found.kind, found.channels) in (("delay", ("1:RZ",)), ("low-pass", ("1:RZ",)))
+    assert found.explains < 0.1
