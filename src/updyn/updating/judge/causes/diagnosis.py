@@ -50,9 +50,10 @@ _KEPT = 4
 _ALIKE_ODDS = 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
-#: Share of the misfit that a fault explains at least; less is one of many small errors. Where what
-#: it leaves is noise, by its correlation from line to line, there are no others.
-_WORTH, _WHITE = 0.1, 0.1
+#: Share of the misfit that a fault explains at least; less is one of many small errors.
+_WORTH = 0.1
+#: Correlation of neighbouring lines below which what a fault leaves is noise: there are no others.
+_WHITE = 0.1
 #: Other causes that are named.
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
@@ -263,8 +264,18 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
             share = _share(trial, without, explained)
             found[key] = _Found(trial, trial.fault, log_odds, share)
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
-    worth = [one for one in found.values() if one.explains >= _WORTH or one.trial.alike < _WHITE]
+    worth = [one for one in found.values() if _is_worth_a_word(one)]
     return sorted(worth, key=lambda one: -one.log_odds)
+
+
+def _is_worth_a_word(found: _Found) -> bool:
+    """Return whether a fault explains a good part of the misfit, or all of it that is not noise.
+
+    Then the data by themselves have to make it likely, and not what it leaves of a model's values.
+    """
+    by_data = 0.5 * found.trial.n_values * found.explains + float(np.log(found.fault.odds))
+    leaves_noise = found.trial.alike < _WHITE and by_data >= LIKELY
+    return found.explains >= _WORTH or leaves_noise
 
 
 def _covers(finding: Finding, fault: Fault) -> bool:
