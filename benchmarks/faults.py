@@ -79,8 +79,12 @@ def times(frf: FRF, factor: np.ndarray, row: int | None = None) -> FRF:
 
 
 def quantity(bench, frf, rng):
+    """Data of another quantity, whose noise has its floor in that quantity."""
     other = str(rng.choice([q for q in QUANTITIES if q != frf.quantity]))
-    return Seeded(replace(frf.converted(other), quantity=frf.quantity), frf, "quantity")
+    sound = frf.converted(other)
+    if not isinstance(bench, Measured):
+        sound = NOISE.added(bench.case.clean.converted(other), rng)
+    return Seeded(replace(sound, quantity=frf.quantity), sound, "quantity")
 
 
 def unit(bench, frf, rng):
@@ -482,11 +486,12 @@ def undone(finding, seeded: Seeded) -> bool:
 
 
 @cache
-def bounds(name: str, fault: str, free: bool) -> np.ndarray:
+def bounds(name: str, fault: str, quantity: str, free: bool) -> np.ndarray:
     bench = bench_of(name)
     if isinstance(bench, Measured):
         return bench.bound(unknowns(bench, bench.model, fault, free=free))
-    own = replace(bench, sought=lambda model: unknowns(bench, model, fault, free=free))
+    case = replace(bench.case, clean=bench.case.clean.converted(quantity))
+    own = replace(bench, case=case, sought=lambda model: unknowns(bench, model, fault, free=free))
     return own.bound(NOISE)
 
 
@@ -500,7 +505,7 @@ def recovers(
         / (1.0 if p.quantity == "loss_factor" else abs(bench.truth(p, start)))
         for p in sought
     ]
-    return bool((np.array(off) <= 4.0 * bounds(name, fault, free)).all())
+    return bool((np.array(off) <= 4.0 * bounds(name, fault, frf.quantity, free)).all())
 
 
 def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[str, object] | None:
