@@ -29,6 +29,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+#: What is below this share of the loudest is rounding.
+_ROUNDING = 1e-11
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
@@ -98,30 +101,52 @@ class Correlation:
         """Return figures of the whole FRF.
 
         FRAC and correlation (median, min), relative residual (median, max), CSAC and CSF (mean),
-        dB error (median, 95th percentile).
+        dB error (median, 95th percentile). Channels that are not `heard` do not count.
         """
+        channels = self._counted(np.ones(self.frac.shape, dtype=bool))
         return {
-            **self._figures_of(slice(None)),
+            **self._figures_of(channels),
             "csac_mean": float(self.csac.mean()),
             "csf_mean": float(self.csf.mean()),
-            **_levels(self.db_error),
+            **_levels(self.db_error[:, channels]),
         }
 
     def by_response(self) -> Mapping[str, dict[str, float]]:
         """Return figures by response.
 
         FRAC and correlation (median, min), relative residual (median, max), dB error (median, 95th
-        percentile).
+        percentile). Channels that are not `heard` do not count beside others of the response.
         """
         out = {}
         for i, label in enumerate(self.responses.labels):
-            out[label] = {**self._figures_of(i), **_levels(self.db_error[:, i])}
+            own = np.zeros(self.frac.shape, dtype=bool)
+            own[i] = True
+            channels = self._counted(own)
+            out[label] = {**self._figures_of(channels), **_levels(self.db_error[:, channels])}
         return out
 
-    def _figures_of(self, responses: slice | int) -> dict[str, float]:
-        """Return median and worst of the figures that each channel of some responses has."""
-        frac, correlation = self.frac[responses], self.frf_correlation[responses]
-        residual = self.relative_residual[responses]
+    @property
+    def heard(self) -> NDArray[np.bool_]:
+        """Which channels are more than rounding, shape (n_responses, n_references).
+
+        Those whose rms, measured or computed, is more than 1e-11 of that of the loudest measured
+        one: what symmetry forbids is less.
+        """
+        level, other = (
+            np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0))
+            for frf in (self.measured, self.computed)
+        )
+        return np.asarray(np.maximum(level, other) > _ROUNDING * level.max())
+
+    def _counted(self, channels: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return those of some channels that are heard; all of them where none is."""
+        heard = channels & self.heard
+        return heard if heard.any() else channels
+
+    def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
+        """Return median and worst of the figures that each of some channels has."""
+        frac, correlation = self.frac[channels], self.frf_correlation[channels]
+        residual = self.relative_residual[channels]
         return {
             "frac_median": float(np.median(frac)),
             "frac_min": float(frac.min()),

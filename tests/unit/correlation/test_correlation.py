@@ -1,5 +1,7 @@
 """Correlation metrics: known values, invariances, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -312,6 +314,24 @@ def test_a_sensor_of_the_wrong_sign_is_found_in_the_figures():
     assert by["1:Z"]["residual_max"] == pytest.approx(0.0, abs=1e-9)
     assert by["2:Z"]["correlation_median"] == by["2:Z"]["correlation_min"] == pytest.approx(-1.0)
     assert by["2:Z"]["residual_median"] == pytest.approx(2.0)
+
+
+def test_what_symmetry_forbids_does_not_count_in_the_figures():
+    """Rounding against rounding agrees in nothing; a channel that one side alone hears does count."""
+    frf = updyn.response(two_masses(), [0.5, 1.5, 3.0, 4.5], ["1:Z", "2:Z"], ["1:Z", "2:Z"])
+    measured, computed, silent = (frf.values.copy() for _ in range(3))
+    measured[:, 1, 0] = 1e-13 * RNG.standard_normal(4) * np.abs(frf.values).max()
+    computed[:, 1, 0] = 1e-13 * RNG.standard_normal(4) * np.abs(frf.values).max()
+    silent[:, 1, 0] = 0.0
+    other = updyn.correlate(replace(frf, values=computed), replace(frf, values=measured))
+    assert other.heard.tolist() == [[True, True], [False, True]]
+    assert other.figures()["frac_min"] == pytest.approx(1.0)
+    assert other.figures()["residual_max"] == other.figures()["db_error_p95"] == 0.0
+    assert other.by_response()["2:Z"]["frac_min"] == pytest.approx(1.0)
+    for a, b in ((silent, frf.values), (frf.values, silent)):
+        one_sided = updyn.correlate(replace(frf, values=a), replace(frf, values=b))
+        assert one_sided.heard.all()
+        assert one_sided.figures()["frac_min"] == 0.0
 
 
 def test_two_frfs_with_other_order_signs_and_quantity():
