@@ -30,7 +30,7 @@ from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.modal.mode_set import ModeSet
-from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
+from updyn.modal.vector_fitting import Basis, Fitted, fit, growing, predicting
 
 __all__ = [
     "DAMPING",
@@ -47,14 +47,6 @@ DAMPING = ("structural", "viscous")
 _LINES = 1200
 #: Most combinations of the functions that are fitted.
 _FUNCTIONS = 12
-#: Poles are added until this number more of them has not improved the prediction.
-_PATIENCE = 4
-#: Least relative improvement of the prediction.
-_BETTER = 0.02
-#: The fewest poles are taken whose prediction is worse than the best by at most this factor.
-_AS_GOOD = 1.05
-#: Relative error of the prediction that is rounding.
-_EXACT = 1e-10
 #: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than
 #: that share of the bandwidth whose shapes have this MAC are one.
 _AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
@@ -216,26 +208,8 @@ def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
     if not lines.basis.mirrored:
         omega = np.abs(np.sqrt(x))
     begin = lines.pole(np.linspace(omega[0], omega[-1], min(_FIRST, most) + 2)[1:-1], 0.01)
-    halves = slice(0, None, 2), slice(1, None, 2)
-    total = float(np.sum(np.abs(Y) ** 2))
-    errors: list[float] = []
-    fits: list[tuple[Fitted, Fitted]] = []
-    for pair in zip(*(growing(lines.basis, x[h], Y[h], begin, most) for h in halves), strict=False):
-        squares = 0.0
-        for one, other in zip(pair, halves[::-1], strict=True):
-            squares += float(np.sum(np.abs(one.at(x[other]) - Y[other]) ** 2))
-        errors.append(float(np.sqrt(squares / total)))
-        fits.append((pair[0], pair[1]))
-        if errors[-1] < _EXACT:
-            break
-        if len(errors) > _PATIENCE:
-            before, latest = min(errors[:-_PATIENCE]), min(errors[-_PATIENCE:])
-            if latest > (1.0 - _BETTER) * before:
-                break
-    best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors) + _EXACT)[0])
-    pair = fits[best]
-    *_, last = growing(lines.basis, x, Y, pair[0].poles, len(pair[0].poles))
-    return last.poles, pair
+    whole, halves = predicting(lines.basis, x, Y, begin, most)
+    return whole.poles, halves
 
 
 def _telling(Y: _Complex) -> NDArray[np.intp]:

@@ -17,13 +17,21 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-__all__ = ["Basis", "Fitted", "growing"]
+__all__ = ["Basis", "Fitted", "fit", "growing", "predicting"]
 
 _Complex = NDArray[np.complex128]
 
 _SWEEPS, _SETTLED = 6, 1e-11
 #: A residual below this share of the data is rounding.
 _ROUNDING = 1e-12
+#: Poles are added until this number more of them has not improved the prediction.
+_PATIENCE = 4
+#: Least relative improvement of the prediction.
+_BETTER = 0.02
+#: The fewest poles are taken whose prediction is worse than the best by at most this factor.
+_AS_GOOD = 1.05
+#: Relative error of the prediction that is rounding.
+_EXACT = 1e-10
 #: Loss factor of a new pole.
 _NEW = 0.01
 _TINY = 1e-14
@@ -141,6 +149,45 @@ def growing(
         if fitted.cost <= _ROUNDING**2 * float(np.sum(np.abs(Y) ** 2)):
             return
         poles = np.append(poles, _worst(basis, x, Y - fitted.at(x), poles))
+
+
+def predicting(
+    basis: Basis, x: _Complex, Y: _Complex, first: _Complex, largest: int
+) -> tuple[Fitted, tuple[Fitted, Fitted]]:
+    """Return the fit with as many poles as best predict lines left out, which does not fit noise.
+
+    Parameters
+    ----------
+    basis, x, Y, first, largest
+        As for `growing`.
+
+    Returns
+    -------
+    whole : Fitted
+        Of all lines.
+    halves : tuple of Fitted
+        Of every second line, with as many poles.
+    """
+    halves = slice(0, None, 2), slice(1, None, 2)
+    total = float(np.sum(np.abs(Y) ** 2))
+    errors: list[float] = []
+    fits: list[tuple[Fitted, Fitted]] = []
+    for pair in zip(*(growing(basis, x[h], Y[h], first, largest) for h in halves), strict=False):
+        squares = 0.0
+        for one, other in zip(pair, halves[::-1], strict=True):
+            squares += float(np.sum(np.abs(one.at(x[other]) - Y[other]) ** 2))
+        errors.append(float(np.sqrt(squares / total)))
+        fits.append((pair[0], pair[1]))
+        if errors[-1] < _EXACT:
+            break
+        if len(errors) > _PATIENCE:
+            before, latest = min(errors[:-_PATIENCE]), min(errors[-_PATIENCE:])
+            if latest > (1.0 - _BETTER) * before:
+                break
+    best = int(np.flatnonzero(np.array(errors) <= _AS_GOOD * min(errors) + _EXACT)[0])
+    pair = fits[best]
+    *_, last = growing(basis, x, Y, pair[0].poles, len(pair[0].poles))
+    return last, pair
 
 
 def fit(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> Fitted:
