@@ -545,7 +545,7 @@ def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[st
         if (
             out["before"]
             and seeded.kind
-            and seeded.kind != "mass-loading"
+            and found[0].written
             and recovers(name, fault, start, seeded.sound, sought, given.free)
         ):
             out["repaired"] = recovers(
