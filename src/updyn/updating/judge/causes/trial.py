@@ -93,13 +93,14 @@ class Trial:
         if self.quadratic is None or other.quadratic is None:
             level = [t.power + SMALLEST**2 for t in (other, self)]
             gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
-            return float(gained - cost), 1.0 - self.power / other.power
+            return float(gained - cost), 1.0 - level[1] / level[0]
         least = min(self.power, other.power)
         share, own = self.quadratic.best(count, least)
         _, best = other.quadratic.best(count, least)
         there = other.quadratic.outcome(share, count, least)
         gained = own.log_evidence - best.log_evidence
-        return float(gained - cost), 1.0 - own.power / there.power
+        left = (own.power + SMALLEST**2) / (there.power + SMALLEST**2)
+        return float(gained - cost), 1.0 - left
 
 
 def tried(

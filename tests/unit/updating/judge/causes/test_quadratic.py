@@ -1,10 +1,13 @@
 """The evidence near a point, against a linear problem whose evidence is known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from updyn.updating.judge.causes.quadratic import SHARES, Quadratic
+from updyn.updating.judge.causes.trial import Trial
 
 
 @pytest.fixture
@@ -68,3 +71,13 @@ def test_without_held_values_there_is_the_plain_likelihood_and_prior(linear):
     assert best.power == pytest.approx(power)
     far = float(np.sum((x / spread) ** 2))
     assert best.log_evidence == pytest.approx(-150.0 * np.log(power + 1e-6) - 0.5 * far)
+
+
+def test_a_comparison_with_what_leaves_nothing_says_that_nothing_is_explained(linear):
+    """To second order, far from its end, a fit without a fault may leave less than nothing."""
+    _, J, spread, held = linear
+    nothing = quadratic(J, np.zeros(len(J)), np.zeros(5), spread, held)
+    one = Trial(None, np.zeros(5), 1e-4, 0.0, 0.0, len(J), 0, nothing)
+    assert one.compared(one) == (0.0, 0.0)
+    exact = replace(one, power=0.0, quadratic=None)
+    assert exact.compared(exact) == (0.0, 0.0)
