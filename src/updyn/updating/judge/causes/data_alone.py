@@ -29,13 +29,18 @@ def findings_in(frf: FRF, noise: NoiseModel, test: str) -> list[Finding]:
 
 
 def shown_by(frf: FRF) -> list[Shown]:
-    """Return the faults that data with their variance show by themselves, the likeliest first."""
+    """Return the faults that data with their variance show by themselves, the likeliest first.
+
+    Those that another one of them is known to look like are not told.
+    """
     found: list[Shown] = []
     for kind in CAUSES:
         cause = CAUSES[kind]
         if issubclass(cause, ShownFault):
             found += cause.shown(frf)
-    return sorted(found, key=lambda one: -one.log_odds)
+    blurred = {kind for one in found for kind in one.fault.blurs}
+    told = [one for one in found if one.fault.kind not in blurred]
+    return sorted(told, key=lambda one: -one.log_odds)
 
 
 def still_shown(

@@ -24,7 +24,8 @@ __all__ = ["DrivePoint"]
 _BEYOND, _PHASE = 4.0, 0.05
 #: Standard deviations from which a value has a phase.
 _CLEAR = 5.0
-#: Share of the lines of correct data at which that happens, and share that is worth a word.
+#: Share of the lines of correct data, of those at which the real part has a sign beyond doubt, at
+#: which it is negative; and share of all that is worth a word.
 _BY_CHANCE, _LEAST = 0.02, 0.1
 #: Lines that count as so many, however narrow they are spaced.
 _MOST = 60
@@ -57,9 +58,9 @@ class DrivePoint(ShownFault):
         square = Square.of(frf)
         shares, log_odds = {}, 0.0
         for i, label in enumerate(square.labels):
-            clear, active = _counted(square, i)
+            clear, sure, active = _counted(square, i)
             share = active / max(clear, 1)
-            gain = min(clear, _MOST) * _gained(share) + float(np.log(cls.odds))
+            gain = min(sure, _MOST) * _gained(active / max(sure, 1)) + float(np.log(cls.odds))
             if share >= _LEAST and gain > LIKELY:
                 shares[label] = share
                 log_odds = max(log_odds, gain)
@@ -114,14 +115,14 @@ def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
     """Return whether drive points are passive without a fault."""
     square = Square.of(fault.repair(frf))
     for label in channels:
-        clear, active = _counted(square, square.labels.index(label))
+        clear, _, active = _counted(square, square.labels.index(label))
         if active > _BY_CHANCE * clear:
             return False
     return True
 
 
 def _gained(share: float) -> float:
-    """Return the logarithm of the likelihood ratio of a line, at a share of active lines."""
+    """Return the logarithm of the likelihood ratio of a line with a sign, at a share of minus."""
     if share <= _BY_CHANCE:
         return 0.0
     quiet = 0.0
@@ -130,11 +131,12 @@ def _gained(share: float) -> float:
     return float(share * np.log(share / _BY_CHANCE) + quiet)
 
 
-def _counted(square: Square, i: int) -> tuple[int, int]:
-    """Return the number of lines at which a drive point is clear, and of those with Re(Y) < 0."""
+def _counted(square: Square, i: int) -> tuple[int, int, int]:
+    """Return how many lines stand clear of the noise, of these have a sign of Re(Y), and minus."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
     clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)
     s = 2j * np.pi * square.freq[clear]
     to_mobility = s ** (1 - QUANTITIES[square.quantity])
     Y, std = H[clear] * to_mobility, noise[clear] * np.abs(to_mobility) / np.sqrt(2.0)
-    return len(Y), int(np.count_nonzero(Y.real < -_BEYOND * std - _PHASE * np.abs(Y)))
+    doubt = _BEYOND * std + _PHASE * np.abs(Y)
+    return len(Y), int(np.count_nonzero(np.abs(Y.real) > doubt)), int(np.sum(Y.real < -doubt))

@@ -38,7 +38,7 @@ class Leakage(ShownFault):
 
     kind: ClassVar[str] = "leakage"
     unit: ClassVar[str] = "s"
-    blurs: ClassVar[tuple[str, ...]] = ("missing-mode",)
+    blurs: ClassVar[tuple[str, ...]] = ("missing-mode", "drive-point")
 
     @classmethod
     def shown(cls, frf: FRF) -> Iterable[Shown]:

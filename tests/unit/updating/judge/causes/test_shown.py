@@ -129,6 +129,18 @@ def test_a_drive_point_that_gives_energy_is_named_with_what_may_be_behind_it(dat
     assert "data that are receptance" in found[0].statement
 
 
+def test_few_lines_at_which_the_real_part_has_a_sign_are_enough(chain12_true, add_noise):
+    """Light damping: elsewhere the noise hides it."""
+    at = ["2:X", "7:X", "12:X"]
+    freq = np.linspace(0.63, 22.7, 60)
+    clean = updyn.response(chain12_true, freq, at, at)
+    for seed in range(5):
+        sound = add_noise(clean, np.random.default_rng(seed), 0.01, 1e-3)
+        assert shown(sound) == []
+        kinds = {f.kind: f.channels for f in shown(one(sound, 1, 1, -1.0))}
+        assert kinds["drive-point"] == ("7:X",)
+
+
 def cut(model, clean, end):
     """Return data of impulse responses that end; they are those up to twice the highest line."""
     step = np.diff(clean.freq)[0] / 16
