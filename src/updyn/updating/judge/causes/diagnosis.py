@@ -65,7 +65,7 @@ _MOST = 3
 #: Fewer lines say nothing.
 _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
-_SMALL, _ALIKE = 0.3, 0.3
+_SMALL, _ALIKE = 0.1, 0.3
 #: Mean square of the misfit below which the faults that were found explain all data.
 _EXPLAINED = 1e-3
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the

@@ -163,3 +163,14 @@ def test_a_fault_that_the_unknowns_imitate_is_found_where_it_leaves_but_noise(
     (found, *_) = updyn.diagnose(gear_train.scaled(off), late)
     assert (found.kind, found.channels) in (("delay", ("1:RZ",)), ("low-pass", ("1:RZ",)))
     assert found.explains < 0.1
+
+
+def test_conjugated_data_are_found_where_damping_hardly_shows(chain12_true, add_noise):
+    """With a start without damping, all that is wrong is some small phases at a few lines."""
+    light = {name: {"loss_factor": 0.002} for name in chain12_true.groups}
+    freq = np.linspace(0.6, 22.0, 60)
+    clean = updyn.response(chain12_true.scaled(light), freq, SENSORS, ["5:X"])
+    data = add_noise(clean, np.random.default_rng(3), 0.01, 1e-3)
+    none = {name: {"loss_factor": 0.0, "stiffness": 1.1} for name in chain12_true.groups}
+    found = updyn.diagnose(chain12_true.scaled(none), replace(data, values=data.values.conj()))
+    assert [one.kind for one in found] == ["non-causal"]
