@@ -52,8 +52,9 @@ _ALIKE_ODDS = 3.0
 _FAR_OFF = 2.0
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
 _WORTH = 0.1
-#: Correlation of neighbouring lines below which what a fault leaves is noise: there are no others.
-_WHITE = 0.1
+#: Correlation of neighbouring lines, and log misfit (rms), below which what a fault leaves is noise,
+#: so that there are no others. On few lines an error of the model looks like it, but for its size.
+_WHITE, _NOISY = 0.1, 0.05
 #: Other causes that are named.
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
@@ -273,9 +274,10 @@ def _is_worth_a_word(found: _Found) -> bool:
 
     Then the data by themselves have to make it likely, and not what it leaves of a model's values.
     """
-    by_data = 0.5 * found.trial.n_values * found.explains + float(np.log(found.fault.odds))
-    leaves_noise = found.trial.alike < _WHITE and by_data >= LIKELY
-    return found.explains >= _WORTH or leaves_noise
+    left = found.trial
+    by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.odds))
+    is_noise = left.alike < _WHITE and left.power < _NOISY**2
+    return found.explains >= _WORTH or (is_noise and by_data >= LIKELY)
 
 
 def _covers(finding: Finding, fault: Fault) -> bool:

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.judge.causes.diagnosis import _Found, _is_worth_a_word
+from updyn.updating.judge.causes.trial import Trial
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 
@@ -174,3 +177,19 @@ def test_conjugated_data_are_found_where_damping_hardly_shows(chain12_true, add_
     none = {name: {"loss_factor": 0.0, "stiffness": 1.1} for name in chain12_true.groups}
     found = updyn.diagnose(chain12_true.scaled(none), replace(data, values=data.values.conj()))
     assert [one.kind for one in found] == ["non-causal"]
+
+
+@pytest.mark.parametrize(
+    ("explains", "left", "alike", "n_values", "worth"),
+    [
+        (0.2, 0.3, 0.5, 400, True),  # a good part
+        (0.06, 0.02, 0.0, 400, True),  # all but noise
+        (0.06, 0.02, 0.0, 300, False),  # which may have done it by chance
+        (0.06, 0.02, 0.5, 400, False),  # one of many errors: what is left is no noise,
+        (0.06, 0.2, 0.0, 4000, False),  # nor is it when lines are few, and it is large
+    ],
+)
+def test_how_much_a_fault_has_to_explain(explains, left, alike, n_values, worth):
+    fault = read_fault("delay:7:X=0.001")
+    trial = Trial(fault, np.zeros(1), left**2, 0.0, alike, n_values)
+    assert _is_worth_a_word(_Found(trial, fault, 50.0, explains)) == worth
