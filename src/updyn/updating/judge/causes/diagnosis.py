@@ -52,8 +52,8 @@ _ALIKE_ODDS = 3.0
 _FAR_OFF = 2.0
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
 _WORTH = 0.1
-#: Correlation of neighbouring lines, and log misfit (rms), below which what a fault leaves is noise,
-#: so that there are no others. On few lines an error of the model looks like it, but for its size.
+#: Correlation of neighbouring lines, and log misfit (rms), below which what a fault leaves is
+#: noise: there are no others. On few lines an error of the model looks like it, but for its size.
 _WHITE, _NOISY = 0.1, 0.05
 #: Other causes that are named.
 _NAMED = 2
