@@ -103,7 +103,7 @@ class Correlation:
         FRAC and correlation (median, min), relative residual (median, max), CSAC and CSF (mean),
         dB error (median, 95th percentile). Channels that are not `heard` do not count.
         """
-        channels = self._counted(np.ones(self.frac.shape, dtype=bool))
+        channels = _counted(np.ones(self.frac.shape, dtype=bool), self.heard)
         return {
             **self._figures_of(channels),
             "csac_mean": float(self.csac.mean()),
@@ -117,11 +117,11 @@ class Correlation:
         FRAC and correlation (median, min), relative residual (median, max), dB error (median, 95th
         percentile). Channels that are not `heard` do not count beside others of the response.
         """
-        out = {}
+        out, heard = {}, self.heard
         for i, label in enumerate(self.responses.labels):
             own = np.zeros(self.frac.shape, dtype=bool)
             own[i] = True
-            channels = self._counted(own)
+            channels = _counted(own, heard)
             out[label] = {**self._figures_of(channels), **_levels(self.db_error[:, channels])}
         return out
 
@@ -137,11 +137,6 @@ class Correlation:
             for frf in (self.measured, self.computed)
         )
         return np.asarray(np.maximum(level, other) > _ROUNDING * level.max())
-
-    def _counted(self, channels: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return those of some channels that are heard; all of them where none is."""
-        heard = channels & self.heard
-        return heard if heard.any() else channels
 
     def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
         """Return median and worst of the figures that each of some channels has."""
@@ -231,6 +226,12 @@ def _aligned(computed: FRF, measured: FRF) -> FRF:
 
 def _span(freq: Array) -> str:
     return f"{len(freq)} lines, {freq[0]:g}-{freq[-1]:g} Hz"
+
+
+def _counted(channels: NDArray[np.bool_], heard: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return those of some channels that are heard; all of them where none is."""
+    both = channels & heard
+    return both if both.any() else channels
 
 
 def _levels(error: Array) -> dict[str, float]:
