@@ -24,6 +24,7 @@ def continued(frf: FRF, shift: float) -> FRF:
     Accelerances are fitted by a rational function of -s^2 with the poles in common (vector
     fitting), which the FRFs of a structure with structural damping are. What the fit changes by
     from i omega + shift to i omega is added to the data, so that they keep what it does not follow.
+    A line at 0 Hz stays: the window changes it to second order only.
 
     Parameters
     ----------
@@ -37,12 +38,15 @@ def continued(frf: FRF, shift: float) -> FRF:
     FRF
         H(i omega).
     """
-    omega = 2.0 * np.pi * frf.freq
+    moving = frf.freq > 0.0
+    if not frf.values[moving].any():
+        return frf
+    omega = 2.0 * np.pi * frf.freq[moving]
     unit = float(omega[-1])
     here, there = (np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (shift, 0.0))
     power = 2 - QUANTITIES[frf.quantity]
     factor = ((1j * omega + shift) ** power)[:, None]
-    flat = frf.values.reshape(len(omega), -1) * factor
+    flat = frf.values[moving].reshape(len(omega), -1) * factor
     size = np.sqrt(np.mean(np.abs(flat) ** 2, axis=0))
     size = np.maximum(size, _FAINT * size.max())
     most = max(1, min(_POLES, len(omega) // _LINES))
@@ -51,4 +55,6 @@ def continued(frf: FRF, shift: float) -> FRF:
     fitted, _ = predicting(Basis(2, mirrored=False), here, flat / size, begin, most)
     change = (fitted.at(there) - fitted.at(here)) * size
     back = ((1j * omega) ** power)[:, None]
-    return replace(frf, values=((flat + change) / back).reshape(frf.values.shape))
+    values = frf.values.copy()
+    values[moving] = ((flat + change) / back).reshape(values[moving].shape)
+    return replace(frf, values=values)

@@ -37,6 +37,18 @@ def test_the_damping_of_a_window_is_taken_out(noise, near):
     assert np.sqrt(np.mean(error**2)) < near
 
 
+def test_a_line_at_0_hz_and_silent_data_stay():
+    s = 2j * np.pi * np.concatenate([[0.0], FREQ])
+    slow = modal_sum(s + 0.6)
+    frf = updyn.FRF(s.imag / (2 * np.pi), slow, ["1:X", "2:X"], ["1:X"], "receptance")
+    found = continued(frf, 0.6)
+    assert (found.values[0] == frf.values[0]).all()
+    true = modal_sum(s)[1:]
+    assert np.abs(found.values[1:] - true).max() < 1e-6 * np.abs(true).max()
+    silent = replace(frf, values=np.zeros_like(slow))
+    assert (continued(silent, 0.6).values == 0.0).all()
+
+
 def test_without_a_shift_exact_data_stay():
     s = 2j * np.pi * FREQ
     frf = updyn.FRF(FREQ, modal_sum(s), ["1:X", "2:X"], ["1:X"], "receptance")
