@@ -29,17 +29,16 @@ columns are.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import time
 import warnings
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import Kept
 from peers import log_least_squares
 from structures import STRUCTURES, Bench, Noise, bench
 from tables import DEFAULT, Cell, print_case, print_total
@@ -79,10 +78,6 @@ class Task:
     @property
     def noise(self) -> Noise:
         return Noise(self.relative, self.floor)
-
-    @property
-    def key(self) -> str:
-        return json.dumps(asdict(self))
 
 
 @dataclass(frozen=True)
@@ -193,51 +188,6 @@ def attempt(task: Task) -> dict[str, Any]:
         return {"refused": str(error)}
 
 
-class Fits:
-    """Fits by task, kept in a file of one line of JSON each where there is one."""
-
-    def __init__(self, path: Path | None) -> None:
-        self.path = path
-        self.found: dict[str, dict[str, Any]] = {}
-        if path is None or not path.exists():
-            return
-        text = path.read_text(encoding="utf-8")
-        if not text.endswith("\n"):
-            path.write_text(text + "\n", encoding="utf-8")
-        for line in text.splitlines():
-            try:
-                entry = json.loads(line)
-            except json.JSONDecodeError:
-                continue  # of a run that was stopped while it wrote
-            self.found[Task(**entry["task"]).key] = entry["fit"]
-
-    def __getitem__(self, task: Task) -> dict[str, Any]:
-        return self.found[task.key]
-
-    def make(self, tasks: Iterable[Task], workers: int) -> None:
-        """Make the fits that are not there, and keep each as soon as it is made."""
-        left = [task for task in tasks if task.key not in self.found]
-        for task, fit in _made(left, workers):
-            self.found[task.key] = fit
-            if self.path is not None:
-                with self.path.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps({"task": asdict(task), "fit": fit}) + "\n")
-
-
-def _made(tasks: list[Task], workers: int) -> Iterator[tuple[Task, dict[str, Any]]]:
-    if workers == 1:
-        yield from map(_paired, tasks)
-        return
-    from joblib import Parallel, delayed
-
-    parallel = Parallel(n_jobs=workers, return_as="generator_unordered")
-    yield from parallel(delayed(_paired)(task) for task in tasks)
-
-
-def _paired(task: Task) -> tuple[Task, dict[str, Any]]:
-    return task, attempt(task)
-
-
 def cells(args: argparse.Namespace, name: str) -> list[tuple[list[Task], list[Task]]]:
     """By noise, floor and method: the fits, and those of the same draws from the truth."""
     stated = {"all": True, "none": False}.get(args.stated, bench(name).stated)
@@ -256,7 +206,7 @@ def cells(args: argparse.Namespace, name: str) -> list[tuple[list[Task], list[Ta
 
 def main() -> None:
     args = arguments()
-    fits = Fits(args.out)
+    fits = Kept(args.out, attempt)
     every: list[Cell] = []
     for name in args.cases:
         own: list[Cell] = []

@@ -18,21 +18,26 @@ Faults that all unknowns together can imitate are seeded where the masses are kn
 factor), and one stiffness (a scaled frequency axis); `--free`: all the same. A fault counts as
 named, too, if it is told as one that the data do not tell from the first.
 
+`--out FILE` keeps every draw as a line of JSON; draws that are there are not made again.
+
     python benchmarks/faults.py [--structures chain,...] [--faults sign,...] [--draws 20]
-        [--before-only] [--workers 1]
+        [--before-only] [--out draws.jsonl] [--workers 1]
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import structures
+from kept import Kept
 from measured import Measured, measured_beam
 
 import updyn
@@ -495,40 +500,46 @@ def bounds(name: str, fault: str, quantity: str, free: bool) -> np.ndarray:
     return own.bound(NOISE)
 
 
-def recovers(
-    name: str, fault: str, start: Model, frf: FRF, sought: ParameterSet, free: bool
-) -> bool:
-    bench = bench_of(name)
+def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet) -> bool:
+    bench = bench_of(task.structure)
     result = updyn.update(start, frf, sought)
     off = [
         abs(result.values[p.name] - bench.truth(p, start))
         / (1.0 if p.quantity == "loss_factor" else abs(bench.truth(p, start)))
         for p in sought
     ]
-    return bool((np.array(off) <= 4.0 * bounds(name, fault, frf.quantity, free)).all())
+    bound = bounds(task.structure, task.fault, frf.quantity, task.free)
+    return bool((np.array(off) <= 4.0 * bound).all())
 
 
-def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[str, object] | None:
+@dataclass(frozen=True)
+class Draw:
+    """One seeded fault; `fits` are made but for a look before any fit."""
+
+    structure: str
+    fault: str
+    seed: int
+    free: bool
+    fits: bool
+
+
+def drawn(task: Draw) -> dict[str, object] | None:
+    """What is said of a draw; None where the structure cannot have the fault."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    warnings.simplefilter("ignore")
+    name, fault = task.structure, task.fault
     bench = bench_of(name)
-    rng = np.random.default_rng([seed, list(FAULTS).index(fault)])
+    if isinstance(bench, Measured) and fault in COMPUTED:
+        return None
+    rng = np.random.default_rng([task.seed, list(FAULTS).index(fault)])
     start = bench.start(rng, OFF)
-    if fault in IMITATED and not given.free:  # masses are known
-        sought = unknowns(bench, start, fault, free=False)
-        known: dict[str, dict[str, float]] = {}
-        for p in bench.sought(start):
-            if p.name not in sought.names:
-                known.setdefault(p.group, {})[p.quantity] = bench.truth(p, start)
-        start = start.scaled(known) if known else start
-    if isinstance(bench, Measured):
-        if fault in COMPUTED:
-            return None
-        frf = bench.frf
-    else:
-        frf = NOISE.added(bench.case.clean, rng)
+    sought = unknowns(bench, start, fault, free=task.free)
+    start = with_known(bench, start, sought)
+    frf = bench.frf if isinstance(bench, Measured) else NOISE.added(bench.case.clean, rng)
     seeded = FAULTS[fault](bench, frf, rng)
     if seeded is None:
         return None
-    sought = unknowns(bench, start, fault, free=given.free)
+    sought = unknowns(bench, start, fault, free=task.free)
     start = seeded.changed(start)
     begun = time.perf_counter()
     found = beside_known(bench, seeded, updyn.diagnose(start, seeded.faulty, sought))
@@ -538,23 +549,59 @@ def draw(name: str, fault: str, seed: int, given: argparse.Namespace) -> dict[st
         "false": len(found) - names(found, seeded),
         "said": [f.written or f.kind for f in found],
     }
-    if not given.before_only:
-        result = updyn.update(start, seeded.faulty, sought)
-        out["after"] = names(beside_known(bench, seeded, result.findings), seeded)
-        out["status"] = result.status
-        if (
-            out["before"]
-            and seeded.kind
-            and found[0].written
-            and recovers(name, fault, start, seeded.sound, sought, given.free)
-        ):
-            out["repaired"] = recovers(
-                name, fault, start, found[0].repair(seeded.faulty), sought, given.free
-            )
+    if not task.fits:
+        return out
+    result = updyn.update(start, seeded.faulty, sought)
+    out["after"] = names(beside_known(bench, seeded, result.findings), seeded)
+    out["status"] = result.status
+    repairable = out["before"] and seeded.kind and found[0].written
+    if repairable and recovers(task, start, seeded.sound, sought):
+        out["repaired"] = recovers(task, start, found[0].repair(seeded.faulty), sought)
     return out
 
 
+def with_known(bench, start: Model, sought: ParameterSet) -> Model:
+    """Return the start with the true values of what is not sought."""
+    known: dict[str, dict[str, float]] = {}
+    for p in bench.sought(start):
+        if p.name not in sought.names:
+            known.setdefault(p.group, {})[p.quantity] = bench.truth(p, start)
+    return start.scaled(known) if known else start
+
+
+def row(name: str, fault: str, draws: list[dict[str, object]]) -> str:
+    columns = []
+    for key in ("before", "after", "repaired"):
+        there = [one[key] for one in draws if key in one]
+        columns.append(f"{sum(map(bool, there))} of {len(there)}" if there else "-")
+    doubted = sum(one.get("status") == "not-credible" for one in draws)
+    false = sum(int(one["false"]) for one in draws)
+    seconds = np.median([one["seconds"] for one in draws])
+    return f"| {name} | {fault} | {' | '.join(columns)} | {false} | {doubted} | {seconds:.2f} |"
+
+
 def main() -> None:
+    given = arguments()
+    kept = Kept(given.out, drawn)
+    print(
+        "| structure | fault | before | after | repaired | other findings | not credible | s |\n"
+        "|---|---|---|---|---|---|---|---|"
+    )
+    for name in given.structures.split(","):
+        for fault in given.faults.split(","):
+            seeds = range(given.seed, given.seed + given.draws)
+            tasks = [Draw(name, fault, seed, given.free, not given.before_only) for seed in seeds]
+            kept.make(tasks, given.workers)
+            draws = [kept[task] for task in tasks if kept[task] is not None]
+            if not draws:
+                continue
+            print(row(name, fault, draws), flush=True)
+            if given.verbose:
+                for one in draws:
+                    print("   ", one, flush=True)
+
+
+def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--structures", default="chain,gear train,building,space frame,beam")
     parser.add_argument("--faults", default=",".join(FAULTS))
@@ -562,34 +609,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--free", action="store_true", help="masses are unknown in any case")
     parser.add_argument("--before-only", action="store_true")
+    parser.add_argument("--out", type=Path, help="file that keeps the draws")
+    parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--verbose", action="store_true")
-    given = parser.parse_args()
-    warnings.simplefilter("ignore")
-    print(
-        "| structure | fault | before | after | repaired | other findings | not credible | s |\n"
-        "|---|---|---|---|---|---|---|---|"
-    )
-    for name in given.structures.split(","):
-        for fault in given.faults.split(","):
-            made = [draw(name, fault, given.seed + i, given) for i in range(given.draws)]
-            draws = [one for one in made if one is not None]
-            if not draws:
-                continue
-            columns = []
-            for key in ("before", "after", "repaired"):
-                there = [one[key] for one in draws if key in one]
-                columns.append(f"{sum(map(bool, there))} of {len(there)}" if there else "-")
-            doubted = sum(one.get("status") == "not-credible" for one in draws)
-            false = sum(int(one["false"]) for one in draws)
-            print(
-                f"| {name} | {fault} | {' | '.join(columns)} | {false} | {doubted} |"
-                f" {np.median([one['seconds'] for one in draws]):.2f} |",
-                flush=True,
-            )
-            if given.verbose:
-                for one in draws:
-                    print("   ", one, flush=True)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":
+    from faults import main  # under its own name, where processes find what they are sent
+
     main()

@@ -74,20 +74,19 @@ def test_portal_answers_its_sensor_as_its_mirror_image_does():
     assert made.in_mirror(mirror) == pytest.approx(np.zeros(len(unknowns)), abs=1e-12)
 
 
-def test_fits_are_kept_one_a_line_and_not_made_again(tmp_path, monkeypatch):
-    import accuracy
+def test_findings_are_kept_one_a_line_and_not_made_again(tmp_path):
+    from kept import Kept
+    from structures import Noise
 
     path = tmp_path / "fits.jsonl"
-    tasks = [accuracy.Task("chain", "log", 0.01, 1e-4, seed, stated=False) for seed in (0, 1)]
-    monkeypatch.setattr(accuracy, "attempt", lambda task: {"refused": f"draw {task.seed}"})
-    accuracy.Fits(path).make(tasks[:1], workers=1)
+    tasks = [Noise(0.01, floor) for floor in (0.0, 1e-4)]
+    Kept(path, lambda task: {"floor": task.floor}).make(tasks[:1], workers=1)
     with path.open("a", encoding="utf-8") as file:
-        file.write('{"task": {"case": "cha')  # stopped while it wrote
+        file.write('{"task": {"relative": 0.0')  # stopped while it wrote
     made = []
-    monkeypatch.setattr(accuracy, "attempt", lambda task: made.append(task) or {"refused": "new"})
-    fits = accuracy.Fits(path)
-    fits.make(tasks, workers=1)
+    kept = Kept(path, lambda task: made.append(task) or {"floor": "new"})
+    kept.make(tasks, workers=1)
     assert made == tasks[1:]
-    again = accuracy.Fits(path)
-    assert [again[task]["refused"] for task in tasks] == ["draw 0", "new"]
-    assert json.loads(path.read_text(encoding="utf-8").splitlines()[0])["task"]["seed"] == 0
+    again = Kept(path, None)
+    assert [again[task]["floor"] for task in tasks] == [0.0, "new"]
+    assert json.loads(path.read_text(encoding="utf-8").splitlines()[0])["task"]["relative"] == 0.01
