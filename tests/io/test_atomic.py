@@ -23,6 +23,16 @@ def test_the_file_appears_whole(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_file_then_folder_are_on_disk(tmp_path, monkeypatch):
+    order = []
+    fsync, replace = os.fsync, Path.replace
+    monkeypatch.setattr(os, "fsync", lambda n: (order.append(os.fstat(n).st_ino), fsync(n)))
+    monkeypatch.setattr(Path, "replace", lambda a, b: (order.append("replace"), replace(a, b)))
+    with atomic_path(tmp_path / "a.nc") as temporary:
+        temporary.write_text("new")
+    assert order == [(tmp_path / "a.nc").stat().st_ino, "replace", tmp_path.stat().st_ino]
+
+
 def test_a_failure_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("old")

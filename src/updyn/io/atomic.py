@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError
 
-__all__ = ["atomic_path", "write_json"]
+__all__ = ["atomic_path", "sync_folder", "write_json"]
 
 
 @contextmanager
@@ -55,8 +56,27 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())  # else a crash may leave the new name with no content
         temporary.replace(path)
+        sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on disk, where the system can say so.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; its files are synchronised one by one, by whoever writes them.
+    """
+    if sys.platform == "win32":  # no folder can be opened there
+        return
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # network file systems may refuse it for a folder
+            os.fsync(number)
+    finally:
+        os.close(number)
 
 
 def write_json(content: Any, path: str | Path) -> None:
