@@ -87,7 +87,7 @@ def test_coordinates_need_the_degrees_of_freedom(tmp_path, keep):
 
 def test_numbers_of_fortran_and_the_order_of_rows_do_not_matter(tmp_path):
     lines = rows(K, keep="lower").splitlines()[1:]
-    text = "\n".join(reversed(lines)).replace("e+", "D+").replace("e-", "d-")
+    text = "\n".join([*reversed(lines), ""]).replace("e+", "D+").replace("e-", "d-")
     check(read_model(job(tmp_path, stiffness=text, mass=rows(M))))
 
 
@@ -154,6 +154,11 @@ def test_empty_degrees_of_freedom_are_left_out_with_a_word(tmp_path):
             lambda t: t.replace("1,1, 1,2, -1.5", "** -9.5"),
             r"entry \(1:Y, 1:X\) stands in one triangle, others in both",
         ),
+        (lambda t: t[:-1], r"STIF1.mtx:13: the last line, '7,6, 7,6, 4.0.*', does not end: .*cut"),
+        (lambda t: t[:-9], r"STIF1.mtx:13: the last line, '7,6, 7,6, 4.0.*', does not end: .*cut"),
+        (lambda t: t.replace("e+00", "e+00x", 1), r"STIF1.mtx:3: found .1,1, 1,2, -1.5.*e\+00x."),
+        (lambda t: t.replace("e+00", "e+999", 1), r"STIF1.mtx:3: .*of a size that a double holds"),
+        (lambda t: t.replace("7,6", "9" * 30 + ",6"), r"STIF1.mtx:4: found '1,1, 9999"),
         (lambda _: "** nothing\n", r"neither content nor suffix|not a Matrix Market file"),
     ],
 )

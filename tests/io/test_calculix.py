@@ -435,7 +435,7 @@ def stand_in(folder, script):
         ),
         (
             "echo 7.1 > job.dof; echo x > job.sti; touch job.mas",
-            r"not a readable matrix file of ccx",
+            r"what ccx wrote cannot be read: .*job.sti:1: found 'x'; expected row, column, entry",
         ),
         (
             "echo 7.4 > job.dof; touch job.sti job.mas",

@@ -8,6 +8,7 @@ import scipy.sparse as sp
 from io_samples import assert_same_model, model
 from updyn.errors import FormatError
 from updyn.io.matrix_market import read_model, write_model
+from updyn.io.matrix_market_file import read_matrix
 from updyn.model import Group, Model
 
 K = np.array([[2.0, -1.0], [-1.0, 1.0]])
@@ -46,6 +47,34 @@ def test_headers_of_the_same_matrix(folder, matrix):
     (folder / "K.mtx").write_text(matrix)
     expected = Model.from_groups({"a": Group(K, loss_factor=0.25)}, ["1:X", "2:X"])
     assert_same_model(read_model(folder / "m.toml"), expected)
+
+
+def test_exponents_of_fortran_are_read(folder):
+    text = SYMMETRIC.replace("2.0", "2.0D+05").replace("-1.0", "-1.5d-1").replace("1.0", ".5E+1")
+    (folder / "K.mtx").write_text(text.replace("\n", "\r\n"), newline="")
+    K = read_model(folder / "m.toml").groups["a"].stiffness.toarray()
+    np.testing.assert_array_equal(K, [[2e5, -0.15], [-0.15, 5.0]])
+
+
+@pytest.mark.parametrize("layout", [sp.coo_array, np.array])
+@pytest.mark.parametrize("symmetry", ["symmetric", "general"])
+def test_matrices_are_those_that_scipy_reads(tmp_path, layout, symmetry):
+    rng = np.random.default_rng(8)
+    A = rng.standard_normal((30, 30)) * 10.0 ** rng.integers(-9, 9, (30, 30))
+    A[rng.random((30, 30)) < 0.5] = 0.0
+    with (tmp_path / "K.mtx").open("wb") as file:
+        scipy.io.mmwrite(file, layout(A + A.T), symmetry=symmetry, comment=" two\n% lines")
+    expected = sp.coo_array(scipy.io.mmread(tmp_path / "K.mtx")).toarray()
+    found = read_matrix(tmp_path / "K.mtx", 30).toarray()
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_every_cut_of_a_matrix_is_refused(tmp_path):
+    for text in (SYMMETRIC, GENERAL, ARRAY, INTEGER):
+        for length in range(len(text)):
+            (tmp_path / "K.mtx").write_text(text[:length])
+            with pytest.raises(FormatError, match=r"K\.mtx"):
+                read_matrix(tmp_path / "K.mtx", 2)
 
 
 @pytest.mark.parametrize("dofs", ["node,direction\n# two\n1,X\n\n2,X\n", "dof\n1:X\n2:X"])
@@ -129,7 +158,32 @@ def test_entries_of_the_toml_file(folder, old, new, message):
         ),
         ("K.mtx", SYMMETRIC.replace("symmetric", "skew-symmetric"), "symmetry 'skew-symmetric'"),
         ("K.mtx", SYMMETRIC.replace("2 2 3", "3 2 3"), "the matrix is 3 x 2"),
-        ("K.mtx", SYMMETRIC.replace("-1.0", "x"), "K.mtx: not a readable Matrix Market file"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "x"), "K.mtx:4: found '2 1 x'; expected row, column"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "-1,5"), "K.mtx:4: found '2 1 -1,5'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "7.12x45"), "K.mtx:4: found '2 1 7.12x45'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "7e-"), "K.mtx:4: found '2 1 7e-'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "1.0+5"), "K.mtx:4: found '2 1 1.0.5'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "nan"), "K.mtx:4: found '2 1 nan'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "1_0"), "K.mtx:4: found '2 1 1_0'; expected"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "1e999"), "K.mtx:4: .*of a size that a double holds"),
+        ("K.mtx", SYMMETRIC.replace("-1.0", "-1.0 2"), "K.mtx:4: found '2 1 -1.0 2'; expected"),
+        ("K.mtx", SYMMETRIC.replace("2 1 -", "2.0 1 -"), "K.mtx:4: found '2.0 1 -1.0'; expected"),
+        ("K.mtx", SYMMETRIC.replace("2 1 -", "3 1 -"), r"K.mtx: entry \(3, 1\) lies outside of 2"),
+        ("K.mtx", SYMMETRIC.replace("2 1 -", "0 1 -"), r"K.mtx: entry \(0, 1\) lies outside of 2"),
+        ("K.mtx", SYMMETRIC.replace("2 1 -", "9" * 5000 + " 1 -"), "K.mtx:4: found '9999"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3", "2 2 " + "9" * 5000), "K.mtx:2: found '2 2 9999"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3", "2 2 4"), "3 entries; the header says 4: .*cut short"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3", "2 2 2"), "3 entries; the header says 2: .*more than"),
+        ("K.mtx", SYMMETRIC.replace("2 2 3", "9999999 9999999 3"), "9999999, but there are 2 deg"),
+        ("K.mtx", SYMMETRIC[:-1], "K.mtx:5: the last line, '2 2 1.0', does not end: .*cut short"),
+        ("K.mtx", SYMMETRIC[:-2], "K.mtx:5: the last line, '2 2 1.', does not end"),
+        ("K.mtx", SYMMETRIC[:53], "K.mtx:2: the last line, '2 2 3', does not end"),
+        ("K.mtx", SYMMETRIC[:20], "K.mtx:1: found '%%matrixmarket matri'; expected '%%Matrix"),
+        ("K.mtx", SYMMETRIC.split("2 2")[0], "ends before the line of the size: it is cut short"),
+        ("K.mtx", ARRAY[:-2], "3 entries; 2 x 2, general, has 4: the file is cut short"),
+        ("K.mtx", ARRAY.replace("1\n", "1 5\n"), "K.mtx:4: found '-1 5'; expected a number"),
+        ("K.mtx", INTEGER.replace("-1", "-1.0"), "K.mtx:4: found '-1.0'; expected a whole number"),
+        ("K.mtx", SYMMETRIC.replace("coordinate", "elemental"), "layout 'elemental'; expected"),
     ],
 )
 def test_files_beside_the_toml_file(folder, name, text, message):

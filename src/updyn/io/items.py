@@ -31,6 +31,7 @@ __all__ = [
     "counted",
     "dofs",
     "existing",
+    "is_file",
     "kind_of",
     "known_only",
     "library",
@@ -42,11 +43,14 @@ __all__ = [
     "placed",
     "real",
     "text",
+    "unreadable",
     "vector",
     "whole",
 ]
 
 Items = Mapping[str, Any]
+#: Longest name of a file.
+_LONGEST_NAME = 255
 
 
 def compressed(
@@ -327,15 +331,33 @@ def existing(path: str | Path) -> Path:
         If it is not; the nearest name beside it is given.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise FormatError(f"no such file; {nearest(path)}", path)
     return path
 
 
+def is_file(path: str | Path) -> bool:
+    """Return whether there is such a file; of a name that no file can have, that there is none."""
+    try:
+        return Path(path).is_file()
+    except OSError:  # a name that is too long, a folder that cannot be entered
+        return False
+
+
+def unreadable(path: str | Path, error: OSError) -> FormatError:
+    """Return the error to raise where the system refuses to open or to read a file."""
+    return FormatError(f"cannot be read: {error.strerror or error}", path)
+
+
 def nearest(missing: Path) -> str:
     """Return what to say of a file that is not there: the nearest names in its folder."""
-    if not missing.parent.is_dir():
-        return "its folder does not exist"
+    try:
+        if not missing.parent.is_dir():
+            return "its folder does not exist"
+    except OSError as error:
+        return f"there cannot be one of that name ({error.strerror})"
+    if len(missing.name) > _LONGEST_NAME:
+        return "there cannot be one of so long a name"
     names = [entry.name for entry in missing.parent.iterdir() if entry.is_file()]
     return suggest(missing.name, sorted(names)) if names else "its folder is empty"
 

@@ -29,7 +29,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import scipy.sparse as sp
 
 from updyn.errors import FormatError, ModelError, OptionError
@@ -39,7 +38,8 @@ from updyn.io.abaqus.table import names_abaqus_files
 from updyn.io.abaqus.table import read_table as read_abaqus_table
 from updyn.io.atomic import atomic_path
 from updyn.io.damping import DAMPING, plain_damping
-from updyn.io.items import library, placed
+from updyn.io.items import placed
+from updyn.io.matrix_market_file import BANNER, read_matrix
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.matrices import names_nastran_files
 from updyn.io.nastran.matrices import read_table as read_nastran_table
@@ -95,7 +95,7 @@ def _refuse_matrix(path: Path) -> None:
     """Refuse a file that is a matrix, not a TOML file."""
     with path.open("rb") as file:
         start = file.read(16)
-    if start.startswith(b"%%MatrixMarket"):
+    if start.startswith(BANNER):
         raise FormatError(
             "one matrix alone is not a model: write a small TOML file beside it and read that. It"
             ' holds: dofs = "dofs.csv" (header "dof", then one label a line such as 12:Z), and for'
@@ -130,7 +130,7 @@ def _model(table: ModelTable) -> Model:
         )
     groups: dict[str, Group] = {}
     for number, parts in enumerate(content["group"]):
-        name, group = _group(table, parts, number)
+        name, group = _group(table, parts, number, len(dofs))
         if name in groups:
             raise FormatError(
                 f"group name {name!r} stands twice", path, table.line("name", "group", number)
@@ -142,21 +142,22 @@ def _model(table: ModelTable) -> Model:
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
-def _group(table: ModelTable, parts: Mapping[str, Any], number: int) -> tuple[str, Group]:
+def _group(table: ModelTable, parts: Mapping[str, Any], number: int, n: int) -> tuple[str, Group]:
     table.only_known(parts, _GROUP, "group", number)
     name = table.group_name(parts, number)
     matrices = {}
     for what in _MATRICES:
         if what in parts:
-            matrices[what] = _matrix(table.file(parts, what, "group", number))
+            file = table.file(parts, what, "group", number)
+            matrices[what] = read_matrix(file, n)
     damping = {what: parts[what] for what in DAMPING if what in parts}
     try:
         return name, Group(**matrices, **damping)
     except ModelError as error:
         key = _key_of(str(error), matrices)
-        file = f" ({parts[key]})" if key in matrices else ""
+        named = f" ({parts[key]})" if key in matrices else ""
         raise FormatError(
-            f"group {name!r}: {error}{file}", table.path, table.line(key, "group", number)
+            f"group {name!r}: {error}{named}", table.path, table.line(key, "group", number)
         ) from error
 
 
@@ -169,37 +170,6 @@ def _key_of(fault: str, matrices: Mapping[str, Any]) -> str:
         if fault.startswith(what):
             return what
     return "name"
-
-
-def _matrix(path: Path) -> Matrix:
-    from scipy.io import mminfo, mmread
-
-    with library(path, "Matrix Market file"):
-        rows, columns, _, _, field, symmetry = mminfo(path)
-        if field not in ("real", "integer", "double", "unsigned-integer"):
-            why = {
-                "complex": "damping goes into loss_factor and viscous",
-                "pattern": "a pattern says where entries stand, not what they are",
-            }
-            raise FormatError(
-                f"field {field!r}: expected real; {why.get(field, 'numbers are needed')}", path, 1
-            )
-        if symmetry not in ("symmetric", "general"):
-            raise FormatError(f"symmetry {symmetry!r}: expected symmetric or general", path, 1)
-        if rows != columns:
-            raise FormatError(f"the matrix is {rows} x {columns}; expected a square one", path)
-        matrix = sp.coo_array(mmread(path))
-    order = np.sort(matrix.row.astype(np.int64) * columns + matrix.col)
-    twice = np.flatnonzero(np.diff(order) == 0)
-    if twice.size:
-        i, j = divmod(int(order[twice[0]]), columns)
-        both = (
-            "; under the header 'symmetric' only one triangle is stored"
-            if symmetry == "symmetric"
-            else ""
-        )
-        raise FormatError(f"entry ({i + 1}, {j + 1}) stands twice{both}", path)
-    return matrix.tocsr()
 
 
 # -- writing ------------------------------------------------------------------------------------

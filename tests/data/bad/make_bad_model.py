@@ -205,11 +205,11 @@ MODELS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "too_few_entries.toml": (
         toml(matrix=MTX.replace("2 2 3", "2 2 4")),
-        "not a readable Matrix Market file",
+        "3 entries; the header says 4: the file is cut short",
     ),
     "too_many_entries.toml": (
         toml(matrix=MTX.replace("2 2 3", "2 2 2")),
-        "not a readable Matrix Market file",
+        "the header says 2: there are more than it says",
     ),
     "not_square.toml": (
         toml(matrix=MTX.replace("2 2 3", "3 2 3")),

@@ -20,9 +20,9 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from io import StringIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,8 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import System
-from updyn.io.items import placed
+from updyn.io.items import placed, unreadable
+from updyn.io.text_numbers import number_rows, real_of
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -60,6 +61,7 @@ _SHAPES = {
     5: "node, dof, node, dof, entry",
     6: "element, node, dof, node, dof, entry",
 }
+_FIRST_ROWS = 100  # that tell the number of columns
 _OTHER_DOFS = {"7": "warping", "8": "pressure", "9": "electric potential"}
 
 
@@ -181,7 +183,7 @@ def _fields(line: str) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text.upper().replace("D", "E"))
+        real_of(text)
     except ValueError:
         return False
     return True
@@ -202,73 +204,59 @@ def read_entries(path: Path) -> Entries:
     Raises
     ------
     FormatError
-        If a row is not as described, a label is no whole number, a degree of freedom is not 1 to 6
-        or an entry is not finite; the message says the line.
+        If a row is not as described, the last one does not end, a label is no whole number, a
+        degree of freedom is not 1 to 6 or an entry is not finite; the message says the line.
     """
     try:
-        text = path.read_text(encoding="ascii")
-    except UnicodeDecodeError as error:
-        raise FormatError(
-            f"not a matrix file of Abaqus: no text ({error.reason} at byte {error.start})", path
-        ) from error
+        raw = path.read_bytes()
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", path) from error
-    return entries_of(text, path)
+        raise unreadable(path, error) from error
+    return entries_of(raw, path)
 
 
-def entries_of(text: str, path: Path, first_line: int = 1) -> Entries:
-    """Read the rows of a matrix; `first_line` is the line of the file on which the text begins.
+def entries_of(raw: bytes, path: Path, first_line: int = 1) -> Entries:
+    """Read the rows of a matrix; `first_line` is the line of the file on which they begin.
 
     Raises
     ------
     FormatError
         As `read_entries`.
     """
-    plain = text.replace(",", " ").replace("D", "E").replace("d", "e")
-    try:
-        table = np.loadtxt(StringIO(plain), comments="*", ndmin=2)
-    except ValueError as error:
-        raise _bad_row(text, path, first_line) from error
-    if table.shape[1] not in _SHAPES or not table.size:
-        raise _bad_row(text, path, first_line)
+    first = list(islice(_rows(raw, first_line), _FIRST_ROWS))
+    if not first:
+        raise FormatError("the matrix file has no entry", path)
+    columns = Counter(len(_fields(row)) for _, row in first).most_common(1)[0][0]
+    if columns not in _SHAPES:
+        line, row = first[0]
+        expected = "; or ".join(_SHAPES.values())
+        raise FormatError(f"found {row.strip()[:60]!r}; expected {expected}", path, line)
+    letters = "i" * (columns - 1) + "r"
+    table = number_rows(raw, letters, _SHAPES[columns], path, first_line, commas=True, comment=b"*")
     labels = table[:, :-1].astype(np.int64)
-    wrong = (labels != table[:, :-1]).any(axis=1) | ~np.isfinite(table[:, -1])
     own = labels[:, -4:]
-    if table.shape[1] > 3:
+    if columns > 3:
         nodes = own[:, [0, 2]]
         directions = own[:, [1, 3]]
-        wrong |= ((directions < 1) | (directions > 6)).any(axis=1) | (nodes == 0).any(axis=1)
+        wrong = ((directions < 1) | (directions > 6)).any(axis=1) | (nodes == 0).any(axis=1)
     else:
-        wrong |= (own < 1).any(axis=1)
+        wrong = (own < 1).any(axis=1)
     if wrong.any():
-        raise _bad_label(text, int(np.flatnonzero(wrong)[0]), path, first_line)
-    elements = labels[:, 0] if table.shape[1] == 6 else None
+        raise _bad_label(raw, int(np.flatnonzero(wrong)[0]), path, first_line)
+    elements = labels[:, 0] if columns == 6 else None
     return Entries(path, own, table[:, -1], elements)
 
 
-def _rows(text: str, first_line: int) -> list[tuple[int, str]]:
-    lines = enumerate(text.splitlines(), first_line)
-    return [(number, line) for number, line in lines if _is_row(line)]
+def _rows(raw: bytes, first_line: int) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(raw.split(b"\n"), first_line):
+        text = line.decode("ascii", "backslashreplace")
+        if _is_row(text):
+            yield number, text
 
 
-def _bad_row(text: str, path: Path, first_line: int) -> FormatError:
-    """Return an error about the first row that is not like the others."""
-    rows = _rows(text, first_line)
-    if not rows:
-        return FormatError("the matrix file has no entry", path)
-    wanted = Counter(len(_fields(row)) for _, row in rows).most_common(1)[0][0]
-    for line, row in rows:
-        fields = _fields(row)
-        if wanted not in _SHAPES or len(fields) != wanted or not all(map(_is_number, fields)):
-            expected = _SHAPES.get(wanted) or "; or ".join(_SHAPES.values())
-            return FormatError(f"found {row.strip()[:60]!r}; expected {expected}", path, line)
-    return FormatError("not a matrix file of Abaqus", path)
-
-
-def _bad_label(text: str, at: int, path: Path, first_line: int) -> FormatError:
-    line, row = _rows(text, first_line)[at]
+def _bad_label(raw: bytes, at: int, path: Path, first_line: int) -> FormatError:
+    line, row = next(islice(_rows(raw, first_line), at, None))
     fields = _fields(row)
-    if len(fields) > 3 and all(map(_is_number, fields)) and float(fields[-2]) > 6:
+    if len(fields) > 3 and int(fields[-2]) > 6:
         what = _OTHER_DOFS.get(fields[-2], "not of a structure")
         return FormatError(
             f"found {row.strip()!r}: degree of freedom {fields[-2]} ({what}); expected 1 to 6 for"

@@ -366,7 +366,8 @@ def _input(card: Card, folder: Path) -> Entries:
             raise card.error(
                 f"*MATRIX INPUT, NAME={card.get('NAME')} has neither INPUT= nor data lines"
             )
-        entries = entries_of("\n".join(row.text for row in card.rows), card.path, card.rows[0].line)
+        raw = "".join(f"{row.text}\n" for row in card.rows).encode("ascii", "backslashreplace")
+        entries = entries_of(raw, card.path, card.rows[0].line)
     else:
         file = folder / given
         if not file.is_file():

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
-from updyn.io.items import library
 from updyn.io.keyword_deck.cards import Card, number
 from updyn.io.keyword_deck.structure import LINEAR, NONLINEAR, split_steps
+from updyn.io.text_numbers import number_rows
 from updyn.model import Matrix
 
 __all__ = [
@@ -32,6 +31,7 @@ __all__ = [
 ]
 
 _JOB = "job"
+_NODE = re.compile(r"[0-9]{1,15}")
 #: The step that writes ``job.sti``, ``job.mas`` and ``job.dof`` instead of solving.
 STORAGE = ("*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE")
 _SHOWN = 3  # messages of ccx that are told
@@ -152,15 +152,13 @@ class Program:
         return list(dict.fromkeys(remarks))
 
     def _read(self, folder: Path) -> Matrices:
-        dofs = _dofs((folder / f"{_JOB}.dof").read_text(encoding="ascii"), self.path)
-        with library(self.path, "matrix file of ccx"):
+        labels = (folder / f"{_JOB}.dof").read_bytes().decode("ascii", "backslashreplace")
+        dofs = _dofs(labels, self.path)
+        try:
             K = _matrix(folder / f"{_JOB}.sti", len(dofs))
             M = _matrix(folder / f"{_JOB}.mas", len(dofs))
-        if not (np.isfinite(K.data).all() and np.isfinite(M.data).all()):
-            raise FormatError(
-                "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)",
-                self.path,
-            )
+        except FormatError as error:
+            raise FormatError(f"what ccx wrote cannot be read: {error}", self.path) from error
         return Matrices(dofs, K, M)
 
 
@@ -211,7 +209,7 @@ def _dofs(text: str, path: Path) -> DofSet:
     axes = []
     for label in text.split():
         node, _, direction = label.partition(".")
-        if direction not in ("1", "2", "3"):
+        if direction not in ("1", "2", "3") or not _NODE.fullmatch(node):
             raise FormatError(
                 f"ccx writes the degree of freedom {label!r}; expected directions 1, 2 and 3", path
             )
@@ -224,9 +222,16 @@ def _dofs(text: str, path: Path) -> DofSet:
 
 def _matrix(path: Path, n: int) -> Matrix:
     """Read ``row column value``, one triangle."""
-    table: NDArray[np.float64] = np.loadtxt(path, ndmin=2)
-    row = table[:, 0].astype(np.int64) - 1
-    column = table[:, 1].astype(np.int64) - 1
+    raw = path.read_bytes()
+    if re.search(rb"nan|inf", raw, re.IGNORECASE):
+        raise FormatError(
+            "ccx writes numbers that are not finite; look at the constraints (*MPC, *EQUATION)",
+            path,
+        )
+    table = number_rows(raw, "iir", "row, column, entry", path)
+    row, column = table[:, :2].astype(np.int64).T - 1
+    if table.size and not (0 <= min(row.min(), column.min()) <= max(row.max(), column.max()) < n):
+        raise FormatError(f"an entry lies outside of {n} x {n}", path)
     off = row != column
     values = np.concatenate([table[:, 2], table[off, 2]])
     at = (np.concatenate([row, column[off]]), np.concatenate([column, row[off]]))

@@ -1,0 +1,192 @@
+"""One matrix in the Matrix Market format: a header, the size, then one entry a line.
+
+``coordinate`` has row, column and entry, ``array`` the entries alone, column by column; of a
+symmetric matrix one triangle is stored. Every line is checked as a whole, the entries are counted,
+and the last line has to end: nothing is read of a number but the whole number. Source: Boisvert,
+Pozo and Remington, The Matrix Market Exchange Formats, NISTIR 5935 (1996).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+from updyn.io.items import unreadable
+from updyn.io.text_numbers import check_last_line, number_rows
+from updyn.model import Matrix
+
+__all__ = ["BANNER", "read_matrix"]
+
+BANNER = b"%%MatrixMarket"
+_HEADER = "'%%MatrixMarket matrix coordinate real symmetric' or the like"
+_LAYOUTS = {"coordinate": 3, "array": 2}  # numbers on the line of the size
+_FIELDS = ("real", "double", "integer", "unsigned-integer")
+_NOT_FIELDS = {
+    "complex": "damping goes into loss_factor and viscous",
+    "pattern": "a pattern says where entries stand, not what they are",
+}
+_SYMMETRIES = ("symmetric", "general")
+_SIZE = re.compile(r"[0-9]{1,15}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """What stands before the entries."""
+
+    layout: str
+    field: str
+    symmetry: str
+    size: tuple[int, ...]  # rows, columns, and of coordinates the number of entries
+    body: bytes
+    line: int  # on which the body begins
+
+
+def read_matrix(path: Path, n: int) -> Matrix:
+    """Read a real matrix.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    n : int
+        Its number of rows and of columns.
+
+    Returns
+    -------
+    sparse, shape (n, n)
+        As CSR.
+
+    Raises
+    ------
+    FormatError
+        If a line is not as the format has it, the number of entries is another than the file says,
+        an entry stands twice, or the matrix is not real or of another size.
+    """
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    head = _head(raw, path)
+    rows, columns = head.size[:2]
+    if rows != columns:
+        raise FormatError(f"the matrix is {rows} x {columns}; expected a square one", path)
+    if rows != n:
+        raise FormatError(
+            f"the matrix is {rows} x {columns}, but there are {n} degrees of freedom", path
+        )
+    row, column, values = (_listed if head.layout == "coordinate" else _filled)(head, n, path)
+    if head.symmetry == "symmetric":
+        off = row != column
+        values = np.concatenate([values, values[off]])
+        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+    _check_twice(row * n + column, n, head.symmetry, path)
+    return sp.csr_array(sp.coo_array((values, (row, column)), shape=(n, n)))
+
+
+def _head(raw: bytes, path: Path) -> _Head:
+    """Take the header, the comments and the line of the size off the text."""
+    at = 0
+    number = 0
+    words: list[str] = []
+    while at < len(raw):
+        end = raw.find(b"\n", at)
+        end = len(raw) if end < 0 else end + 1
+        line = raw[at:end]
+        number += 1
+        at = end
+        if number == 1:
+            words = _banner(line, path)
+        elif line.strip() and not line.startswith(b"%"):
+            check_last_line(line, path, number)
+            size = _size(line, words[0], path, number)
+            return _Head(words[0], words[1], words[2], size, raw[at:], number + 1)
+    raise FormatError("the file ends before the line of the size: it is cut short", path, number)
+
+
+def _banner(line: bytes, path: Path) -> list[str]:
+    """Return layout, field and symmetry, in lower case."""
+    words = line.decode("ascii", "backslashreplace").lower().split()
+    if len(words) != 5 or not line.startswith(BANNER) or words[1] != "matrix":
+        raise FormatError(f"found {' '.join(words)[:60]!r}; expected {_HEADER}", path, 1)
+    layout, field, symmetry = words[2:]
+    if layout not in _LAYOUTS:
+        raise FormatError(f"layout {layout!r}; expected {' or '.join(_LAYOUTS)}", path, 1)
+    if field not in _FIELDS:
+        raise FormatError(
+            f"field {field!r}: expected real; {_NOT_FIELDS.get(field, 'numbers are needed')}",
+            path,
+            1,
+        )
+    if symmetry not in _SYMMETRIES:
+        raise FormatError(f"symmetry {symmetry!r}: expected symmetric or general", path, 1)
+    return [layout, field, symmetry]
+
+
+def _size(line: bytes, layout: str, path: Path, number: int) -> tuple[int, ...]:
+    words = line.decode("ascii", "backslashreplace").split()
+    count = _LAYOUTS[layout]
+    if len(words) != count or not all(map(_SIZE.fullmatch, words)):
+        expected = "rows, columns" + (", number of entries" if count == 3 else "")
+        raise FormatError(f"found {' '.join(words)[:60]!r}; expected {expected}", path, number)
+    return tuple(map(int, words))
+
+
+_Entries = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
+
+
+def _listed(head: _Head, n: int, path: Path) -> _Entries:
+    """Return rows and columns, from 0, and entries of the coordinate layout."""
+    table = number_rows(
+        head.body, f"ii{_letter(head)}", f"row, column, {_noun(head)}", path, head.line
+    )
+    _check_count(len(table), head.size[2], "the header says", path)
+    at = table[:, :2].astype(np.int64) - 1
+    outside = np.flatnonzero(((at < 0) | (at >= n)).any(axis=1))
+    if outside.size:
+        row, column = (at[outside[0]] + 1).tolist()
+        raise FormatError(f"entry ({row}, {column}) lies outside of {n} x {n}", path)
+    return at[:, 0], at[:, 1], table[:, 2]
+
+
+def _filled(head: _Head, n: int, path: Path) -> _Entries:
+    """Return rows and columns, from 0, and entries of the array layout, column by column."""
+    values = number_rows(head.body, _letter(head), _noun(head), path, head.line)[:, 0]
+    is_triangle = head.symmetry == "symmetric"
+    count = n * (n + 1) // 2 if is_triangle else n * n
+    _check_count(len(values), count, f"{n} x {n}, {head.symmetry}, has", path)
+    if is_triangle:
+        column, row = np.triu_indices(n)  # the lower triangle by columns is the upper by rows
+    else:
+        column, row = np.divmod(np.arange(count), n)
+    return row.astype(np.int64), column.astype(np.int64), values
+
+
+def _letter(head: _Head) -> str:
+    return "i" if "integer" in head.field else "r"
+
+
+def _noun(head: _Head) -> str:
+    return "a whole number of at most 15 digits" if "integer" in head.field else "a number"
+
+
+def _check_count(found: int, expected: int, says: str, path: Path) -> None:
+    if found != expected:
+        what = "the file is cut short" if found < expected else "there are more than it says"
+        raise FormatError(f"{found} entries; {says} {expected}: {what}", path)
+
+
+def _check_twice(keys: NDArray[np.int64], n: int, symmetry: str, path: Path) -> None:
+    order = np.sort(keys)
+    twice = np.flatnonzero(np.diff(order) == 0)
+    if twice.size:
+        i, j = divmod(int(order[twice[0]]), n)
+        both = ""
+        if symmetry == "symmetric":
+            both = "; under the header 'symmetric' only one triangle is stored"
+        raise FormatError(f"entry ({i + 1}, {j + 1}) stands twice{both}", path)

@@ -1,0 +1,169 @@
+"""Numbers in a text, checked against a grammar before they are converted.
+
+A converter that stops at the first character which it does not know reads ``2.0D+05`` as 2 and
+``1,5`` as 1, and `float` and `int` of Python read ``1_5`` as 15. Here every character has to be
+part of a number as programs write them, else the text is refused. Exponents may have ``E`` or
+``D``, as Fortran writes them.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+
+__all__ = ["check_last_line", "number_rows", "real_of", "whole_of"]
+
+#: Whole numbers of at most 15 digits: they are exact as doubles.
+_WHOLE = rb"[+-]?[0-9]{1,15}+"
+_REAL = rb"[+-]?(?:[0-9]++(?:\.[0-9]*+)?|\.[0-9]++)(?:[eEdD][+-]?[0-9]++)?"
+_BLANKS = rb"[ \t]++"
+_COMMA = rb"(?:[ \t]*+,[ \t]*+|[ \t]++)"
+_ONE_REAL = re.compile(_REAL.decode())
+_ONE_WHOLE = re.compile(r"[+-]?[0-9]{1,18}+")
+_SHOWN = 60  # characters of a line in a message
+_EXPONENT = bytes.maketrans(b"dD,", b"ee ")
+
+
+def number_rows(
+    body: bytes,
+    columns: str,
+    expected: str,
+    path: str | Path,
+    first_line: int = 1,
+    *,
+    commas: bool = False,
+    comment: bytes = b"",
+) -> NDArray[np.float64]:
+    """Read rows of numbers, one a line; empty lines are passed over.
+
+    Parameters
+    ----------
+    body : bytes
+        The lines. The last one has to end with a line break.
+    columns : str
+        A letter for each number of a row: "i" for a whole one, "r" for a real one.
+    expected : str
+        What the columns are, for messages: ``"row, column, entry"``.
+    path : path
+        The file, for messages.
+    first_line : int
+        Line of the file on which `body` begins.
+    commas : bool
+        Whether numbers may stand between commas, too, and a comma after the last.
+    comment : bytes
+        What lines of comment start with, if there are any.
+
+    Returns
+    -------
+    ndarray of float, shape (n, len(columns))
+        The numbers; all are finite.
+
+    Raises
+    ------
+    FormatError
+        If a line is anything else, does not end, or a number is too large; the message says which.
+    """
+    check_last_line(body, path, first_line)
+    end = _lines(columns, commas, comment).match(body)
+    assert end is not None  # no line at all matches, too
+    if end.end() < len(body):
+        raise _refused(body, end.end(), expected, path, first_line)
+    if comment:
+        body = re.sub(rb"(?m)^[ \t]*" + re.escape(comment) + rb".*$", b"", body)
+    table = np.fromstring(body.translate(_EXPONENT), sep=" ").reshape(-1, len(columns))
+    wrong = np.flatnonzero(~np.isfinite(table).all(axis=1))
+    if wrong.size:
+        at = _start_of_row(body, int(wrong[0]))
+        raise _refused(body, at, f"{expected}, of a size that a double holds", path, first_line)
+    return table
+
+
+def real_of(text: str) -> float:
+    """Return the number that a text is; blanks around it do not matter.
+
+    Raises
+    ------
+    ValueError
+        If the text is anything else: no infinity, no number that a double cannot hold.
+    """
+    found = text.strip()
+    if _ONE_REAL.fullmatch(found) is None:
+        raise ValueError(f"{found[:_SHOWN]!r} is not a number")
+    value = float(found.upper().replace("D", "E"))
+    if value in (float("inf"), -float("inf")):
+        raise ValueError(f"{found[:_SHOWN]!r} is too large a number")
+    return value
+
+
+def whole_of(text: str) -> int:
+    """Return the whole number that a text is; blanks around it do not matter.
+
+    Raises
+    ------
+    ValueError
+        If the text is anything else, or has more than 18 digits: it might not fit 64 bits.
+    """
+    found = text.strip()
+    if _ONE_WHOLE.fullmatch(found) is None:
+        raise ValueError(f"{found[:_SHOWN]!r} is not a whole number")
+    return int(found)
+
+
+def check_last_line(body: bytes, path: str | Path, first_line: int = 1) -> None:
+    """Refuse a text whose last line does not end: it may be cut short, even within a number.
+
+    Parameters
+    ----------
+    body : bytes
+        The text.
+    path : path
+        The file, for the message.
+    first_line : int
+        Line of the file on which `body` begins.
+
+    Raises
+    ------
+    FormatError
+        If the last character is no line break.
+    """
+    if body and not body.endswith((b"\n", b"\r")):
+        last = body.splitlines()[-1]
+        raise FormatError(
+            f"the last line, {_shown(last)}, does not end: the file may be cut short; if it is"
+            " whole, add a line break",
+            path,
+            first_line + body.count(b"\n"),
+        )
+
+
+def _lines(columns: str, commas: bool, comment: bytes) -> re.Pattern[bytes]:
+    """Return a pattern of all lines up to the first that is not as described."""
+    between = _COMMA if commas else _BLANKS
+    row = between.join(_WHOLE if letter == "i" else _REAL for letter in columns)
+    if commas:
+        row += rb"(?:[ \t]*+,)?"
+    kinds = [row]
+    if comment:
+        kinds.append(re.escape(comment) + rb"[^\n]*+")
+    return re.compile(rb"(?:[ \t]*+(?:" + b"|".join(kinds) + rb")?[ \t]*+\r?\n)*+")
+
+
+def _start_of_row(body: bytes, number: int) -> int:
+    """Return where the row of that number begins, counted from 0 and without empty lines."""
+    rows = re.finditer(rb"(?m)^[ \t]*+[^\s].*$", body)
+    return next(found.start() for at, found in enumerate(rows) if at == number)
+
+
+def _refused(body: bytes, at: int, expected: str, path: str | Path, first_line: int) -> FormatError:
+    line = body[at:].split(b"\n", 1)[0]
+    number = first_line + body.count(b"\n", 0, at)
+    return FormatError(f"found {_shown(line)}; expected {expected}", path, number)
+
+
+def _shown(line: bytes) -> str:
+    return repr(line.decode("ascii", "backslashreplace").strip()[:_SHOWN])
