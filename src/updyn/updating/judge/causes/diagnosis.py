@@ -63,6 +63,8 @@ _SETTLED = 3
 _ARRIVED = 0.9
 #: Most faults of one test.
 _MOST = 3
+#: Mean squares of the misfit that differ by less explain the data alike.
+_AS_WELL = 1.2
 #: Fewer lines say nothing.
 _FEWEST = 8
 #: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
@@ -128,18 +130,18 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         if one.fault.written:
             frf = one.fault.repair(frf)
     told = [finding_of(one, part.name) for one in seen]
-    part = part.with_data(frf)
-    if not is_looked_at(part):
+    whole = part.with_data(frf)
+    if not is_looked_at(whole):
         return told
-    part, held = widened(part.thinned(_LINES))
+    part, held = widened(whole.thinned(_LINES))
     stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, stage, known, told)
+    explained = _explained(part, whole, stage, known, told)
     aside = set_aside(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
     if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), stage, known, told)
+        by_itself = _explained(part.with_data(aside), whole, stage, known, told)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
     freed = replace(explained.part.frf, variance=part.frf.variance)
@@ -168,9 +170,9 @@ class _Explained:
 
 
 def _explained(
-    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
+    part: Part, whole: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
 ) -> _Explained:
-    """Return the faults that model and data show together."""
+    """Return the faults that model and data show together; sizes are of the whole of the data."""
     findings: list[Finding] = []
     end: _Real | None = None
     for _ in range(_MOST):
@@ -179,11 +181,28 @@ def _explained(
         if not found:
             break
         best = found[0]
-        findings.append(_finding(found, part.name))
+        sized = _sized(whole, stage, best)
+        findings.append(_finding([sized, *found[1:]], part.name))
+        if sized.fault.written:
+            whole = whole.with_data(sized.fault.repair(whole.frf))
         end = best.trial.x
         there = replace(stage.near(part, [end]), frf=part.frf)
         part = replace(best.fault.accounted(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
+
+
+def _sized(whole: Part, stage: Stage, found: _Found) -> _Found:
+    """Return the fault by its size on all lines, what nobody seeks being held as by an update.
+
+    It stays as it was found where the data contradict what is held.
+    """
+    fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
+    if not (fault.tunes and fault.written) or fault.adapts or fault.leaves_out:
+        return found
+    trial = tried(stage.near(whole, [x]), fault, [x])
+    if trial is None or trial.fault is None or trial.power > _AS_WELL * found.trial.power:
+        return found
+    return replace(found, fault=trial.fault)
 
 
 def _likeliest(
