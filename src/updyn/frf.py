@@ -17,10 +17,12 @@ from updyn.geometry import Geometry
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FRF", "QUANTITIES", "check_lines", "check_quantity"]
+__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_lines", "check_quantity"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: What is below this share of the loudest value is rounding: symmetry forbids it.
+ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
 #: What to do about missing values.

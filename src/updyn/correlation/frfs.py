@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.correlation.shapes import ratio
 from updyn.dofs import DofSet
 from updyn.errors import DataError
-from updyn.frf import FRF
+from updyn.frf import FRF, ROUNDING
 from updyn.model import Model
 
 __all__ = [
@@ -28,9 +28,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-#: What is below this share of the loudest is rounding.
-_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +133,7 @@ class Correlation:
             np.sqrt(np.mean(np.abs(frf.values) ** 2, axis=0))
             for frf in (self.measured, self.computed)
         )
-        return np.asarray(np.maximum(level, other) > _ROUNDING * level.max())
+        return np.asarray(np.maximum(level, other) > ROUNDING * level.max())
 
     def _figures_of(self, channels: NDArray[np.bool_]) -> dict[str, float]:
         """Return median and worst of the figures that each of some channels has."""

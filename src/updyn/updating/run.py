@@ -18,6 +18,7 @@ from updyn import __version__
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
+from updyn.frf import ROUNDING
 from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
@@ -37,7 +38,7 @@ from updyn.updating.problem.data import Split, Test, check, has_quantity, split_
 from updyn.updating.problem.lines import Lines, on_lines
 from updyn.updating.problem.noise import NoiseModel, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import ROUNDING, Part, Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
 from updyn.updating.problem.session import Recent, Session, Stopped
 from updyn.updating.result import UpdateResult

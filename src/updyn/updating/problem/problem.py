@@ -21,7 +21,6 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
 
 __all__ = [
-    "ROUNDING",
     "Block",
     "Coordinates",
     "Part",
@@ -33,8 +32,6 @@ _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 _RELAXED = -0.5
-#: What is below this share of the loudest is rounding.
-ROUNDING = 1e-11
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from updyn import sensitivity
 from updyn.errors import DataError, SolverError
-from updyn.frf import FRF, QUANTITIES
+from updyn.frf import FRF, QUANTITIES, ROUNDING
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
 from updyn.updating.problem.noise import level_by_unit
-from updyn.updating.problem.problem import ROUNDING, Part, Problem
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record
 
 __all__ = [
