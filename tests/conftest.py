@@ -16,6 +16,7 @@ import programs
 import updyn
 from places import DATA
 from updyn.errors import UpdynWarning
+from updyn.foreign import box, plain
 from updyn.frf import FRF
 from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet
@@ -53,6 +54,24 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("not run, as a program is missing")
         for line in lines:
             terminalreporter.write_line(line)
+
+
+@pytest.fixture(autouse=True)
+def read_foreign_files_here(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files of other programs are read in this process: a child takes half a second for each.
+
+    The functions and the encoding are those of the child process; `hostile` has tests of that.
+    """
+    if "hostile" in request.path.parts:
+        return
+
+    def load(function: str, path: Any, *arguments: Any, what: str, reader: str) -> Any:
+        found = box.load_here(function, path, *arguments, what=what)
+        return plain.decode(memoryview(b"".join(plain.encode(found))))
+
+    monkeypatch.setattr(box, "load", load)
 
 
 def load_case(name: str) -> dict[str, Any]:

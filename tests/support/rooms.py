@@ -17,6 +17,7 @@ ORDER = (
     ("errors",),
     ("registry",),
     ("text_table",),
+    ("foreign",),
     ("dofs",),
     ("geometry",),
     ("frf",),

@@ -13,7 +13,7 @@ from typing import Any
 
 from updyn.errors import FormatError
 
-__all__ = ["atomic_path", "sync_folder", "write_json"]
+__all__ = ["atomic_path", "sync_folder", "write_bytes", "write_json"]
 
 
 @contextmanager
@@ -34,7 +34,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     FormatError
-        If the folder is not there or nothing can be written in it, or `path` is a folder.
+        If the folder is not there or nothing can be written in it, `path` is a folder, or the disk
+        is full.
     """
     path = Path(path)
     if not path.parent.is_dir():
@@ -57,6 +58,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             os.fsync(file.fileno())  # else a crash may leave the new name with no content
         temporary.replace(path)
         sync_folder(path.parent)
+    except OSError as error:  # a full disk, a quota, a limit on the size of files
+        if error.filename not in (None, str(temporary), temporary):
+            raise
+        raise FormatError(f"cannot be written: {error.strerror or error}", path) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -77,6 +82,25 @@ def sync_folder(folder: Path) -> None:
             os.fsync(number)
     finally:
         os.close(number)
+
+
+def write_bytes(path: str | Path, *parts: bytes | memoryview) -> None:
+    """Write bytes, the file replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    path : path
+        File to write.
+    *parts : bytes-like
+        The content, in order.
+
+    Raises
+    ------
+    FormatError
+        As of `atomic_path`.
+    """
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        file.writelines(parts)
 
 
 def write_json(content: Any, path: str | Path) -> None:

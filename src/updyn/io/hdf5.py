@@ -21,6 +21,9 @@ Groups are numbered, as their names may hold characters that HDF5 keeps for itse
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +33,15 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError, InputError, suggest
+from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
-from updyn.io.atomic import atomic_path
-from updyn.io.items import compressed, known_only, library, placed
+from updyn.io.items import compressed, known_only, placed
+from updyn.io.native import load_native, write_native
 from updyn.model import Model
 
 __all__ = [
+    "Folder",
     "check_kind",
     "put_geometry",
     "put_kind",
@@ -82,9 +87,11 @@ def write_model(model: Model, path: str | Path) -> None:
     """
     import h5py
 
-    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_LIBVER) as file:
+    content = io.BytesIO()
+    with h5py.File(content, "w", libver=_LIBVER) as file:
         put_kind(file, "model")
         put_model(file, model)
+    write_native(content, path)
 
 
 def read_model(path: str | Path) -> Model:
@@ -106,11 +113,50 @@ def read_model(path: str | Path) -> Model:
         If the file is damaged, is not a model file (the right reader is named), or holds a model
         that is not valid.
     """
-    import h5py
+    found = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
+    root = Folder.of("/", found)
+    check_kind(root, path, "model")
+    return take_model(root, path)
 
-    with library(path, "HDF5 file"), h5py.File(path, "r") as file:
-        check_kind(file, path, "model")
-        return take_model(file, path)
+
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A group of an HDF5 file, as it was loaded.
+
+    Parameters
+    ----------
+    name : str
+        Its full name.
+    attributes : mapping of str to object
+        Texts and arrays.
+    members : mapping of str to object
+        Folders, arrays and `updyn.foreign.plain.Other`.
+    """
+
+    name: str
+    attributes: Mapping[str, Any]
+    members: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, name: str, found: Mapping[str, Any]) -> Folder:
+        """Return what `updyn.foreign.hdf5` loaded as a folder.
+
+        Parameters
+        ----------
+        name : str
+            Full name of the group.
+        found : mapping
+            The group.
+
+        Returns
+        -------
+        Folder
+        """
+        members = {}
+        for key, item in found["members"].items():
+            is_group = isinstance(item, Mapping)
+            members[key] = cls.of(f"{name.rstrip('/')}/{key}", item) if is_group else item
+        return cls(name, found["attributes"], members)
 
 
 # -- what every HDF5 file of updyn says about itself --------------------------------------------
@@ -123,32 +169,43 @@ def put_kind(file: Any, kind: str) -> None:
     _put_text(file, "updyn_version", __version__)
 
 
-def check_kind(file: Any, path: str | Path, expected: str) -> None:
+def check_kind(root: Folder, path: str | Path, expected: str) -> None:
     """Refuse a file that is something else; the right reader is named.
+
+    Parameters
+    ----------
+    root : Folder
+        Its root.
+    path : path
+        The file.
+    expected : str
+        What it has to be: ``"model"``, ``"frf"``, ...
 
     Raises
     ------
     FormatError
         If the file says that it is another kind, says nothing, or is of a later format.
     """
-    if "updyn_kind" not in file.attrs:
-        held = ", ".join(sorted(map(str, file))[:8]) or "nothing"
+    if "updyn_kind" not in root.attributes:
+        held = ", ".join(sorted(root.members)[:8]) or "nothing"
         raise FormatError(
             "HDF5 file without the attribute 'updyn_kind': it was not written by updyn as a"
             f" {expected}. It holds: {held}; expected for a model: 'dofs' and 'groups', see"
             " updyn.io.hdf5",
             path,
         )
-    kind = take_text(file, "updyn_kind", path)
+    kind = take_text(root, "updyn_kind", path)
     if kind != expected:
         right = (
             f"read it with updyn.{_READERS[kind]}" if kind in _READERS else suggest(kind, _READERS)
         )
         raise FormatError(f"holds updyn_kind {kind!r}, expected {expected!r}; {right}", path)
-    version = take_number(file, "updyn_format", path)
+    version = take_number(root, "updyn_format", path)
     if version not in (FORMAT_VERSION, _DAMPED_VERSION):
         writer = (
-            take_text(file, "updyn_version", path) if "updyn_version" in file.attrs else "(unknown)"
+            take_text(root, "updyn_version", path)
+            if "updyn_version" in root.attributes
+            else "(unknown)"
         )
         raise FormatError(
             f"format version {version:g}, written by updyn {writer}; this updyn reads versions"
@@ -205,10 +262,10 @@ def _put_damping(place: Any, group: Group) -> None:
         place.file.attrs["updyn_format"] = _DAMPED_VERSION
 
 
-def _take_damping(place: Any, path: str | Path) -> dict[str, Any]:
+def _take_damping(place: Folder, path: str | Path) -> dict[str, Any]:
     out: dict[str, Any] = {"loss_factor": take_number(place, "loss_factor", path)}
-    out |= {name: take_number(place, name, path) for name in VALUES if name in place.attrs}
-    if "loss_table" in place:
+    out |= {name: take_number(place, name, path) for name in VALUES if name in place.attributes}
+    if "loss_table" in place.members:
         table = _group(place, "loss_table", path)
         with placed(path, table.name):
             out["loss_table"] = LossTable(
@@ -217,18 +274,18 @@ def _take_damping(place: Any, path: str | Path) -> dict[str, Any]:
     return out
 
 
-def take_model(parent: Any, path: str | Path) -> Model:
-    """Read a model from an HDF5 group as `put_model` makes it.
+def take_model(parent: Folder, path: str | Path) -> Model:
+    """Read a model from a group as `put_model` makes it.
 
     Raises
     ------
     FormatError
         If something is missing, unknown or not valid.
     """
-    known_only(list(parent), ("dofs", "groups", "geometry"), path, parent.name)
+    known_only(parent.members, ("dofs", "groups", "geometry"), path, parent.name)
     dofs = take_dofs(_group(parent, "dofs", path), path)
     place = _group(parent, "groups", path)
-    numbered = sorted(place, key=lambda n: (len(n), n))
+    numbered = sorted(place.members, key=lambda n: (len(n), n))
     if not numbered:
         raise FormatError(f"{place.name}: holds no group; a model needs at least one", path)
     groups: dict[str, Group] = {}
@@ -239,24 +296,28 @@ def take_model(parent: Any, path: str | Path) -> Model:
             raise FormatError(f"{item.name}: group name {name!r} stands twice", path)
         groups[name] = _take_group(item, path, name)
     geometry = (
-        take_geometry(_group(parent, "geometry", path), path) if "geometry" in parent else None
+        take_geometry(_group(parent, "geometry", path), path)
+        if "geometry" in parent.members
+        else None
     )
-    title = take_text(parent, "title", path) if "title" in parent.attrs else ""
+    title = take_text(parent, "title", path) if "title" in parent.attributes else ""
     with placed(path):
         return Model.from_groups(groups, dofs, geometry=geometry, title=title)
 
 
-def _take_group(place: Any, path: str | Path, name: str) -> Group:
-    known_only(list(place), (*MATRICES, "loss_table"), path, place.name)
+def _take_group(place: Folder, path: str | Path, name: str) -> Group:
+    known_only(place.members, (*MATRICES, "loss_table"), path, place.name)
     matrices = {
-        what: _take_matrix(_group(place, what, path), path) for what in MATRICES if what in place
+        what: _take_matrix(_group(place, what, path), path)
+        for what in MATRICES
+        if what in place.members
     }
     damping = _take_damping(place, path)
     with placed(path, f"group {name!r}"):
         return Group(**matrices, **damping)
 
 
-def take_dofs(place: Any, path: str | Path) -> DofSet:
+def take_dofs(place: Folder, path: str | Path) -> DofSet:
     """Read DOFs from their nodes and directions.
 
     Raises
@@ -293,7 +354,7 @@ def _put_matrix(place: Any, matrix: Matrix) -> Any:
     return place
 
 
-def _take_matrix(place: Any, path: str | Path) -> Matrix:
+def _take_matrix(place: Folder, path: str | Path) -> Matrix:
     size = int(take_number(place, "size", path))
     data = take_array(place, "data", path, "iuf", 1)
     indices = take_array(place, "indices", path, "iu", 1)
@@ -330,23 +391,23 @@ def put_geometry(place: Any, geometry: Geometry) -> None:
         _put_array(place, "axes", geometry.axes)
 
 
-def take_geometry(place: Any, path: str | Path) -> Geometry:
-    """Read node positions from an HDF5 group.
+def take_geometry(place: Folder, path: str | Path) -> Geometry:
+    """Read node positions from a group.
 
     Raises
     ------
     FormatError
         If an array is missing, unknown or not valid.
     """
-    known_only(list(place), ("node", "xyz", "line", "axes"), path, place.name)
+    known_only(place.members, ("node", "xyz", "line", "axes"), path, place.name)
     nodes = take_array(place, "node", path, "iu", 1)
     xyz = take_array(place, "xyz", path, "iuf", 2)
     lines = (
         take_array(place, "line", path, "iu", 2)
-        if "line" in place
+        if "line" in place.members
         else np.empty((0, 2), dtype=np.int64)
     )
-    axes = take_array(place, "axes", path, "iuf", 3) if "axes" in place else None
+    axes = take_array(place, "axes", path, "iuf", 3) if "axes" in place.members else None
     if lines.shape[1] != 2:
         raise FormatError(f"{place.name}: line has shape {lines.shape}; expected (m, 2)", path)
     with placed(path, place.name):
@@ -375,65 +436,72 @@ def _put_text(place: Any, name: str, text: str) -> None:
     place.attrs.create(name, np.array(raw, dtype=kind), dtype=kind)
 
 
-def _group(parent: Any, name: str, path: str | Path) -> Any:
-    import h5py
-
-    found = parent.get(name)
-    if not isinstance(found, h5py.Group):
+def _group(parent: Folder, name: str, path: str | Path) -> Folder:
+    found = parent.members.get(name)
+    if not isinstance(found, Folder):
         state = f"no group {name!r}" if found is None else f"{name!r} is not a group"
         raise FormatError(
-            f"{parent.name}: {state}; found: {', '.join(map(str, parent)) or 'nothing'}", path
+            f"{parent.name}: {state}; found: {', '.join(parent.members) or 'nothing'}", path
         )
     return found
 
 
-def take_array(parent: Any, name: str, path: str | Path, kinds: str, n_dims: int) -> NDArray[Any]:
-    """Read a dataset and check its type (numpy kind letters) and number of dimensions.
+def take_array(
+    parent: Folder, name: str, path: str | Path, kinds: str, n_dims: int
+) -> NDArray[Any]:
+    """Return a dataset and check its type (numpy kind letters) and number of dimensions.
+
+    Parameters
+    ----------
+    parent : Folder
+        Where it is.
+    name : str
+        Its name.
+    path : path
+        The file, for messages.
+    kinds : str
+        Letters of the kinds that it may be of.
+    n_dims : int
+        Number of dimensions.
 
     Raises
     ------
     FormatError
         If it is missing or of another type or shape.
     """
-    import h5py
-
-    found = parent.get(name)
-    if not isinstance(found, h5py.Dataset):
+    found = parent.members.get(name)
+    if not isinstance(found, np.ndarray | Other):
         raise FormatError(
-            f"{parent.name}: no dataset {name!r}; {suggest(name, map(str, parent))}", path
+            f"{parent.name}: no dataset {name!r}; {suggest(name, parent.members)}", path
         )
-    if found.dtype.kind not in kinds:
-        complex_hint = (
-            "; damping goes into loss_factor and viscous" if found.dtype.kind == "c" else ""
-        )
-        raise FormatError(
-            f"{found.name}: holds {found.dtype}, expected another type of number{complex_hint}",
-            path,
-        )
+    place = f"{parent.name.rstrip('/')}/{name}"
+    if isinstance(found, Other) or found.dtype.kind not in kinds:
+        kind = found.kind if isinstance(found, Other) else found.dtype
+        is_complex = isinstance(found, np.ndarray) and found.dtype.kind == "c"
+        hint = "; damping goes into loss_factor and viscous" if is_complex else ""
+        raise FormatError(f"{place}: holds {kind}, expected another type of number{hint}", path)
     if found.ndim != n_dims:
-        raise FormatError(
-            f"{found.name}: has shape {found.shape}, expected {n_dims} dimension(s)", path
-        )
-    return np.asarray(found[()])
+        raise FormatError(f"{place}: has shape {found.shape}, expected {n_dims} dimension(s)", path)
+    return found
 
 
-def take_attribute(place: Any, name: str, path: str | Path) -> Any:
-    """Read an attribute.
+def take_attribute(place: Folder, name: str, path: str | Path) -> Any:
+    """Return an attribute.
 
     Raises
     ------
     FormatError
         If there is none.
     """
-    if name not in place.attrs:
+    if name not in place.attributes:
         raise FormatError(
-            f"{place.name}: no attribute {name!r}; {suggest(name, map(str, place.attrs))}", path
+            f"{place.name}: no attribute {name!r}; {suggest(name, place.attributes)}", path
         )
-    return place.attrs[name]
+    return place.attributes[name]
 
 
-def take_text(place: Any, name: str, path: str | Path) -> str:
-    """Read an attribute that is a text.
+def take_text(place: Folder, name: str, path: str | Path) -> str:
+    """Return an attribute that is a text.
 
     Raises
     ------
@@ -441,15 +509,13 @@ def take_text(place: Any, name: str, path: str | Path) -> str:
         If there is none, or it is not a text.
     """
     value = take_attribute(place, name, path)
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
     if not isinstance(value, str):
         raise FormatError(f"{place.name}: attribute {name!r} is {value!r}, expected a text", path)
     return value
 
 
-def take_number(place: Any, name: str, path: str | Path) -> float:
-    """Read an attribute that is one number.
+def take_number(place: Folder, name: str, path: str | Path) -> float:
+    """Return an attribute that is one number.
 
     Raises
     ------

@@ -15,19 +15,23 @@ are read as well. Expected::
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from updyn.errors import FormatError, OptionError
+from updyn.foreign.plain import Other
 from updyn.frf import FRF
-from updyn.io.atomic import atomic_path
-from updyn.io.hdf5 import check_kind, put_kind
+from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import library, placed
+from updyn.io.native import load_native, write_native
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["read_frf", "write_frf"]
+__all__ = ["Loaded", "load_netcdf", "read_frf", "write_frf"]
 
 
 def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str = "raise") -> FRF:
@@ -53,9 +57,6 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         If the file is damaged, holds a model or a result (the right reader is named), or lacks a
         variable.
     """
-    import h5py
-    import xarray as xr
-
     if duplicates != "raise":
         raise OptionError(
             f"duplicates={duplicates!r}: this format holds every response and reference once; only"
@@ -66,19 +67,87 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
             raise FormatError(
                 "a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path
             )
-    with library(path, "netCDF-4 file"):
-        with h5py.File(path, "r") as file:
-            if "updyn_kind" in file.attrs:
-                check_kind(file, path, "frf")
-            elif "frf" not in file and "frf_real" not in file:
-                held = ", ".join(sorted(map(str, file))[:8]) or "nothing"
-                raise FormatError(
-                    f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path
-                )
-        with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
-            data.load()
-        with placed(path):
-            return FRF.from_xarray(_joined(data, path), quantity=quantity)
+    found = load_netcdf(path, "frf", "netCDF-4 file", wanted=("frf", "frf_real"))
+    if "updyn_kind" in found.root.attributes:
+        check_kind(found.root, path, "frf")
+    elif not {"frf", "frf_real"} & set(found.root.members):
+        held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
+        raise FormatError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
+    with library(path, "netCDF-4 file"), placed(path):
+        return FRF.from_xarray(_joined(found.data(), path), quantity=quantity)
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A netCDF-4 file, as it was loaded.
+
+    Parameters
+    ----------
+    root : Folder
+        Attributes and names of its root; the groups that were asked for are folders.
+    variables : mapping of str to list
+        By name dimensions, values and attributes of each variable of the root.
+    """
+
+    root: Folder
+    variables: Mapping[str, Any]
+
+    def data(self) -> xr.Dataset:
+        """Return the root as a dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+        """
+        import xarray as xr
+
+        variables = {}
+        for name, (dimensions, values, attributes) in self.variables.items():
+            if not isinstance(values, Other):
+                variables[name] = (dimensions, values, attributes)
+        return xr.Dataset(variables, attrs=self.root.attributes)
+
+
+def load_netcdf(
+    path: str | Path,
+    kind: str,
+    what: str,
+    *,
+    wanted: Sequence[str] = (),
+    groups: Sequence[str] = (),
+) -> Loaded:
+    """Load a netCDF-4 file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : str
+        What it has to be (`updyn.io.hdf5.check_kind`); of a file of another kind, only names and
+        attributes are loaded.
+    what : str
+        What it should be, for messages.
+    wanted : sequence of str
+        What a file has to hold one of that does not state its kind.
+    groups : sequence of str
+        Groups to load with it.
+
+    Returns
+    -------
+    Loaded
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or holds links to other files.
+    """
+    found = load_native(
+        "updyn.foreign.netcdf:load", path, kind, list(wanted), list(groups), what=what
+    )
+    members: dict[str, Any] = dict.fromkeys(found["names"])
+    for name, group in found["groups"].items():
+        members[name] = Folder.of(f"/{name}", group)
+    return Loaded(Folder("/", found["attributes"], members), found["variables"])
 
 
 def _joined(data: xr.Dataset, path: str | Path) -> xr.Dataset:
@@ -110,8 +179,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     """
     import h5py
 
-    data = frf.to_xarray()
-    with atomic_path(path) as temporary:
-        data.to_netcdf(temporary, engine="h5netcdf")
-        with h5py.File(temporary, "r+") as file:
-            put_kind(file, "frf")
+    content = io.BytesIO()
+    frf.to_xarray().to_netcdf(content, engine="h5netcdf")
+    with h5py.File(content, "r+") as file:
+        put_kind(file, "frf")
+    write_native(content, path)

@@ -10,6 +10,7 @@ A layout names the fields in the order in which they are written::
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
@@ -18,9 +19,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from updyn.errors import FormatError, suggest
-from updyn.io.atomic import atomic_path
-from updyn.io.hdf5 import check_kind, put_kind
+from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import existing, library
+from updyn.io.native import write_native
+from updyn.io.netcdf import load_netcdf
 from updyn.store.values import from_text, to_text
 
 if TYPE_CHECKING:
@@ -295,20 +297,18 @@ def write_dataset(
     """
     import h5py
 
-    with atomic_path(path) as temporary:
-        data.to_netcdf(temporary, engine="h5netcdf")
-        with h5py.File(temporary, "r+") as file:
-            put_kind(file, kind)
-            if put_more is not None:
-                put_more(file)
+    content = io.BytesIO()
+    data.to_netcdf(content, engine="h5netcdf")
+    with h5py.File(content, "r+") as file:
+        put_kind(file, kind)
+        if put_more is not None:
+            put_more(file)
+    write_native(content, path)
 
 
 def read_dataset(
-    path: str | Path,
-    kind: str,
-    what: str,
-    take_more: Callable[[Any], Any] | None = None,
-) -> tuple[xr.Dataset, Any]:
+    path: str | Path, kind: str, what: str, groups: Sequence[str] = ()
+) -> tuple[xr.Dataset, dict[str, Folder]]:
     """Read a file that `write_dataset` wrote.
 
     Parameters
@@ -319,31 +319,29 @@ def read_dataset(
         What it has to be.
     what : str
         That in words, for messages.
-    take_more : callable, optional
-        Takes the open `h5py.File` and returns what is no variable of xarray.
+    groups : sequence of str
+        Groups that it has to hold besides.
 
     Returns
     -------
     xarray.Dataset
         The root of the file, in memory.
-    object
-        What `take_more` returned.
+    dict of str to Folder
+        The groups.
 
     Raises
     ------
     FormatError
         If the file is not there, is damaged, or holds something else (the right reader is named).
     """
-    import h5py
-    import xarray as xr
-
     path = existing(path)
-    more = None
+    found = load_netcdf(path, kind, f"{what} (NetCDF-4)", groups=groups)
+    check_kind(found.root, path, kind)
+    folders = {}
+    for name in groups:
+        folder = found.root.members.get(name)
+        if not isinstance(folder, Folder):
+            raise FormatError(f"no group {name!r}; found: {', '.join(found.root.members)}", path)
+        folders[name] = folder
     with library(path, f"{what} (NetCDF-4)"):
-        with h5py.File(path, "r") as file:
-            check_kind(file, path, kind)
-            if take_more is not None:
-                more = take_more(file)
-        with xr.open_dataset(path, engine="h5netcdf", decode_cf=False) as data:
-            data.load()
-    return data, more
+        return found.data(), folders

@@ -128,14 +128,9 @@ def read_result(path: str | Path) -> UpdateResult:
     """
     path = Path(path)
 
-    def take_models(file: Any) -> dict[str, Any]:
-        for name in ("start_model", "updated_model"):
-            if name not in file:
-                raise FormatError(f"no group {name!r}; found: {', '.join(file)}", path)
-        start = take_model(file["start_model"], path)
-        return {"start": start, "model": take_model(file["updated_model"], path)}
-
-    data, models = read_dataset(path, "result", "record of a run", take_models)
+    groups = {"start": "start_model", "model": "updated_model"}
+    data, found = read_dataset(path, "result", "record of a run", tuple(groups.values()))
+    models: dict[str, Any] = {f: take_model(found[name], path) for f, name in groups.items()}
     with placed(path):
         fields = take_fields(data, _RESULT, path)
         return UpdateResult(frf=FRF.from_xarray(data), **models, **fields)

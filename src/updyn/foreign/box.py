@@ -1,0 +1,172 @@
+"""The child process in which files of other programs are read, as its parent sees it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn import errors
+from updyn.errors import FormatError, InputError
+from updyn.foreign.child import OUT_OF_MEMORY, READY, reason
+from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.plain import decode
+from updyn.registry import load_object
+
+__all__ = ["load", "load_here"]
+
+_CODE = (
+    "import json, sys; request = json.loads(sys.argv[1]); sys.path[:] = request['modules'];"
+    " from updyn.foreign.child import answer; answer(request)"
+)
+#: Seconds for the child process to start and to import what it needs, on a busy machine.
+_START = 120.0
+_BLOCK = 2**20  # bytes
+#: Threads of BLAS take address space, and nothing is computed.
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def load(function: str, path: str | Path, *arguments: Any, what: str, reader: str) -> Any:
+    """Load a file of another program in a child process.
+
+    Parameters
+    ----------
+    function : str
+        ``"module:function"`` of this room; it takes the path, as text, and `arguments`, and
+        returns plain data.
+    path : path
+        The file.
+    *arguments : object
+        More arguments, as JSON has them.
+    what : str
+        What the file should be, for messages: ``"HDF5 file"``.
+    reader : str
+        The library that reads it, for messages: ``"libhdf5"``.
+
+    Returns
+    -------
+    object
+        What the function returned.
+
+    Raises
+    ------
+    FormatError
+        If the library cannot read the file, crashes, or needs more time or memory than
+        `updyn.foreign.limits` allows.
+    InputError
+        Any other that the function raised.
+    """
+    limits = limits_of(path)
+    request = {
+        "modules": list(map(str, sys.path)),
+        "load": function,
+        "path": str(path),
+        "arguments": arguments,
+    }
+    found = _ask(request, limits, f"cannot be read: its reader ({reader})")
+    if "value" in found:
+        return found["value"]
+    if "error" in found:
+        raise _error(found)
+    raise _unreadable(path, what, found["failed"])
+
+
+def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
+    """Load a file in this process: one that holds what updyn wrote.
+
+    Parameters
+    ----------
+    function, path, *arguments, what
+        As of `load`.
+
+    Returns
+    -------
+    object
+        What the function returned.
+
+    Raises
+    ------
+    FormatError
+        If the file cannot be read all the same.
+    """
+    loader = load_object(function)
+    try:
+        return loader(str(path), *arguments)
+    except InputError:
+        raise
+    except Exception as error:  # whatever the library raises, as in the child process
+        raise _unreadable(path, what, reason(error)) from error
+
+
+def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str, Any]:
+    """Return the answer of a child process, which has ended by then."""
+    path = limits.path
+    received = bytearray()
+    is_ready = threading.Event()
+
+    def receive(stream: Any) -> None:
+        while len(received) <= limits.memory and (block := stream.read(_BLOCK)):
+            received.extend(block)
+            is_ready.set()
+        is_ready.set()
+
+    with subprocess.Popen(
+        [sys.executable, "-P", "-c", _CODE, json.dumps(request)],
+        bufsize=0,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | _THREADS,
+    ) as process:
+        receiver = threading.Thread(target=receive, args=(process.stdout,), daemon=True)
+        receiver.start()
+        try:
+            is_ready.wait(_START)
+            receiver.join(limits.seconds)
+            # Its end shows whether it was sound: memory that is corrupt may let it answer first.
+            status = process.wait(limits.seconds if not receiver.is_alive() else 0)
+        except subprocess.TimeoutExpired as error:
+            raise FormatError(f"{blame} ran over {limits.seconds:.0f} s", path) from error
+        finally:
+            process.kill()
+            receiver.join()
+    if status != 0:
+        raise FormatError(f"{blame} crashed ({_how(status)})", path)
+    try:
+        found: Mapping[str, Any] = decode(memoryview(received)[len(READY) :])
+    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        raise FormatError(f"{blame} answered with what cannot be read ({error})", path) from error
+    if found.get("failed") == OUT_OF_MEMORY:
+        memory = limits.memory / 1e6
+        raise FormatError(f"{blame} needed over {memory:,.0f} MB of memory", path)
+    return found
+
+
+def _how(status: int) -> str:
+    """Say how a process ended."""
+    if -status in set(signal.Signals):
+        return signal.Signals(-status).name
+    return f"exit code {status}"
+
+
+def _error(found: Mapping[str, Any]) -> InputError:
+    """Return the error that the function raised, which has its place in the file already."""
+    kind = getattr(errors, str(found["error"]), None)
+    if not (isinstance(kind, type) and issubclass(kind, InputError)):
+        kind = InputError
+    error: InputError = kind(str(found["text"]), key=found["key"])
+    if isinstance(error, FormatError):
+        error.path, error.line = found["path"], found["line"]
+    return error
+
+
+def _unreadable(path: str | Path, what: str, why: str) -> FormatError:
+    return FormatError(
+        f"not a readable {what}: the file is damaged, cut short, or another format ({why})", path
+    )

@@ -1,0 +1,197 @@
+"""HDF5 files as plain data, by h5py.
+
+A group is ``{"attributes": {...}, "members": {...}}``, a dataset an array. What stands in other
+files, or nowhere, is refused by name: libhdf5 would follow a link to any file, and read zeros where
+nothing was written.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import h5py
+import numpy as np
+
+from updyn.errors import FormatError
+from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.plain import Other
+
+__all__ = ["Content", "load", "plain_value"]
+
+_DEPTH = 16
+#: What netCDF calls a dimension of which there is no variable: a dataset without numbers.
+_NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+_HELD = "; it is not followed: store the numbers in the file itself"
+
+
+def load(path: str, is_ours: bool) -> dict[str, Any]:
+    """Load a whole file.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    is_ours : bool
+        Whether it holds what updyn wrote, of any size.
+
+    Returns
+    -------
+    dict
+        Its root.
+
+    Raises
+    ------
+    FormatError
+        If something in it stands in another file or nowhere, or it holds more than a file of its
+        size should.
+    """
+    with h5py.File(path, "r") as file:
+        return Content(path, is_ours).group(file)
+
+
+class Content:
+    """What a file holds, checked before it is read.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    is_ours : bool
+        As of `load`.
+    """
+
+    def __init__(self, path: str, is_ours: bool) -> None:
+        self.path = path
+        self._limits: Limits | None = None if is_ours else limits_of(path)
+        self._unpacked = 0
+
+    def group(self, group: Any, depth: int = 0) -> dict[str, Any]:
+        """Return a group with all its members, and theirs.
+
+        Parameters
+        ----------
+        group : h5py.Group
+            The group.
+        depth : int
+            How deep it is nested.
+
+        Raises
+        ------
+        FormatError
+            As of `load`.
+        """
+        if depth > _DEPTH:
+            raise FormatError(f"{group.name}: groups nested more than {_DEPTH} deep", self.path)
+        members: dict[str, Any] = {}
+        for name, item in self.members(group).items():
+            if isinstance(item, h5py.Group):
+                members[name] = self.group(item, depth + 1)
+            elif isinstance(item, h5py.Dataset):
+                self.check(item)
+                members[name] = _values(item)
+            else:
+                members[name] = Other(type(item).__name__)
+        return {"attributes": self.attributes(group), "members": members}
+
+    def members(self, group: Any) -> dict[str, Any]:
+        """Return the members of a group by name, links to other files refused.
+
+        Parameters
+        ----------
+        group : h5py.Group
+            The group.
+        """
+        found = {}
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                raise FormatError(
+                    f"{group.name}: {name!r} is a link to the file {link.filename!r}{_HELD}",
+                    self.path,
+                )
+            found[str(name)] = group[name]
+        return found
+
+    def attributes(self, item: Any) -> dict[str, Any]:
+        """Return the attributes of a group or a dataset.
+
+        Parameters
+        ----------
+        item : h5py.Group or h5py.Dataset
+            The item.
+        """
+        found = {}
+        for name in item.attrs:
+            stated = item.attrs.get_id(name)
+            self._count(math.prod(stated.shape) * stated.dtype.itemsize)
+            found[str(name)] = plain_value(item.attrs[name])
+        return found
+
+    def check(self, dataset: Any) -> None:
+        """Refuse a dataset whose numbers are not all in the file, or are too many.
+
+        Parameters
+        ----------
+        dataset : h5py.Dataset
+            The dataset.
+
+        Raises
+        ------
+        FormatError
+            As of `load`.
+        """
+        if dataset.attrs.get("NAME", b"").startswith(_NO_VARIABLE):
+            return
+        name = dataset.name
+        if dataset.is_virtual:
+            raise FormatError(
+                f"{name}: a virtual dataset, whose numbers stand elsewhere", self.path
+            )
+        if dataset.external:
+            raise FormatError(
+                f"{name}: its numbers stand in the file {dataset.external[0][0]!r}{_HELD}",
+                self.path,
+            )
+        self._count(dataset.size * dataset.dtype.itemsize if dataset.shape is not None else 0)
+        is_whole = dataset.id.get_space_status() == h5py.h5d.SPACE_STATUS_ALLOCATED
+        if dataset.size and not is_whole:
+            raise FormatError(
+                f"{name}: numbers of it were never written; expected all {dataset.size}", self.path
+            )
+
+    def _count(self, more: int) -> None:
+        self._unpacked += more
+        if self._limits is not None:
+            self._limits.check(self._unpacked)
+
+
+def _values(dataset: Any) -> Any:
+    """Return what a dataset holds."""
+    if h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
+        return np.asarray(dataset.asstr()[()], dtype=object)
+    if dataset.dtype.kind in "biufcS" and dataset.shape is not None:
+        return np.asarray(dataset[()])
+    return Other(str(dataset.dtype))
+
+
+def plain_value(value: Any) -> Any:
+    """Return the value of an attribute, or the values of a dataset of any type, as plain data.
+
+    Parameters
+    ----------
+    value : object
+        As h5py or h5netcdf returns it.
+
+    Returns
+    -------
+    str, ndarray or Other
+    """
+    if isinstance(value, bytes | str):
+        return value if isinstance(value, str) else value.decode("utf-8", "replace")
+    array = np.asarray(value)
+    if array.dtype.kind in "biufcSU":
+        return array
+    if array.dtype.kind == "O" and all(isinstance(text, str) for text in array.flat):
+        return array
+    return Other(str(array.dtype))

@@ -1,0 +1,72 @@
+"""netCDF-4 files as plain data, by h5netcdf.
+
+A file is ``{"attributes": {...}, "names": [...], "variables": {name: [dimensions, values,
+attributes]}, "groups": {name: {...}}}``; a group is what `updyn.foreign.hdf5` makes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import h5netcdf
+import h5py
+
+from updyn.foreign.hdf5 import Content, plain_value
+
+__all__ = ["load"]
+
+
+def load(
+    path: str, is_ours: bool, kind: str, wanted: Sequence[str], groups: Sequence[str]
+) -> dict[str, Any]:
+    """Load the root of a file, and some of its groups.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    is_ours : bool
+        As of `updyn.foreign.hdf5.load`.
+    kind : str
+        What the file has to be, by its attribute ``updyn_kind``; of one of another kind, the
+        variables and groups are left out.
+    wanted : sequence of str
+        Where the file has no such attribute, what it has to hold one of.
+    groups : sequence of str
+        Groups to load, those of them that are there.
+
+    Raises
+    ------
+    FormatError
+        As of `updyn.foreign.hdf5.load`.
+    """
+    content = Content(path, is_ours)
+    found: dict[str, Any] = {"variables": {}, "groups": {}}
+    with h5py.File(path, "r") as file:
+        members = content.members(file)
+        found["names"] = sorted(members)
+        found["attributes"] = content.attributes(file)
+        said = found["attributes"].get("updyn_kind")
+        if said != kind and (said is not None or not set(wanted) & set(members)):
+            return found
+        for item in members.values():
+            if isinstance(item, h5py.Dataset):
+                content.check(item)
+        for name in groups:
+            if isinstance(members.get(name), h5py.Group):
+                found["groups"][name] = content.group(members[name])
+    with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
+        found["attributes"] = _attributes(file)
+        for name, variable in file.variables.items():
+            found["variables"][name] = [
+                list(variable.dimensions),
+                plain_value(variable[...]),
+                _attributes(variable),
+            ]
+    return found
+
+
+def _attributes(item: Any) -> dict[str, Any]:
+    """Return attributes as netCDF means them: an array of one number is a number."""
+    return {str(name): plain_value(value) for name, value in item.attrs.items()}

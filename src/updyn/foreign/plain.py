@@ -1,0 +1,153 @@
+"""Plain data as bytes and back; nothing is executed on the way.
+
+The bytes are the length of a JSON text (8 bytes, little-endian), that text, and the numbers of all
+arrays, one after the other. In the JSON text a list is a list; everything else that is no JSON
+value is a mapping of one tag::
+
+    {"map": [[key, value], ...]}
+    {"array": [dtype, shape, offset]}       offset into the numbers
+    {"texts": [shape, [text, ...]]}         an array of texts of any length
+    {"other": text}                         what could not be read, by its type
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Other", "decode", "encode"]
+
+_KINDS = "biufcSU"
+
+
+@dataclass(frozen=True, slots=True)
+class Other:
+    """What is in a file and is of no kind that is read.
+
+    Parameters
+    ----------
+    kind : str
+        Its type, for messages.
+    """
+
+    kind: str
+
+
+def encode(value: Any) -> Iterator[bytes | memoryview]:
+    """Yield the bytes of a value, part by part.
+
+    Parameters
+    ----------
+    value : object
+        None, bool, int, float, str, list, mapping with text keys, `Other`, or ndarray of numbers or
+        texts, nested in any way.
+
+    Raises
+    ------
+    TypeError
+        If it holds anything else.
+    """
+    arrays: list[NDArray[Any]] = []
+    text = json.dumps(_tagged(value, arrays, 0)[0]).encode()
+    yield len(text).to_bytes(8, "little")
+    yield text
+    for array in arrays:
+        yield array.reshape(-1).view(np.uint8).data
+
+
+def _tagged(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]:
+    """Return a value for JSON, and where the numbers end."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value, end
+    if isinstance(value, Other):
+        return {"other": value.kind}, end
+    if isinstance(value, list | tuple):
+        items = []
+        for item in value:
+            tagged, end = _tagged(item, arrays, end)
+            items.append(tagged)
+        return items, end
+    if isinstance(value, Mapping):
+        pairs = []
+        for key, item in value.items():
+            tagged, end = _tagged(item, arrays, end)
+            pairs.append([str(key), tagged])
+        return {"map": pairs}, end
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"a {type(value).__name__} is no plain data")
+    if value.dtype.kind in _KINDS and value.dtype.itemsize:
+        arrays.append(np.ascontiguousarray(value))
+        tag = {"array": [value.dtype.str, list(value.shape), end]}
+        return tag, end + value.nbytes
+    texts = value.ravel().tolist()
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError(f"an array of {value.dtype} is no plain data")
+    return {"texts": [list(value.shape), texts]}, end
+
+
+def decode(content: memoryview) -> Any:
+    """Return the value that bytes encode.
+
+    Parameters
+    ----------
+    content : memoryview
+        The bytes.
+
+    Raises
+    ------
+    ValueError
+        If they are not what `encode` makes.
+    """
+    length = int.from_bytes(content[:8], "little")
+    if len(content) < 8 + length:
+        raise ValueError("the answer is cut short")
+    return _value(json.loads(bytes(content[8 : 8 + length])), content[8 + length :])
+
+
+def _value(tagged: Any, numbers: memoryview) -> Any:
+    if isinstance(tagged, list):
+        return [_value(item, numbers) for item in tagged]
+    if not isinstance(tagged, dict):
+        return tagged
+    ((tag, given),) = tagged.items()
+    if tag not in _READERS:
+        raise ValueError(f"unknown tag {tag!r}")
+    return _READERS[tag](given, numbers)
+
+
+def _map(given: Any, numbers: memoryview) -> dict[str, Any]:
+    return {str(key): _value(item, numbers) for key, item in given}
+
+
+def _array(given: Any, numbers: memoryview) -> NDArray[Any]:
+    kind, shape, offset = given
+    dtype = np.dtype(str(kind))
+    if dtype.kind not in _KINDS or min(shape, default=0) < 0 or offset < 0:
+        raise ValueError(f"an array of {dtype} and shape {shape} is no plain data")
+    flat = np.frombuffer(numbers, dtype, math.prod(shape), offset)
+    return flat.reshape(shape).copy()
+
+
+def _texts(given: Any, numbers: memoryview) -> NDArray[Any]:
+    shape, texts = given
+    out = np.empty(len(texts), dtype=object)
+    out[:] = [str(text) for text in texts]
+    return out.reshape(shape)
+
+
+def _other(given: Any, numbers: memoryview) -> Other:
+    return Other(str(given))
+
+
+_READERS: Mapping[str, Callable[[Any, memoryview], Any]] = {
+    "map": _map,
+    "array": _array,
+    "texts": _texts,
+    "other": _other,
+}
