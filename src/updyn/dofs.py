@@ -25,6 +25,7 @@ DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _INDEX = {name: i for i, name in enumerate(DIRECTIONS)}
 _LABEL = re.compile(r"(-?[0-9]+):([+-]?)(R?[XYZ])")
 _LARGEST_NODE = 10**17  # node * 6 + direction, and a difference of two, have to fit 64 bits
+_MOST_DIGITS = 100  # of a number that is worth converting; zeros in front count
 _SHAPE = "node:direction, with an integer node, an optional sign and one of " + ", ".join(
     DIRECTIONS
 )
@@ -57,7 +58,7 @@ class Dof:
         if not isinstance(self.node, int | np.integer) or isinstance(self.node, bool):
             raise DofError(f"node {self.node!r}: expected a whole number")
         if abs(int(self.node)) > _LARGEST_NODE:
-            raise DofError(f"node {self.node}: expected at most {_LARGEST_NODE:g} in size")
+            raise DofError(f"node: expected at most {_LARGEST_NODE:g} in size")
         if self.direction not in DIRECTIONS:
             raise DofError(
                 f"direction {self.direction!r} of node {self.node}: expected one of"
@@ -380,10 +381,12 @@ def whole_numbers(
     """
     try:
         array = np.asarray(given)
-    except ValueError as cause:
+    except (ValueError, OverflowError) as cause:
         raise error(f"{what}: expected whole numbers in an array ({cause})") from cause
     if array.dtype.kind not in "iuf":
         raise error(f"{what}: expected whole numbers, found {array.dtype}")
+    if array.dtype.kind == "f":
+        array = array.astype(np.float64)  # half precision could not be compared with the limit
     with np.errstate(invalid="ignore"):
         bad = ~((array >= -_LARGEST_NODE) & (array <= _LARGEST_NODE)) | (array != np.floor(array))
     if bad.any():
@@ -407,9 +410,9 @@ def _read(label: object) -> tuple[int, int, int]:
         if tidy:
             hint = f"; did you mean {tidy[0]!r}?"
         raise DofError(f"DOF {label!r}: expected {_SHAPE}{hint}")
+    if len(found[1]) > _MOST_DIGITS or abs(int(found[1])) > _LARGEST_NODE:
+        raise DofError(f"DOF {label[:40]!r}: expected a node of at most {_LARGEST_NODE:g} in size")
     node = int(found[1])
-    if abs(node) > _LARGEST_NODE:
-        raise DofError(f"DOF {label!r}: expected a node of at most {_LARGEST_NODE:g} in size")
     return node, _INDEX[found[3]], -1 if found[2] == "-" else 1
 
 

@@ -9,6 +9,7 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     │   │   └── ToleranceError  no plant of a model holds the tolerance
     │   ├── DataError         a frequency response function or its selection
     │   ├── FormatError       a file: says path, and line or record where there is one
+    │   │   └── AbsentError   the file does not hold what was asked for; it may hold something else
     │   ├── ParameterError    an unknown, its bounds or its group
     │   ├── OptionError       an option, a method or a keyword
     │   └── JobError          the job file: says file and line
@@ -32,6 +33,7 @@ from contextlib import contextmanager
 from os import PathLike
 
 __all__ = [
+    "AbsentError",
     "DataError",
     "DofError",
     "EngineError",
@@ -118,6 +120,10 @@ class _FileError(InputError):
 
 class FormatError(_FileError):
     """A file cannot be read: what was found, where, and what was expected."""
+
+
+class AbsentError(FormatError):
+    """A file does not hold what was asked for; it may hold something else."""
 
 
 class JobError(_FileError):

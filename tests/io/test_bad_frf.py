@@ -48,7 +48,7 @@ EXPECTED = {
     "byte_order_wrong.uff": "byte order 7; expected 1 (little-endian) or 2 (big-endian)",
     "cell_empty.csv": ":4: column 2: '' is not a number",
     "cell_missing.csv": ":4: 2 cell(s); expected 3",
-    "cell_nan.csv": ":4: column 3: 'nan' is not finite",
+    "cell_nan.csv": ":4: column 3: 'nan' is not a number",
     "cell_text.csv": ":4: column 3: 'four' is not a number",
     "coherence_above_1.csv": (
         "coherence at 10 Hz, response 1:Z, reference 1:Z is 1.5; expected 0 to 1"
@@ -101,7 +101,7 @@ EXPECTED = {
     "matrix_incomplete.uff": "1 of 4 pairs of response / reference are missing: 2:Z / 2:Z",
     "motion_over_motion.uff": ":11: records 9 and 10 say acceleration over acceleration",
     "nan_binary.uff": "the ordinate of point 3 is not finite",
-    "nan_text.uff": "the ordinate of point 3 is not finite",
+    "nan_text.uff": "data: expected a number, found 'NaN'",
     "no_functions.uff": "it holds a geometry of 3 nodes (see updyn.io.read_geometry)",
     "no_lines.csv": "holds a header and no line of numbers",
     "no_quantity.csv": "expected a line '# quantity: accelerance'",

@@ -222,7 +222,7 @@ def test_fields_that_hold_stiffness_mass_and_damping(tmp_path, card, stiffness, 
     cells = card.replace("\n", "").split(",")
     rows = [cells[1:][i : i + 8] for i in range(0, len(cells) - 1, 8)]
     (tmp_path / "c.bdf").write_text(
-        "\n".join(",".join([cells[0] if not i else "", *r]) for i, r in enumerate(rows))
+        "".join(",".join([cells[0] if not i else "", *r]) + "\n" for i, r in enumerate(rows))
     )
     (found,) = parse(lines_of(tmp_path / "c.bdf"))
     got = values(found)

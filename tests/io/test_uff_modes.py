@@ -233,12 +233,14 @@ def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> 
         (dataset(head=(1.0, -2.0, 0, 0)), ":10: record 8: frequency 1 Hz and modal mass -2"),
         (dataset(analysis=3, kind=5, head=(-1.0, 0, 0, 0, 0, 0), nodes={1: [1] * 6}), ":10: .* does not oscillate"),
         (dataset(nodes={1: [1.0, 2.0]}), ":12: record 10: expected 3 numbers, found 2"),
-        (dataset(nodes={1: [np.nan, 0, 0]}), ":12: record 10: a number is not finite"),
+        (dataset(nodes={1: [np.nan, 0, 0]}), ":12: record 10: expected a number, found 'NAN'"),
         (dataset(nodes={1: [0.0, 0, 0]}), ":2: dataset 55: the shape is zero"),
         (dataset(nodes={}), ":2: dataset 55: the shape is zero"),
         (dataset()[:-20] + b"\n    -1\n", ":14: record 10: expected 3 numbers, found 2"),
         (dataset().replace(b"\n         2\n", b"\n         1\n"), ":13: dataset 55: node 1 stands twice"),
         (dataset().replace(b"\n         2\n", b"\n       two\n"), ":13: record 9, node: expected a whole number"),
+        (dataset().replace(b"\n         2\n", b"\n        123\n"), ":13: record 9, node: .* goes on beyond them"),
+        (dataset().replace(b"\n         2\n", b"\n" + b"2" * 99 + b"\n"), ":13: record 9: .* nothing behind it"),
     ],
 )  # fmt: skip
 def test_bad_files_are_refused(tmp_path: Path, data: bytes, message: str) -> None:

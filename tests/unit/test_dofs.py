@@ -303,6 +303,23 @@ def test_nodes_far_apart_do_not_collide():
         dofs.match([f"{top}:X"])
 
 
+@pytest.mark.parametrize("number", ["9" * 5000, "-" + "9" * 5000, "1" + "0" * 17 + "1"])
+def test_nodes_beyond_all_files_are_refused(number):
+    with raises("expected a node of at most 1e+17 in size"):
+        DofSet([f"{number}:X"])
+    with raises("DOF nodes: expected whole numbers"):
+        DofSet.from_arrays([int(number[:4000])], [0])
+    with raises("node: expected at most 1e+17 in size"):
+        Dof(10**5000, "X")
+
+
+def test_nodes_of_half_precision_are_read():
+    assert DofSet.from_arrays(np.array([2.0, 7.0], dtype=np.float16), [0, 1]).labels == [
+        "2:X",
+        "7:Y",
+    ]
+
+
 def test_complement(some):
     assert some.complement(["2:RY", "1:X"]).tolist() == [0, 3]
     assert some.complement([]).tolist() == [0, 1, 2, 3]

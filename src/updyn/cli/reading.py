@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from updyn.cli.describe import describe_frf, describe_geometry, describe_model, describe_modes
-from updyn.errors import FormatError, InputError
+from updyn.errors import AbsentError, FormatError, InputError
 from updyn.io import read_frf, read_geometry, read_model, read_modes
 from updyn.io.formats import find_format
+from updyn.io.items import is_file
 from updyn.registry import Registry
 from updyn.store.result import read_result
 
@@ -34,6 +35,9 @@ class FileKind:
         of a file that cannot be read only the messages of such kinds are shown.
     other : str
         Text in the message of an `InputError` that says that the file holds something else.
+    is_beside : bool
+        Whether it may stand in one file with contents of other kinds: it is then no answer where
+        one of these is there but damaged.
     """
 
     noun: str
@@ -41,6 +45,7 @@ class FileKind:
     describe: Callable[[Any], str]
     recognises: Callable[[Path], bool] = lambda path: False
     other: str = ""
+    is_beside: bool = False
 
 
 def _has_format(verb: str) -> Callable[[Path], bool]:
@@ -65,8 +70,10 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
-        "modes": FileKind("modes", read_modes, describe_modes),
-        "geometry": FileKind("a geometry", read_geometry, describe_geometry),
+        "modes": FileKind(
+            "modes", read_modes, describe_modes, _has_format("read_modes"), is_beside=True
+        ),
+        "geometry": FileKind("a geometry", read_geometry, describe_geometry, is_beside=True),
         "plant": "updyn.control.files.description:PLANT",
     },
 )
@@ -101,7 +108,7 @@ def read_anything(
         If it holds none of these; the message says why not, kind by kind.
     """
     path = Path(path)
-    if not path.is_file() or path.stat().st_size == 0:
+    if not is_file(path) or path.stat().st_size == 0:
         find_format(path, "read_frf")  # says so; of a file that is not there it names the nearest
     if kinds is None:
         kinds = tuple(FILE_KINDS)
@@ -109,6 +116,8 @@ def read_anything(
         options = {}
     reasons: dict[str, InputError] = {}
     for kind in kinds:
+        if FILE_KINDS[kind].is_beside and _damaged(path, reasons):
+            break
         try:
             return kind, FILE_KINDS[kind].read(path, **options.get(kind, {}))
         except InputError as error:
@@ -120,9 +129,21 @@ def read_anything(
     raise FormatError(f"could not be read{why}", path)
 
 
+def _damaged(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
+    """Return the kinds that a file holds, as far as can be told, but that cannot be read."""
+    return [
+        kind
+        for kind, error in reasons.items()
+        if isinstance(error, FormatError)
+        and not isinstance(error, AbsentError)
+        and FILE_KINDS[kind].recognises(path)
+    ]
+
+
 def _likely(path: Path, reasons: Mapping[str, InputError]) -> list[str]:
     """Return the kinds that a file was probably meant to be of."""
     found = [kind for kind in reasons if FILE_KINDS[kind].recognises(path)]
+    found = [k for k in found if not isinstance(reasons[k], AbsentError)] or found
     if len(found) == 1:
         return found
     likely = []

@@ -2,7 +2,7 @@
 
 The functions here are the front doors. They look at the content of a file, then at its suffix (or
 do as ``format=`` says), load the one module that knows the format, and check the options by name.
-Formats: `updyn.io.formats`.
+Whatever a reader did not foresee becomes a `FormatError` here. Formats: `updyn.io.formats`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from updyn.errors import OptionError, suggest
 from updyn.io.formats import find_format, load
-from updyn.io.items import chosen, placed
+from updyn.io.items import chosen, guarded, placed
 
 if TYPE_CHECKING:
     from updyn.dofs import Dof
@@ -106,8 +106,10 @@ def read_frf(
     }
     early = wanted if {"responses", "references"} <= _options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
-    frf: FRF = reader(path, **_known(reader, name, given, ("responses", "references")))
-    return frf if early else _part(frf, wanted, path)
+    known = _known(reader, name, given, ("responses", "references"))
+    with guarded(path, name):
+        frf: FRF = reader(path, **known)
+        return frf if early else _part(frf, wanted, path)
 
 
 def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
@@ -157,7 +159,9 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
         If the format has no such option; the nearest is named.
     """
     reader, name = _function(path, "read_geometry", format)
-    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
+    known = _known(reader, name, options, ("format",))
+    with guarded(path, name):
+        return reader(path, **known)  # type: ignore[no-any-return]
 
 
 def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:
@@ -186,7 +190,9 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
         If the format has no such option; the nearest is named.
     """
     reader, name = _function(path, "read_modes", format)
-    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
+    known = _known(reader, name, options, ("format",))
+    with guarded(path, name):
+        return reader(path, **known)  # type: ignore[no-any-return]
 
 
 def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
@@ -235,7 +241,9 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
         If the format has no such option; the nearest is named.
     """
     reader, name = _function(path, "read_model", format)
-    return reader(path, **_known(reader, name, options, ("format",)))  # type: ignore[no-any-return]
+    known = _known(reader, name, options, ("format",))
+    with guarded(path, name):
+        return reader(path, **known)  # type: ignore[no-any-return]
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
@@ -293,7 +301,9 @@ def write_properties(
         changes = {group: dict(change) for group, change in result.items()}
     else:
         changes = dict(result.parameters.changes(list(result.values.values())))
-    _function(deck, "write_properties", format)[0](changes, source, target)
+    writer, name = _function(deck, "write_properties", format)
+    with guarded(deck, name):
+        writer(changes, source, target)
 
 
 def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:

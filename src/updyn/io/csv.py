@@ -25,17 +25,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DofError, FormatError, OptionError, UpdynWarning, suggest
+from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_geometry
-from updyn.io.items import placed
+from updyn.io.items import placed, utf8_text
+from updyn.io.text_numbers import check_last_line, real_of
 
 __all__ = ["read_frf", "read_geometry", "write_frf"]
 
 _COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+(\S+)")
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
 _OPTIONAL = {"coh": "coherence", "var": "variance"}
+_COMMENT = re.compile(rb"(?:#.*)?")
 _HEAD = re.compile(r"#\s*(quantity|averages|source)\s*:[ \t]?(.*)")
 _Pair = tuple[Dof, Dof]
 
@@ -66,12 +68,8 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         raise OptionError(
             f"duplicates={duplicates!r}: in this format a column stands once; only 'raise' applies"
         )
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(
-            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
-        ) from error
+    text = utf8_text(path)
+    check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)
     number, header = lines[0]
     separator = ","
@@ -119,7 +117,7 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[t
     parts = re.split(re.escape(separator) + r"(?![^(]*\))", header)
     cells = [part.strip().strip('"').strip() for part in parts]
     if cells[0] != "freq_Hz":
-        raise FormatError(
+        raise AbsentError(
             f"header: the first column is {cells[0][:40]!r}; expected 'freq_Hz'", path, line
         )
     out: list[tuple[_Pair, str]] = []
@@ -184,7 +182,7 @@ def _table(
 
 def _number(cell: str, column: int, path: str | Path, line: int) -> float:
     try:
-        value = float(cell)
+        return real_of(cell)
     except ValueError as error:
         hint = ""
         if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell):
@@ -192,9 +190,6 @@ def _number(cell: str, column: int, path: str | Path, line: int) -> float:
         raise FormatError(
             f"column {column + 1}: {cell!r} is not a number{hint}", path, line
         ) from error
-    if not np.isfinite(value):
-        raise FormatError(f"column {column + 1}: {cell!r} is not finite", path, line)
-    return value
 
 
 def _arrays(

@@ -8,6 +8,7 @@ start with ``#`` are passed over.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,15 @@ import numpy as np
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
-from updyn.io.items import placed
+from updyn.io.items import placed, utf8_text
+from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
 
 _POINT = ("node", "x", "y", "z")
 _AXES = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 _LINE = ("from", "to")
+_COMMENT = re.compile(rb"(?:#.*)?")
 
 
 def read_dofs(path: str | Path) -> DofSet:
@@ -62,7 +65,7 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
     FormatError
         If a header or a line is not as described, or the geometry is not valid.
     """
-    header, rows = _table(path, (_POINT, _POINT + _AXES))
+    header, rows = _table(path, (_POINT, _POINT + _AXES), has_numbers=True)
     nodes = np.zeros(len(rows), dtype=np.int64)
     numbers = np.zeros((len(rows), len(header) - 1))
     for i, (line, cells) in enumerate(rows):
@@ -73,7 +76,7 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
         axes = numbers[:, 3:].reshape(-1, 3, 3)
     pairs: list[list[int]] = []
     if lines_path is not None:
-        _, lines = _table(lines_path, (_LINE,))
+        _, lines = _table(lines_path, (_LINE,), has_numbers=True)
         for line, cells in lines:
             pairs.append([_whole(cell, lines_path, line) for cell in cells])
     with placed(path):
@@ -100,14 +103,9 @@ def write_lines(geometry: Geometry, path: str | Path) -> None:
 
 
 def _table(
-    path: str | Path, headers: tuple[tuple[str, ...], ...]
+    path: str | Path, headers: tuple[tuple[str, ...], ...], *, has_numbers: bool = False
 ) -> tuple[tuple[str, ...], list[tuple[int, list[str]]]]:
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise FormatError(
-            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
-        ) from error
+    text = utf8_text(path)
     rows = []
     for number, row in enumerate(text.splitlines(), 1):
         if row.strip() and not row.lstrip().startswith("#"):
@@ -119,6 +117,8 @@ def _table(
     header = tuple(first)
     if header not in headers:
         raise FormatError(f"header {','.join(first)!r}; expected {expected}", path, line)
+    if has_numbers:  # no part of the label of a DOF is another label
+        check_last_line(text, path, harmless=_COMMENT)
     for line, cells in rows[1:]:
         if len(cells) != len(header):
             raise FormatError(
@@ -129,13 +129,13 @@ def _table(
 
 def _number(cell: str, path: str | Path, line: int) -> float:
     try:
-        return float(cell)
+        return real_of(cell)
     except ValueError as error:
         raise FormatError(f"{cell!r} is not a number", path, line) from error
 
 
 def _whole(cell: str, path: str | Path, line: int) -> int:
     try:
-        return int(cell)
+        return whole_of(cell)
     except ValueError as error:
         raise FormatError(f"{cell!r} is not a whole number", path, line) from error

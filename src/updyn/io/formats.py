@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, suggest
-from updyn.io.items import existing
+from updyn.io.items import existing, is_folder, unreadable
 from updyn.registry import Registry, load_object
 
 __all__ = ["FORMATS", "Format", "find_format", "load"]
@@ -153,14 +153,14 @@ def _called(name: str, able: list[Format], verb: str, path: Path) -> Format:
 
 def _start(path: Path) -> bytes:
     """Return the first bytes of a file that has to be there."""
-    if path.is_dir():
+    if is_folder(path):
         raise FormatError("is a folder, not a file", path)
     existing(path)
     try:
         with path.open("rb") as file:
             start = file.read(64)
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+        raise unreadable(path, error) from error
     if not start:
         raise FormatError("the file is empty", path)
     return start

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import FormatError, InputError, suggest
+from updyn.errors import FormatError, InputError, UpdynError, suggest
 from updyn.model import Matrix
 
 __all__ = [
@@ -31,7 +31,9 @@ __all__ = [
     "counted",
     "dofs",
     "existing",
+    "guarded",
     "is_file",
+    "is_folder",
     "kind_of",
     "known_only",
     "library",
@@ -44,6 +46,7 @@ __all__ = [
     "real",
     "text",
     "unreadable",
+    "utf8_text",
     "vector",
     "whole",
 ]
@@ -311,6 +314,42 @@ def library(path: str | Path, what: str) -> Iterator[None]:
 
 
 @contextmanager
+def guarded(path: str | Path, reader: str) -> Iterator[None]:
+    """Report whatever else goes wrong in a reader as a `FormatError`: the last net below it.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    reader : str
+        Name of its format, for the message.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    FormatError
+        For any exception that is not ours. Warnings that a caller turns into exceptions pass.
+    """
+    try:
+        yield
+    except (UpdynError, Warning):
+        raise
+    except OSError as error:
+        raise unreadable(path, error) from error
+    except MemoryError as error:
+        raise FormatError(f"cannot be read (reader {reader!r}): out of memory", path) from error
+    except Exception as error:
+        said = str(error).strip().splitlines()
+        reason = f": {said[0][:200]}" if said else ""
+        raise FormatError(
+            f"cannot be read (reader {reader!r}): {type(error).__name__}{reason}", path
+        ) from error
+
+
+@contextmanager
 def placed(path: str | Path, item: str = "") -> Iterator[None]:
     """Give an error about what a file holds the path, and the item, that it belongs to."""
     try:
@@ -344,20 +383,43 @@ def is_file(path: str | Path) -> bool:
         return False
 
 
+def is_folder(path: str | Path) -> bool:
+    """Return whether there is such a folder; of a name that none can have, that there is none."""
+    try:
+        return Path(path).is_dir()
+    except OSError:
+        return False
+
+
 def unreadable(path: str | Path, error: OSError) -> FormatError:
     """Return the error to raise where the system refuses to open or to read a file."""
     return FormatError(f"cannot be read: {error.strerror or error}", path)
 
 
+def utf8_text(path: str | Path) -> str:
+    """Return the text of a file.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read, or is not in UTF-8.
+    """
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
+        ) from error
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
 def nearest(missing: Path) -> str:
     """Return what to say of a file that is not there: the nearest names in its folder."""
-    try:
-        if not missing.parent.is_dir():
-            return "its folder does not exist"
-    except OSError as error:
-        return f"there cannot be one of that name ({error.strerror})"
     if len(missing.name) > _LONGEST_NAME:
         return "there cannot be one of so long a name"
+    if not is_folder(missing.parent):
+        return "its folder does not exist"
     names = [entry.name for entry in missing.parent.iterdir() if entry.is_file()]
     return suggest(missing.name, sorted(names)) if names else "its folder is empty"
 

@@ -18,7 +18,8 @@ from updyn.errors import FormatError, suggest
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
 from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
-from updyn.io.items import nearest, placed
+from updyn.io.items import is_file, nearest, placed, utf8_text
+from updyn.io.toml_text import parse_toml
 from updyn.model import Model
 
 __all__ = ["GENERAL", "ModelTable", "write_tables"]
@@ -56,14 +57,9 @@ class ModelTable:
         FormatError
             If it is not a TOML file in UTF-8, or is a job file.
         """
+        text = utf8_text(path)
         try:
-            text = path.read_bytes().decode("utf-8-sig")
-        except UnicodeDecodeError as error:
-            raise FormatError(
-                f"not a text in UTF-8 ({error.reason} at byte {error.start})", path
-            ) from error
-        try:
-            content = tomllib.loads(text)
+            content = parse_toml(text)
         except tomllib.TOMLDecodeError as error:
             line = re.search(r"at line (\d+)", str(error))
             raise FormatError(
@@ -178,7 +174,7 @@ class ModelTable:
         """Return the path of a file that a key names, after checking that it is there."""
         given = self.text(table, key, name, number)
         found = self.path.parent / given
-        if found.is_file():
+        if is_file(found):
             return found
         raise FormatError(
             f"{key}: no such file {given!r}; {nearest(found)}",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError
 
-__all__ = ["check_last_line", "number_rows", "real_of", "whole_of"]
+__all__ = ["check_last_line", "number_rows", "real_of", "reals", "whole_of"]
 
 #: Whole numbers of at most 15 digits: they are exact as doubles.
 _WHOLE = rb"[+-]?[0-9]{1,15}+"
@@ -25,6 +25,7 @@ _BLANKS = rb"[ \t]++"
 _COMMA = rb"(?:[ \t]*+,[ \t]*+|[ \t]++)"
 _ONE_REAL = re.compile(_REAL.decode())
 _ONE_WHOLE = re.compile(r"[+-]?[0-9]{1,18}+")
+_REALS = re.compile(rb"(?:\s*+" + _REAL + rb"(?=\s|\Z))*+\s*+")
 _SHOWN = 60  # characters of a line in a message
 _EXPONENT = bytes.maketrans(b"dD,", b"ee ")
 
@@ -100,6 +101,14 @@ def real_of(text: str) -> float:
     return value
 
 
+def reals(body: bytes) -> NDArray[np.float64] | None:
+    """Return the numbers that stand between blanks and line breaks; None if a word is none."""
+    if _REALS.fullmatch(body) is None:
+        return None
+    found = np.fromstring(body.translate(_EXPONENT), sep=" ")
+    return found if np.isfinite(found).all() else None
+
+
 def whole_of(text: str) -> int:
     """Return the whole number that a text is; blanks around it do not matter.
 
@@ -114,30 +123,40 @@ def whole_of(text: str) -> int:
     return int(found)
 
 
-def check_last_line(body: bytes, path: str | Path, first_line: int = 1) -> None:
+def check_last_line(
+    body: str | bytes,
+    path: str | Path,
+    first_line: int = 1,
+    harmless: re.Pattern[bytes] | None = None,
+) -> None:
     """Refuse a text whose last line does not end: it may be cut short, even within a number.
 
     Parameters
     ----------
-    body : bytes
+    body : str or bytes
         The text.
     path : path
         The file, for the message.
     first_line : int
         Line of the file on which `body` begins.
+    harmless : re.Pattern, optional
+        Last lines that are whole, or mean nothing, as they are.
 
     Raises
     ------
     FormatError
         If the last character is no line break.
     """
-    if body and not body.endswith((b"\n", b"\r")):
-        last = body.splitlines()[-1]
+    raw = body.encode("utf-8", "replace") if isinstance(body, str) else body
+    if not raw or raw.endswith((b"\n", b"\r")):
+        return
+    last = raw[max(raw.rfind(b"\n"), raw.rfind(b"\r")) + 1 :]
+    if harmless is None or harmless.fullmatch(last.strip()) is None:
         raise FormatError(
             f"the last line, {_shown(last)}, does not end: the file may be cut short; if it is"
             " whole, add a line break",
             path,
-            first_line + body.count(b"\n"),
+            first_line + raw.count(b"\n"),
         )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from updyn.comparison import compare, compare_jointly
 from updyn.comparison.bench import Options
 from updyn.errors import FormatError, suggest
+from updyn.io.toml_text import parse_toml
 from updyn.job.folder import check_out
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
@@ -201,11 +201,10 @@ def _content(path: Path) -> Mapping[str, Any]:
         raise FormatError("the true values cannot be read: not UTF-8 text", path) from error
     except OSError as error:
         raise FormatError(f"the true values cannot be read: {error.strerror}", path) from error
-    kind, parse = "TOML", tomllib.loads
-    if path.suffix.lower() == ".json":
-        kind, parse = "JSON", json.loads
+    is_json = path.suffix.lower() == ".json"
+    kind = "JSON" if is_json else "TOML"
     try:
-        content = parse(text)
+        content = json.loads(text) if is_json else parse_toml(text)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"not {kind}: {error}", path) from error
     if not isinstance(content, dict):

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 
 from updyn import __version__
 from updyn.errors import InputError, JobError, UpdynWarning
+from updyn.io.toml_text import parse_toml
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.updating.fit.methods import options_of
@@ -92,7 +93,7 @@ def stale_outputs(job: Job, out: Path) -> list[str]:
     if not earlier.is_file():
         return []
     try:
-        document = tomllib.loads(earlier.read_text(encoding="utf-8"))
+        document = parse_toml(earlier.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
         return []
     found: list[str] = []

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, key_path, suggest
+from updyn.io.items import is_file, is_folder
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import Job, MethodTable, ModelTable, Table
 from updyn.job.toml_lines import Place, line_of, read_toml
@@ -92,11 +93,11 @@ def load_job(path: str | Path) -> Job:
 
 
 def _text(path: Path) -> str:
-    if path.is_dir():
+    if is_folder(path):
         raise JobError("is a folder; expected a job file (TOML)", path)
-    if not path.is_file():
+    if not is_file(path):
         siblings = []
-        if path.parent.is_dir():
+        if is_folder(path.parent):
             siblings = [file.name for file in path.parent.glob("*.toml")]
         hint = f"; {suggest(path.name, siblings)}" if siblings else ""
         raise JobError(f"no such file{hint}", path)

@@ -16,6 +16,7 @@ from updyn.errors import DataError, DofError, JobError, OptionError, key_path, s
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes
 from updyn.io.formats import find_format
+from updyn.io.items import is_file, is_folder
 from updyn.job.configuration import configured, damped
 from updyn.job.folder import outputs
 from updyn.job.job_table import JOB_TABLES
@@ -173,12 +174,12 @@ def _modes(job: Job, matching: Matching) -> ModeSet | None:
 def _existing(job: Job, file: str, table: str, key: str) -> Path:
     """Return the path of a file that a key names, or name the nearest file."""
     path = job.beside(file)
-    if path.is_file():
+    if is_file(path):
         return path
-    if path.is_dir():
+    if is_folder(path):
         raise OptionError(f"{table}.{key} = {file!r} is a folder ({path})", key=(table, key))
     siblings = []
-    if path.parent.is_dir():
+    if is_folder(path.parent):
         siblings = [sibling.name for sibling in path.parent.iterdir() if sibling.is_file()]
     hint = f"the folder {str(path.parent)!r} is empty or does not exist"
     if siblings:

@@ -12,6 +12,8 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from updyn.io.toml_text import parse_toml
+
 __all__ = ["Place", "line_of", "read_toml", "toml_lines"]
 
 #: Where something stands in the parsed document: keys and positions in arrays, from the root.
@@ -45,9 +47,9 @@ def read_toml(text: str) -> tuple[dict[str, Any], dict[Place, int]]:
     Raises
     ------
     tomllib.TOMLDecodeError
-        If the text is not TOML.
+        If the text is not TOML (`updyn.io.toml_text.parse_toml`).
     """
-    document = tomllib.loads(text)
+    document = parse_toml(text)
     return document, toml_lines(text)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
+from updyn.io.toml_text import parse_toml
 from updyn.job.folder import (
     check_out,
     create_folder,
@@ -212,13 +212,13 @@ def _check_same(job: Job, folder: Path) -> None:
         If a table differs; it is named.
     """
     try:
-        then = tomllib.loads((folder / "job.toml").read_text(encoding="utf-8"))
+        then = parse_toml((folder / "job.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise JobError(
             f"the run in {str(folder)!r} has no job.toml that can be read; run the job again",
             job.path,
         ) from error
-    now = tomllib.loads(resolved_job(job, folder))
+    now = parse_toml(resolved_job(job, folder))
     for table in dict.fromkeys([*now, *then]):
         if table not in _LATER and now.get(table) != then.get(table):
             text = (

@@ -223,7 +223,7 @@ def _held(
     if fields[0].upper() in sets:
         nodes = np.unique(np.concatenate(sets[fields[0].upper()])).tolist()
     elif fields[0].isdecimal():
-        nodes = [int(fields[0])]
+        nodes = [whole(fields[0], card, row)]
     else:
         raise card.error(
             f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), sets)}", row

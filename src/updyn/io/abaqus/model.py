@@ -41,7 +41,7 @@ from updyn.io.abaqus.matrices import (
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import System, system
 from updyn.io.damping import refuse_damping
-from updyn.io.items import nearest
+from updyn.io.items import is_file, nearest
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, short_number
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.model import Group, Matrix, Model
@@ -113,7 +113,7 @@ def read_model(
     entries = {}
     for what, letters in MATRICES.items():
         file = path.parent / f"{name}_{letters}{step}.mtx"
-        if file.is_file():
+        if is_file(file):
             entries[what] = read_entries(file)
         elif what in ("stiffness", "mass"):
             raise FormatError(
@@ -124,7 +124,7 @@ def read_model(
 
 
 def _beside(deck: Path, units: System) -> Geometry | None:
-    if not deck.is_file():
+    if not is_file(deck):
         return None
     return read_facts(deck, read_cards(deck)).drawn(units)
 
@@ -226,7 +226,7 @@ def _written(facts: DeckFacts, card: Card, job: str, step: int) -> dict[str, Ent
         if parameter not in card.parameters:
             continue
         file = facts.path.parent / f"{job}_{MATRICES[what]}{step}.mtx"
-        if not file.is_file():
+        if not is_file(file):
             near = suggest(file.name, sorted(p.name for p in file.parent.glob("*.mtx")))
             raise card.error(
                 f"*MATRIX GENERATE, {parameter} of step {step}: no file {file.name!r}; {near}"
@@ -370,7 +370,7 @@ def _input(card: Card, folder: Path) -> Entries:
         entries = entries_of(raw, card.path, card.rows[0].line)
     else:
         file = folder / given
-        if not file.is_file():
+        if not is_file(file):
             raise card.error(f"*MATRIX INPUT: no such file {given!r}; {nearest(file)}")
         entries = read_entries(file)
     scale = card.get("SCALE FACTOR")

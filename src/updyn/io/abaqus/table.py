@@ -33,6 +33,7 @@ from updyn.io.abaqus.matrices import (
     read_entries,
 )
 from updyn.io.consistent_units import system
+from updyn.io.items import is_file
 from updyn.io.keyword_deck.cards import read_cards
 from updyn.io.model_table import GENERAL, ModelTable
 from updyn.model import Model
@@ -51,7 +52,7 @@ def names_abaqus_files(table: ModelTable) -> bool:
             if not isinstance(given, str):
                 continue
             file = table.path.parent / given
-            if file.is_file():
+            if is_file(file):
                 return is_abaqus(file)
     return False
 

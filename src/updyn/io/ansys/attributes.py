@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.geometry import Geometry
+from updyn.io.ansys.archive import check_archive
 from updyn.io.ansys.binary import mapdl_reader
-from updyn.io.items import library, placed
+from updyn.io.items import is_file, library, placed
 
 __all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
 
@@ -125,14 +126,16 @@ def read_attributes(path: str | Path) -> Attributes:
     Raises
     ------
     FormatError
-        If it cannot be read or holds no elements.
+        If it cannot be read, is cut short or holds no elements.
     OptionError
         If ansys-mapdl-reader is missing.
     """
     path = Path(path)
-    if not path.is_file():
+    if not is_file(path):
         raise FormatError("attributes: no such file", path)
     reader = mapdl_reader()
+    if path.suffix.lower() != ".rst":
+        check_archive(path)
     with library(path, "file of Ansys"):
         if path.suffix.lower() == ".rst":
             mesh = reader.read_binary(str(path)).mesh
@@ -271,6 +274,6 @@ def beside(path: str | Path, *suffixes: str) -> Path | None:
     """Return the file of the same name with the first of the suffixes that exists."""
     for suffix in suffixes:
         for found in (Path(path).with_suffix(suffix), Path(path).with_suffix(suffix.upper())):
-            if found.is_file():
+            if is_file(found):
                 return found
     return None

@@ -24,7 +24,7 @@ from updyn.io.ansys.attributes import Attributes, beside, groups_of, read_attrib
 from updyn.io.ansys.binary import BinaryFile, labels_of
 from updyn.io.ansys.full import FullSystem, read_system
 from updyn.io.ansys.properties import write_properties
-from updyn.io.items import chosen, placed
+from updyn.io.items import chosen, is_file, placed
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -148,7 +148,7 @@ def _system(
         found = beside(path, ".full")
         return None if found is None else read_system(found, unit)
     given = Path(path).parent / full
-    if not given.is_file():
+    if not is_file(given):
         raise FormatError("full: no such file", given)
     return read_system(given, unit)
 

@@ -23,7 +23,7 @@ from updyn.errors import FormatError, OptionError
 from updyn.io.ansys.binary import BinaryFile, labels_of
 from updyn.io.ansys.properties import write_properties
 from updyn.io.differences import groups_by_difference
-from updyn.io.items import placed
+from updyn.io.items import is_file, placed
 from updyn.model import Group, Matrix, Model
 
 __all__ = ["FullSystem", "read_model", "read_system", "write_properties"]
@@ -141,7 +141,7 @@ def _by_difference(
 
     def of(name: str) -> tuple[Matrix | None, Matrix | None]:
         file = Path(path).parent / doubled[name]
-        if not file.is_file():
+        if not is_file(file):
             raise FormatError(f"doubled: no such file for group {name!r}", file)
         other = read_system(file, unit)
         if other.dofs != system.dofs:

@@ -19,6 +19,7 @@ from pathlib import Path
 from updyn.errors import FormatError, suggest
 from updyn.io.ansys.attributes import beside
 from updyn.io.atomic import atomic_path
+from updyn.io.text_numbers import real_of, whole_of
 
 __all__ = [
     "Deck",
@@ -347,7 +348,7 @@ class Deck:
             If it is a parameter or an expression.
         """
         try:
-            value = float(re.sub(r"[dD]", "e", text))
+            return real_of(text)
         except ValueError as error:
             raise FormatError(
                 f"{what} is {text!r}; expected a number: parameters and expressions are not"
@@ -355,9 +356,6 @@ class Deck:
                 self.path,
                 line,
             ) from error
-        if value - value != 0.0:
-            raise FormatError(f"{what} is {text!r}; expected a finite number", self.path, line)
-        return value
 
 
 def read_deck(path: str | Path) -> Deck:
@@ -505,7 +503,7 @@ class _Reading:
     def _element(self, line: str, width: int, held: int, at: int) -> int:
         fields = [line[i : i + width] for i in range(0, len(line.rstrip()), width)]
         try:
-            numbers = [int(f) for f in fields if f.strip()]
+            numbers = [whole_of(f) for f in fields if f.strip()]
         except ValueError as error:
             raise FormatError(
                 f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters",
@@ -561,7 +559,7 @@ def _numbers(text: str) -> list[str]:
 
 def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
     """Return number and width of the whole numbers on a line of a block, by its ``(19i10)``."""
-    found = re.match(r"\s*\(\s*([1-9]\d*)i([1-9]\d*)", _at(lines, at), re.I)
+    found = re.match(r"\s*\(\s*([1-9]\d{0,3})i([1-9]\d{0,3})", _at(lines, at), re.I)
     if found is None:
         raise FormatError("a block without its format, such as (19i10)", path, at + 1)
     return int(found[1]), int(found[2])
@@ -574,7 +572,7 @@ def _at(fields: Sequence[str], i: int) -> str:
 
 def _whole(text: str) -> int | None:
     try:
-        value = float(text)
+        value = real_of(text)
     except ValueError:
         return None
     return int(value) if value.is_integer() else None

@@ -8,13 +8,15 @@ goes on in the next line, and ``*INCLUDE, INPUT=file`` is replaced by what is in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 from updyn.errors import FormatError, suggest
-from updyn.io.items import nearest
+from updyn.io.items import is_file, nearest, unreadable
+from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 
@@ -22,6 +24,8 @@ __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 #: word.
 FIELD_WIDTH = 20
 _DEEPEST = 20  # files that include files
+#: Last lines that need no line break: a comment, a keyword without values.
+_ENDS = re.compile(rb"(?:\*\*.*|\*[^=]*)?")
 #: Keywords whose data lines Abaqus may read from another file, INPUT=.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 
@@ -154,7 +158,9 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple
     """
     joined = ""
     start = 0
-    for at, line in enumerate(_source(path).splitlines(), 1):
+    source = _source(path)
+    check_last_line(source, path, harmless=_ENDS)
+    for at, line in enumerate(source.splitlines(), 1):
         text = line.strip()
         if not text or text.startswith("**"):
             continue
@@ -196,14 +202,14 @@ def _source(path: Path) -> str:
             raise FormatError("not an input deck: the file is binary", path) from None
         return text
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+        raise unreadable(path, error) from error
 
 
 def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
     if not given:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
-    if not inner.is_file():
+    if not is_file(inner):
         raise FormatError(f"*{name}: no such file {given!r}; {nearest(inner)}", path, at)
     return inner
 
@@ -270,12 +276,9 @@ def number(text: str, card: Card, row: Row) -> float:
             row,
         )
     try:
-        value = float(text.upper().replace("D", "E"))
+        return real_of(text)
     except ValueError:
-        value = float("nan")
-    if not abs(value) < float("inf"):
-        raise card.error(f"*{card.name}: {text!r} is not a number", row)
-    return value
+        raise card.error(f"*{card.name}: {text!r} is not a number", row) from None
 
 
 def whole(text: str, card: Card, row: Row) -> int:
@@ -287,7 +290,7 @@ def whole(text: str, card: Card, row: Row) -> int:
         If it is not one.
     """
     try:
-        return int(text)
+        return whole_of(text)
     except ValueError:
         raise card.error(f"*{card.name}: {text!r} is not a whole number", row) from None
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from updyn.errors import FormatError
-from updyn.io.items import nearest
+from updyn.io.items import is_file, nearest, unreadable
+from updyn.io.text_numbers import check_last_line, whole_of
 
 __all__ = [
     "Card",
@@ -79,6 +80,8 @@ def _with_point(text: str) -> str:
 
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
+#: Last lines that need no line break.
+_ENDS = re.compile(rb"(?:\$.*|ENDDATA.*)?", re.IGNORECASE)
 _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
 
 
@@ -140,7 +143,7 @@ class Card:
         if not found and default is not None:
             return default
         try:
-            return int(found)
+            return whole_of(found)
         except ValueError as error:
             raise self.error(
                 f"{self.name}: field {at + 2} is {found!r}; expected a whole number"
@@ -204,7 +207,8 @@ def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+        raise unreadable(path, error) from error
+    check_last_line(text, path, harmless=_ENDS)
     rest = iter(enumerate(text.splitlines(), 1))
     for number, raw in rest:
         line = Line(raw.split("$")[0].rstrip().expandtabs(8), path, number)
@@ -228,7 +232,7 @@ def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
 def _target(line: Line, name: str) -> Path:
     # Decks written on Windows name folders with backslashes.
     target = line.path.parent / name.replace("\\", "/")
-    if target.is_file():
+    if is_file(target):
         return target
     raise line.error(f"INCLUDE: no such file {name!r}; {nearest(target)}")
 

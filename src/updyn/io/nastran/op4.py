@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.nastran.cards import real
+from updyn.io.text_numbers import whole_of
 
 __all__ = [
     "Layout",
@@ -391,7 +392,7 @@ class _Lines:
 
     def integers(self, line: str, n: int, width: int, what: str) -> list[int]:
         try:
-            return [int(line[i * width : (i + 1) * width]) for i in range(n)]
+            return [whole_of(line[i * width : (i + 1) * width]) for i in range(n)]
         except ValueError as error:
             raise self.error(f"{line.strip()[:60]!r}; expected {what}") from error
 
@@ -439,7 +440,7 @@ def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
     """Return row and number of words of a string."""
     line = lines.wanted(f"a string of column {column}")
     try:
-        found = list(map(int, line.split()))
+        found = list(map(whole_of, line.split()))
     except ValueError:
         found = []
     if len(found) != head:

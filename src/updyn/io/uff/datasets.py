@@ -15,12 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from updyn.errors import FormatError
+from updyn.io.text_numbers import real_of, whole_of
 
 __all__ = [
     "Dataset",
     "bytes_expected",
     "columns_of",
     "datasets",
+    "real_column",
     "real_field",
     "text_of",
     "whole_field",
@@ -29,11 +31,10 @@ __all__ = [
 
 _DELIMITER = re.compile(rb"^    -1[ \t\x00]*\r?(?:\n|\Z)", re.MULTILINE)
 _AFTER_BYTES = re.compile(rb"[\r\n]*    -1[ \t\x00]*\r?(?:\n|\Z)")
-_NUMBER = re.compile(r"\s*([0-9]+)\s*([bB]?)(.*)", re.DOTALL)
+_NUMBER = re.compile(r"\s*([0-9]{1,9})\s*([bB]?)(.*)", re.DOTALL)
 _PADDING = b" \t\r\n\x00\x1a"
 _TEXT_LINES = 11  # of a dataset 58, before its data
 _SIZES = {2: 4, 4: 8, 5: 4, 6: 8}  # bytes a number, by ordinate data type
-_WHOLE = re.compile(r"[+-]?[0-9]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
     """Return a 58b; moves the cursor from its first line of text past its closing delimiter."""
     words = rest.split()
     try:
-        order, floating, text_lines, n_bytes = map(int, words[:4])
+        order, floating, text_lines, n_bytes = map(whole_of, words[:4])
     except ValueError as error:
         raise cursor.error(
             "58b: expected byte order, floating-point format, lines of text and bytes of data,"
@@ -272,12 +273,29 @@ def whole_field(text: str, start: int, width: int, what: str, path: str | Path, 
         If there is none; the message says which columns hold what instead.
     """
     field = text[start : start + width].strip()
-    if not _WHOLE.fullmatch(field):
-        where = f"columns {start + 1} to {start + width}"
+    where = f"columns {start + 1} to {start + width}"
+    if _goes_on(text, start) or _goes_on(text, start + width):
+        raise FormatError(
+            f"{what}: expected a whole number in {where}, found one that goes on beyond them in"
+            f" {text.rstrip()!r}: shifted columns",
+            path,
+            line,
+        )
+    try:
+        return whole_of(field)
+    except ValueError as error:
         raise FormatError(
             f"{what}: expected a whole number in {where}, found {field!r}", path, line
-        )
-    return int(field)
+        ) from error
+
+
+def _goes_on(text: str, edge: int) -> bool:
+    """Return whether a number stands on both sides of an edge between two fields.
+
+    Ten columns that are full behind the edge may be a number of their own.
+    """
+    beside = text[max(edge - 1, 0) : edge + 1]
+    return len(beside) == 2 and beside.isdigit() and " " in text[edge : edge + 10].ljust(10)
 
 
 def whole_fields(text: str, count: int, what: str, path: str | Path, line: int) -> list[int]:
@@ -291,6 +309,24 @@ def whole_fields(text: str, count: int, what: str, path: str | Path, line: int) 
     return [whole_field(text, 10 * i, 10, what, path, line) for i in range(count)]
 
 
+def real_column(text: str, start: int, width: int, what: str, path: str | Path, line: int) -> float:
+    """Return the number in columns `start` + 1 to `start` + `width`; 0 where the line ends before.
+
+    Raises
+    ------
+    FormatError
+        If there is none, or it goes on beyond these columns.
+    """
+    if _goes_on(text, start) or _goes_on(text, start + width):
+        raise FormatError(
+            f"{what}: a number goes on beyond columns {start + 1} to {start + width} in"
+            f" {text.rstrip()!r}: shifted columns",
+            path,
+            line,
+        )
+    return real_field(text[start : start + width] or "0", what, path, line)
+
+
 def real_field(text: str, what: str, path: str | Path, line: int) -> float:
     """Return a number as Fortran writes it, with E or D before the exponent.
 
@@ -300,7 +336,7 @@ def real_field(text: str, what: str, path: str | Path, line: int) -> float:
         If it is none.
     """
     try:
-        return float(text.strip().upper().replace("D", "E"))
+        return real_of(text)
     except ValueError as error:
         raise FormatError(
             f"{what}: expected a number, found {text.strip()!r}", path, line

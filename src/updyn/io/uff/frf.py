@@ -47,7 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
-from updyn.errors import FormatError, InputError, OptionError, UpdynWarning, key_path
+from updyn.errors import AbsentError, FormatError, InputError, OptionError, UpdynWarning, key_path
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import chosen, counted, placed
@@ -156,7 +156,7 @@ def read_frf(
     measured = [f for f in functions if f.kind == _FRF]
     coherences = [f for f in functions if f.kind == _COHERENCE]
     if not measured:
-        raise FormatError(_nothing(functions, collector, others), path)
+        raise AbsentError(_nothing(functions, collector, others), path)
     _warn_of_others(functions, path)
     found = _quantity(measured, quantity, path)
     for function in (*measured, *coherences):
@@ -221,7 +221,7 @@ def read_geometry(path: str | Path) -> Geometry:
             others[dataset.number] += 1
     geometry = collector.geometry()
     if geometry is None:
-        raise FormatError(
+        raise AbsentError(
             f"holds no nodes (dataset 15 or 2411); it holds {_datasets(others)}", path
         )
     return geometry

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
+from updyn.io.text_numbers import reals
 from updyn.io.uff.datasets import (
     Dataset,
     bytes_expected,
     columns_of,
+    real_column,
     real_field,
     text_of,
     whole_field,
@@ -142,8 +144,8 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     table = numbers.reshape(points, columns)
     step = 0.0
     if even:
-        start = real_field(texts[6][30:43] or "0", "record 7, abscissa minimum", path, at)
-        step = real_field(texts[6][43:56] or "0", "record 7, abscissa increment", path, at)
+        start = real_column(texts[6], 30, 13, "record 7, abscissa minimum", path, at)
+        step = real_column(texts[6], 43, 13, "record 7, abscissa increment", path, at)
         x = start + step * np.arange(points, dtype=np.float64)
     else:
         x = table[:, 0]
@@ -220,10 +222,9 @@ def _numbers(
             path,
             dataset.line,
         )
-    try:
-        return np.array(words, dtype=np.float64)
-    except ValueError:
-        pass  # an exponent with D, or something that is no number: look at them one by one
+    found = reals(b" ".join(words))
+    if found is not None:
+        return found
     first = dataset.line + 12
     out = []
     for number, line in enumerate(lines[11].split(b"\n"), first):

@@ -176,10 +176,7 @@ class Collector:
             raise FormatError(
                 f"{what}: expected {count} numbers, found {len(words)}: {text!r}", self.path, line
             )
-        out = np.array([real_field(word, what, self.path, line) for word in words])
-        if not np.isfinite(out).all():
-            raise FormatError(f"{what}: not finite: {text!r}", self.path, line)
-        return out
+        return np.array([real_field(word, what, self.path, line) for word in words])
 
     def _groups(
         self, lines: Sequence[tuple[int, str]], size: int, what: str

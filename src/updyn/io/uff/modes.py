@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, UpdynWarning
+from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.items import counted, placed
 from updyn.io.uff.datasets import (
@@ -56,7 +56,8 @@ _REAL, _COMPLEX = (2, 4), (5, 6)
 _DISPLACEMENT = (0, 1, 8)
 _HEAD = 8  # lines before the nodes
 _QUALITY = re.compile(r"^quality ([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)$")
-_WIDEST = 10**10
+_NODE_WIDTH = 10  # columns
+_WIDEST = 10**_NODE_WIDTH
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ def read_modes(path: str | Path) -> ModeSet:
     Raises
     ------
     FormatError
-        If the file is damaged or holds no modes.
+        If the file is damaged or holds no modes (`AbsentError`).
 
     Warns
     -----
@@ -114,7 +115,7 @@ def read_modes(path: str | Path) -> ModeSet:
     if not found:
         held = [f"{n} of data at nodes, {name}" for name, n in left.items()]
         held += [f"dataset {n}" for n in sorted(others)]
-        raise FormatError(
+        raise AbsentError(
             "holds no modes (dataset 55 of analysis type 2, 3 or 7); it holds"
             f" {', '.join(held) or '-'}",
             path,
@@ -243,6 +244,13 @@ def _nodes(
     shape = np.zeros((len(texts) // size, 6), dtype=np.complex128)
     for i in range(0, len(texts), size):
         node = whole_field(texts[i], 0, 10, "record 9, node", path, at + i)
+        if len(texts[i]) > _NODE_WIDTH:
+            raise FormatError(
+                f"record 9: expected the node in columns 1 to {_NODE_WIDTH} and nothing behind it,"
+                f" found {texts[i][:60]!r}",
+                path,
+                at + i,
+            )
         if node in nodes:
             raise FormatError(f"dataset 55: node {node} stands twice", path, at + i)
         lines = list(enumerate(texts[i + 1 : i + size], at + i + 1))
@@ -270,10 +278,7 @@ def _numbers(
         raise FormatError(
             f"{what}: expected {count} numbers, found {len(words)}", path, lines[0][0]
         )
-    out = np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
-    if not np.isfinite(out).all():
-        raise FormatError(f"{what}: a number is not finite", path, lines[0][0])
-    return out
+    return np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
 
 
 def _upper(found: Sequence[_Mode]) -> list[_Mode]:
