@@ -35,7 +35,7 @@ settings.load_profile("updyn")
 
 
 #: Folders whose tests fit, and print or compare what they find.
-_ROUNDED = {"cli", "comparison", "docs", "io", "recovery", "report"}
+_ROUNDED = {"cli", "comparison", "docs", "recovery", "report"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

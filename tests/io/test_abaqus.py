@@ -12,6 +12,8 @@ from updyn.io import read_model, write_model
 from updyn.io.abaqus.model import write_properties
 from updyn.model import Group, Model
 
+pytestmark = pytest.mark.kernels
+
 THIRD = 1.0 / 3.0
 LABELS = [(1, 1), (1, 2), (7, 1), (7, 6)]
 DOFS = ["1:X", "1:Y", "7:X", "7:RZ"]

@@ -22,6 +22,8 @@ from ansys.mapdl.reader import examples
 
 from ansys_samples import beam_elements, write_emat
 
+pytestmark = pytest.mark.kernels
+
 HALVES = {"root": range(1, 21), "tip": range(21, 41)}
 
 

@@ -11,6 +11,8 @@ from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequenci
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix import read_model, write_properties
 
+pytestmark = pytest.mark.kernels
+
 PRINTED = 1e-6  # ccx prints seven digits
 MM = (1e3, 1e-6, 1e-12)
 

@@ -6,11 +6,14 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import updyn
 from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 from updyn.cli import main
 from updyn.io.calculix import read_model
+
+pytestmark = pytest.mark.kernels
 
 STIFFER, HEAVIER, LOSS = (0.82, 1.31, 1.12), (1.0, 1.15, 0.9), (0.004, 0.012, 0.007)
 SENSORS = ["14:Y", "27:Z", "30:Y", "42:Y", "42:Z", "37:X"]

@@ -9,6 +9,8 @@ from updyn.cli.describe import describe_model
 from updyn.errors import FormatError, ModelError
 from updyn.io.damping import refuse_damping
 
+pytestmark = pytest.mark.kernels
+
 TABLE = ([1.0, 10.0, 100.0], [0.5, 1.0, 4.0])
 DAMPING = {
     "loss_factor": 0.02,

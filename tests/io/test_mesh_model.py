@@ -15,6 +15,8 @@ from updyn.elements.mesh import structure_from_mesh
 from updyn.elements.structure import tube
 from updyn.errors import FormatError, OptionError, UpdynWarning
 
+pytestmark = pytest.mark.kernels
+
 STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 
 

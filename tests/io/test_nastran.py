@@ -13,6 +13,8 @@ from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_pr
 from updyn.io.nastran.deck import read_deck
 from updyn.io.nastran.mystran import adapted
 
+pytestmark = pytest.mark.kernels
+
 needs_mystran = pytest.mark.needs("mystran")
 MODES = re.compile(r"^\s+\d+\s+\d+((?:\s+[-+.\dE]+){5})\s*$", re.MULTILINE)
 

@@ -12,6 +12,8 @@ import updyn
 from updyn.errors import ModelError, OptionError
 from updyn.io.opensees import from_opensees
 
+pytestmark = pytest.mark.kernels
+
 # The wheel is bound to one version of Python and one system; where it does not load there is
 # nothing to test.
 ops = pytest.importorskip(

@@ -11,6 +11,8 @@ import pytest
 import updyn
 from updyn.errors import FormatError, UpdynWarning
 
+pytestmark = pytest.mark.kernels
+
 COORDINATE = [("node", "uint64"), ("direction", "int8")]
 K = np.array([[3.0, -1, 0, 0], [-1, 2, -1, 0], [0, -1, 2, -1], [0, 0, -1, 1]]) * 1e4
 M = np.diag([2.0, 1.0, 3.0, 1.5])

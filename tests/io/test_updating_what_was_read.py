@@ -11,6 +11,8 @@ import updyn
 from updyn.demos import chain
 from updyn.io.formats import FORMATS, Format
 
+pytestmark = pytest.mark.kernels
+
 HOLDING = [f for f in FORMATS.values() if {"read_model", "write_model"} <= set(f.can)]
 FACTORS = {"part1": 0.8, "part2": 1.2, "part3": 0.9, "part4": 1.25}
 
