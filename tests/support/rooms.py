@@ -32,6 +32,7 @@ ORDER = (
     ("matching",),
     ("elements",),
     ("io",),
+    ("outputs",),
     ("updating.problem",),
     ("updating.fit",),
     ("updating.judge",),

@@ -2,7 +2,7 @@
 
 Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message
 on stderr and nothing written over; 3 the run ended without that, with its results written; 130
-stopped by the user.
+stopped by the user, 143 by SIGTERM.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from typing import Any
 from cyclopts import App, CycloptsError
 
 from updyn import __version__
+from updyn.cli.signals import ending_at_once, stop_code
 from updyn.cli.terminal import (
     BAD_INPUT,
     DONE,
     NOT_DETERMINED,
     STOPPED,
+    TERMINATED,
+    encode_anything,
     print_error,
     print_note,
     warnings_as_notes,
@@ -26,7 +29,7 @@ from updyn.cli.terminal import (
 from updyn.errors import UpdynError
 from updyn.registry import Registry
 
-__all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "main"]
+__all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "TERMINATED", "main"]
 
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
 #: help. A room or another package adds one by a line here, a call of `COMMANDS.register`, or an
@@ -57,7 +60,7 @@ def app() -> App:
         help="Finite-element model updating from measured frequency response functions.",
         help_epilogue=(
             "Exit codes: 0 converged with all unknowns determined; 2 bad input; 3 ended without"
-            " that, results written; 130 stopped by the user."
+            " that, results written; 130 stopped by the user, 143 by SIGTERM."
         ),
     )
     for name in COMMANDS:
@@ -78,15 +81,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
+    encode_anything()
     with warnings_as_notes():
         try:
-            command, bound, _ = app().parse_args(
-                sys.argv[1:] if arguments is None else list(arguments),
-                exit_on_error=False,
-                print_error=False,
-            )
-            code = command(*bound.args, **bound.kwargs)
-            return code if isinstance(code, int) else DONE
+            with ending_at_once():
+                command, bound, _ = app().parse_args(
+                    sys.argv[1:] if arguments is None else list(arguments),
+                    exit_on_error=False,
+                    print_error=False,
+                )
+                code = command(*bound.args, **bound.kwargs)
+                if code == STOPPED:
+                    return stop_code()
+                return code if isinstance(code, int) else DONE
         except CycloptsError as error:
             return print_error(f"{error}\nTry: updyn --help")
         except UpdynError as error:
@@ -97,4 +104,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         except KeyboardInterrupt:
             print_note("stopped; no results were written", "yellow")
-            return STOPPED
+            return stop_code()

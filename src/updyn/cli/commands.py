@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +24,7 @@ from updyn.cli.terminal import (
     print_text,
     stderr,
 )
-from updyn.errors import InputError, OptionError
+from updyn.errors import FormatError, InputError, OptionError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -179,15 +182,14 @@ def demo(
     if folder.exists() and not folder.is_dir():
         raise InputError(f"the output folder {str(folder)!r} is a file; choose another with --out")
     inputs = folder / "inputs"
-    inputs.mkdir(parents=True, exist_ok=True)
+    job = _write_inputs(inputs, chosen.write_inputs)
     print_note(f"demo {chosen.name}: inputs in {inputs}")
-    job: Path | None = chosen.write_inputs(inputs)
     out, results = folder, []
     while job is not None:
         results.append(_run(load_job(job), out))
         if results[-1].status == "stopped":
             return STOPPED
-        job = chosen.next_job(results, inputs)
+        job = _write_inputs(inputs, lambda at: chosen.next_job(results, at), more=True)
         if job is not None:
             out = folder / job.stem
             print_text("")
@@ -195,6 +197,35 @@ def demo(
     if text:
         print_text("\n" + text)
     return _exit_code(results[-1])
+
+
+def _write_inputs(
+    folder: Path, write: Callable[[Path], Path | None], *, more: bool = False
+) -> Path | None:
+    """Write inputs of a demo into its folder, and return the job among them.
+
+    Parameters
+    ----------
+    folder : Path
+        For the inputs; made where there is none.
+    write : callable
+        Takes a folder, writes the inputs there and returns the job, or None.
+    more : bool
+        Whether those written before stay, and are there while it writes.
+    """
+    from updyn.outputs.manifest import Manifest, obstacles
+    from updyn.outputs.switch import PLAN, open_folder, replaced
+
+    with open_folder(folder), replaced(folder, "demo", earlier=("demo",)) as new:
+        before = Manifest.read(folder).entries if more else ()
+        for name in before:
+            shutil.copyfile(folder / name, new / name)
+        job = write(new)
+        changed = obstacles(folder, [p.name for p in new.iterdir() if p.name != PLAN])
+        if changed:
+            reasons = ", ".join(f"{str(folder / name)!r} {why}" for name, why in changed.items())
+            raise InputError(f"{reasons}; move it away, or choose another folder with --out")
+    return None if job is None else folder / job.relative_to(new)
 
 
 def convert(
@@ -236,11 +267,9 @@ def convert(
     """
     from updyn.io import write_frf, write_model
 
-    if target.exists():
-        if target.resolve() == source.resolve():
-            raise InputError(f"{target}: is the file to read")
-        if not force:
-            raise InputError(f"{target}: exists already; --force writes over it")
+    if target.exists() and target.resolve() == source.resolve():
+        raise InputError(f"{target}: is the file to read")
+    _check_free([target], force=force)
     of_frf = {
         "quantity": quantity,
         "duplicates": duplicates,
@@ -251,12 +280,48 @@ def convert(
     if from_ is not None:
         options = {kind: {"format": from_, **stated} for kind, stated in options.items()}
     kind, content = read_anything(source, kinds, options)
-    if kind == "frf":
-        write_frf(content, target, format=to)
-    else:
-        write_model(content, target, format=to)
+    write = write_frf if kind == "frf" else write_model
+    _write_new(target, lambda path: write(content, path, format=to), force=force)
     print_text(f"{target}: {content!r}")
     return DONE
+
+
+def _write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
+    """Write a file and those that its format puts beside it; over none, except by force.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    write : callable
+        Takes a path and writes there.
+    force : bool
+        Whether existing files are replaced.
+    """
+    if not target.parent.is_dir():
+        raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
+    # The names of further files are known when they are written.
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=target.parent) as folder:
+        staged = Path(folder, target.name)
+        try:
+            write(staged)
+        except FormatError as error:
+            raise FormatError(str(error).replace(str(staged.parent), str(target.parent))) from error
+        made = sorted(Path(folder).iterdir())
+        _check_free([target.parent / path.name for path in made], force=force)
+        for path in made:
+            final = target.parent / path.name
+            if final.exists():
+                path.chmod(final.stat().st_mode & 0o777)
+            path.replace(final)
+
+
+def _check_free(files: Iterable[Path], *, force: bool) -> None:
+    """Refuse to write over files, except by force."""
+    for path in files:
+        if path.is_dir() or (not force and os.path.lexists(path)):
+            what = "is a folder" if path.is_dir() else "exists already; --force writes over it"
+            raise InputError(f"{path}: {what}")
 
 
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
@@ -271,6 +336,10 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     unit
         Unit of length of a model's deck, which does not state it: m, mm or in.
     """
+    from updyn.outputs.switch import recover
+
+    with suppress(InputError, OSError):  # each file is whole, whatever is known of the others
+        recover(file.parent)
     stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
     kinds, options = _kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)

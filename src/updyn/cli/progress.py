@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import signal
-import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -15,7 +12,8 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from updyn.cli.terminal import STOPPED, print_note
+from updyn.cli.signals import LastResort, watched
+from updyn.cli.terminal import print_note, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,9 +31,6 @@ _BETWEEN_STEPS = 1.0
 _WITHIN_STEP = 10.0
 #: How long a stage has to run before the time that it needs is estimated, in s.
 _BEFORE_ESTIMATE = 1.0
-#: How long the process has to end by itself after a second Ctrl-C, in s: a factorisation under way
-#: cannot be interrupted.
-_GRACE = 3.0
 #: How long the answer to a Ctrl-C waits for its handler, in s.
 _ANSWER = 0.2
 _BAR_WIDTH = 12
@@ -171,7 +166,7 @@ class ProgressDisplay:
         self._task: Any = None
         self._answered = 0
         self._handled = threading.Event()
-        self._last_resort: threading.Timer | None = None
+        self._last_resort = LastResort()
 
     def __call__(self, progress: Progress) -> bool:
         """Show a step, or the lines solved for the next one; return whether to stop."""
@@ -196,7 +191,7 @@ class ProgressDisplay:
         known = not math.isnan(where.share)
         self._bar.update(
             self._task,
-            description=name,
+            description=printable(name),
             total=1.0 if known else None,
             completed=where.share if known else 0.0,
             figures="  ".join(figures),
@@ -214,7 +209,7 @@ class ProgressDisplay:
             text += f"  iteration {step}  cost {progress.cost:.6g}"
         if progress.n_lines:
             text += f"  {progress.lines_done} lines solved ({progress.n_lines} a step)"
-        self.console.print(text, markup=False, emoji=False, highlight=False, soft_wrap=True)
+        print_note(text, console=self.console)
 
     def _is_due(self, stage: str, step: int) -> bool:
         """Return whether a plain line is printed: the first of a stage, or after a pause."""
@@ -225,7 +220,7 @@ class ProgressDisplay:
         return time.monotonic() - shown_at >= pause
 
     # -- Ctrl-C
-    def interrupt(self, _signal: int, _frame: FrameType | None) -> None:
+    def interrupt(self, _number: int, _frame: FrameType | None) -> None:
         """Ask the run to end after the lines under way; a second time, end at once."""
         # Two signals while Python does not run are one call of this handler.
         if self.stopping or self._answered > 1:
@@ -233,8 +228,8 @@ class ProgressDisplay:
         self.stopping = True
         self._handled.set()
 
-    def answer(self) -> None:
-        """Say at once what a Ctrl-C does; after the second, end the process within `_GRACE`."""
+    def answer(self, number: int) -> None:
+        """Say at once what a signal does; after the second, end the process in a while."""
         self._answered += 1
         if self._answered == 1:
             # A second signal after the answer is then a second call of the handler.
@@ -242,30 +237,11 @@ class ProgressDisplay:
             print_note(_STOPPING, "yellow", self.console)
         elif self._answered == 2:
             print_note(_LEAVING, "yellow", self.console)
-            self._last_resort = threading.Timer(_GRACE, os._exit, (STOPPED,))
-            self._last_resort.daemon = True
-            self._last_resort.start()
-
-    def watch(self, signals: socket.socket) -> None:
-        """Answer each SIGINT until the socket is closed; runs in a thread of its own.
-
-        Python calls a handler only between two of its own instructions, which a long factorisation
-        holds up; the number of the signal comes through the socket at once.
-
-        Parameters
-        ----------
-        signals : socket
-            Where the numbers of the signals arrive.
-        """
-        while received := signals.recv(64):
-            for number in received:
-                if number == signal.SIGINT:
-                    self.answer()
+            self._last_resort.begin(number)
 
     def end(self) -> None:
         """Take back what would end the process."""
-        if self._last_resort is not None:
-            self._last_resort.cancel()
+        self._last_resort.cancel()
 
     @contextmanager
     def shown(self) -> Iterator[ProgressDisplay]:
@@ -277,7 +253,7 @@ class ProgressDisplay:
         from rich.progress import Progress as Bar
 
         columns = (
-            SpinnerColumn(),
+            SpinnerColumn("dots" if self.console.encoding.startswith("utf") else "line"),
             TextColumn("{task.description}", markup=False),
             BarColumn(_BAR_WIDTH),
             TextColumn("{task.fields[figures]}", markup=False),
@@ -306,29 +282,8 @@ def show_progress(console: Console, stages: Sequence[Stage] = ()) -> Iterator[Pr
     """
     display = ProgressDisplay(console, stages)
     with display.shown():
-        if threading.current_thread() is not threading.main_thread():
-            # Only the main thread may handle signals.
-            yield display
-            return
-        with _interrupts(display):
-            yield display
-
-
-@contextmanager
-def _interrupts(display: ProgressDisplay) -> Iterator[None]:
-    """Send each SIGINT to a display: its number to the watching thread, and the handler."""
-    ours, theirs = socket.socketpair()
-    theirs.setblocking(False)
-    watching = threading.Thread(target=display.watch, args=(ours,), daemon=True)
-    watching.start()
-    before = signal.signal(signal.SIGINT, display.interrupt)
-    woken = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(woken)
-        signal.signal(signal.SIGINT, before)
-        theirs.close()
-        watching.join()
-        ours.close()
-        display.end()
+        try:
+            with watched(display.interrupt, display.answer):
+                yield display
+        finally:
+            display.end()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
+import re
 import sys
 import textwrap
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from updyn.cli.highlight import THEME, SummaryHighlighter
 from updyn.errors import UpdynWarning
@@ -21,9 +23,12 @@ __all__ = [
     "DONE",
     "NOT_DETERMINED",
     "STOPPED",
+    "TERMINATED",
+    "encode_anything",
     "print_error",
     "print_note",
     "print_text",
+    "printable",
     "stderr",
     "warnings_as_notes",
     "wrapped",
@@ -34,20 +39,48 @@ DONE = 0
 BAD_INPUT = 2
 NOT_DETERMINED = 3
 STOPPED = 130
+TERMINATED = 143  # stopped by SIGTERM
+
+#: What a terminal would obey, or what would change the order of the letters around it.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    r"""Return text without control characters, which stand escaped, as ``\x1b``.
+
+    Line ends and tabs stay. All text that goes to the terminal passes here: names come from files.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+    """
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def encode_anything() -> None:
+    """Let stdout and stderr escape what their encoding has not, instead of refusing it."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def stderr() -> Console:
-    """Return a console that writes to stderr."""
+    """Return a console that writes to stderr; nothing where it is closed."""
     from rich.console import Console
 
-    return Console(stderr=True)
+    return Console(stderr=True) if sys.stderr is not None else Console(file=io.StringIO())
 
 
 def print_note(text: str, style: str | None = None, console: Console | None = None) -> None:
     """Print a note to stderr, or to a console that writes there."""
-    (console or stderr()).print(
-        text, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True
-    )
+    chosen, shown = console or stderr(), printable(text)
+    with _reader_may_be_gone(sys.stderr):
+        if not chosen.is_terminal:
+            chosen.file.write(shown + "\n")
+            chosen.file.flush()
+            return
+        chosen.print(shown, style=style, markup=False, emoji=False, highlight=False, soft_wrap=True)
 
 
 def print_error(message: str) -> int:
@@ -61,14 +94,24 @@ def print_text(text: str) -> None:
 
     A reader that has gone away (``updyn info FILE | head``) is not an error.
     """
-    try:
+    if sys.stdout is None:  # closed before the start
+        return
+    with _reader_may_be_gone(sys.stdout):
         if sys.stdout.isatty():
-            _print_coloured(text)
+            _print_coloured(printable(text))
         else:
-            sys.stdout.write(text + "\n")
+            sys.stdout.write(printable(text) + "\n")
             sys.stdout.flush()
+
+
+@contextmanager
+def _reader_may_be_gone(stream: TextIO | None) -> Iterator[None]:
+    """Write to nowhere from now on where the reader of a stream has gone away."""
+    try:
+        yield
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if stream is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _print_coloured(text: str) -> None:

@@ -17,6 +17,7 @@ from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.run import as_tests, job_selection, update_keys
 from updyn.job.schema import Job, is_number
+from updyn.outputs.switch import open_folder, replaced
 from updyn.store.comparison import write_comparison_json
 from updyn.updating.fit.methods import METHODS, options_of
 from updyn.updating.problem.parameters import ParameterSet
@@ -77,8 +78,7 @@ def compare_job(
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem with ``-compare``, beside it. It is made when all is
-        done.
+        The folder; by default the job's stem with ``-compare``, beside it.
     callback : callable, optional
         As for `updyn.compare`.
     methods : iterable of str, optional
@@ -95,7 +95,7 @@ def compare_job(
     Returns
     -------
     Comparison
-        In `out`: ``compare.json`` and ``compare.html``, each replaced as a whole; of a comparison
+        In `out`: ``compare.json`` and ``compare.html``, replaced together; of a comparison
         that was stopped with the rows so far.
 
     Raises
@@ -117,12 +117,14 @@ def compare_job(
     by_method = _method_options(ready)
     # Errors of the arguments have no line in the job.
     Options.checked(ready.parameters, methods, by_method, true_values, **options)
-    with update_keys(job):
-        options |= {"methods": methods, "truth": true_values, "options": by_method}
-        found = _compared(ready, {"callback": callback, "engine": engine, **options})
-    out.mkdir(parents=True, exist_ok=True)
-    write_comparison(found, out / "compare.html")
-    write_comparison_json(found, out / "compare.json")
+    options |= {"methods": methods, "truth": true_values, "options": by_method}
+    with open_folder(out):
+        check_out(job, out, COMPARED)  # once more: now no other run can change it
+        with update_keys(job):
+            found = _compared(ready, {"callback": callback, "engine": engine, **options})
+        with replaced(out, "compare", COMPARED) as new:
+            write_comparison(found, new / "compare.html")
+            write_comparison_json(found, new / "compare.json")
     return found
 
 

@@ -4,45 +4,42 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import tempfile
-import tomllib
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from updyn import __version__
 from updyn.errors import InputError, JobError, UpdynWarning
-from updyn.io.toml_text import parse_toml
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
+from updyn.outputs.lock import LOCK
+from updyn.outputs.manifest import MANIFEST, obstacles
+from updyn.outputs.switch import PLAN, recover
 from updyn.updating.fit.methods import options_of
 
 __all__ = [
     "HEADER",
     "JOURNAL",
+    "RESERVED",
     "check_out",
-    "create_folder",
     "default_out",
     "is_of_a_run",
-    "move_outputs",
     "outputs",
     "relative_path",
     "resolved_job",
     "run_journal",
-    "stale_outputs",
-    "temporary_folder",
     "was_saved",
 ]
 
 #: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
 JOURNAL = "run.journal"
+#: Files of a folder that no output may be named after.
+RESERVED = (MANIFEST, JOURNAL, LOCK, PLAN)
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
+_MOVE = "move them away, or choose another --out"
 #: Files of which each of several tests has its own, in a folder of its name.
 _OF_A_TEST = ("model.h5", "run.nc", "report.html")
 
@@ -72,38 +69,6 @@ def outputs(job: Job) -> tuple[str, ...]:
         names += [f"{part.test.name}/{name}" for name in _OF_A_TEST]
     names += [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
     return tuple(names)
-
-
-def stale_outputs(job: Job, out: Path) -> list[str]:
-    """Return files of tables that an earlier run in a folder had and the job has not.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : Path
-        The folder.
-
-    Returns
-    -------
-    list of str
-        Names of files; they need not exist.
-    """
-    earlier = out / "job.toml"
-    if not earlier.is_file():
-        return []
-    try:
-        document = parse_toml(earlier.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return []
-    found: list[str] = []
-    for name in document:
-        if name in Job.model_fields or name in job.tables or name not in JOB_TABLES:
-            continue
-        table = JOB_TABLES[name]
-        with suppress(ValidationError):  # of another version, whose files are not known
-            found += table.outputs(table.schema.model_validate(document[name]))
-    return [name for name in found if name not in outputs(job)]
 
 
 def default_out(job: Job) -> Path:
@@ -142,8 +107,8 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
     Raises
     ------
     JobError
-        If the folder is a file or cannot be written, a file is there as a folder, or a file would
-        replace an input of the job, or a job file that no run wrote.
+        If the folder is a file or cannot be written, or a file of it would be replaced that is an
+        input of the job or that updyn did not write as it stands.
     """
     out = default_out(job) if out is None else Path(out)
     names = outputs(job) if names is None else tuple(names)
@@ -163,12 +128,11 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
         if path.resolve() in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
-    job_file = out / "job.toml"
-    if "job.toml" in names and job_file.is_file() and not is_of_a_run(job_file):
-        text = (
-            f"the run would write over {str(job_file)!r}, a job that updyn did not write; choose"
-            " another --out"
-        )
+    recover(out)
+    kept = obstacles(out, names)
+    if kept:
+        reasons = ", ".join(f"{str(out / name)!r} {why}" for name, why in kept.items())
+        text = f"the run would write over files that are not its own: {reasons}; {_MOVE}"
         raise JobError(text, job.path)
     return out
 
@@ -190,53 +154,6 @@ def _inputs(job: Job) -> dict[Path, str]:
     if job.model.file is not None:
         found[job.beside(job.model.file)] = "model"
     return found
-
-
-# -- writing ---------------------------------------------------------------------------------------
-@contextmanager
-def create_folder(out: Path) -> Iterator[None]:
-    """Create a folder and its parents; remove those again that are empty when the block raises."""
-    created = [path for path in (out, *out.absolute().parents) if not path.exists()]
-    out.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as undo:
-        undo.callback(_remove_empty, created)
-        yield
-        undo.pop_all()
-
-
-def _remove_empty(folders: Iterable[Path]) -> None:
-    """Remove folders, innermost first, up to the first that is not empty."""
-    with suppress(OSError):  # not empty: it holds the journal of a run that was interrupted
-        for folder in folders:
-            folder.rmdir()
-
-
-@contextmanager
-def temporary_folder(out: Path) -> Iterator[Path]:
-    """Create a temporary folder in another, and remove it at the end."""
-    temporary = Path(tempfile.mkdtemp(prefix=".temporary_folder-", dir=out))
-    try:
-        yield temporary
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-
-
-def move_outputs(names: Iterable[str], temporary: Path, out: Path) -> None:
-    """Move files into a folder; remove those of an earlier run there that were not written again.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Paths relative to both folders, in the order in which they appear.
-    temporary, out : Path
-        From where, and to where.
-    """
-    for name in names:
-        if (temporary / name).exists():
-            (out / name).parent.mkdir(exist_ok=True)
-            (temporary / name).replace(out / name)
-        else:
-            (out / name).unlink(missing_ok=True)
 
 
 # -- the journal -----------------------------------------------------------------------------------

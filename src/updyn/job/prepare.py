@@ -18,7 +18,7 @@ from updyn.io import read_frf, read_geometry, read_model, read_modes
 from updyn.io.formats import find_format
 from updyn.io.items import is_file, is_folder
 from updyn.job.configuration import configured, damped
-from updyn.job.folder import outputs
+from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.schema import Job
@@ -121,7 +121,7 @@ def _check_properties(job: Job) -> None:
             raise OptionError(
                 "output.properties: a model that was built here has no deck; write it to model.h5"
             )
-        if Path(name).name != name or name in outputs(job)[1:]:
+        if Path(name).name != name or name in (*outputs(job)[1:], *RESERVED):
             raise OptionError(
                 f"output.properties = {name!r}: expected the name of a file of its own"
             )

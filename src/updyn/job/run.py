@@ -14,13 +14,9 @@ from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
 from updyn.io import write_model, write_properties
 from updyn.job.folder import (
     check_out,
-    create_folder,
-    move_outputs,
     outputs,
     resolved_job,
     run_journal,
-    stale_outputs,
-    temporary_folder,
     was_saved,
 )
 from updyn.job.job_table import JOB_TABLES
@@ -28,6 +24,7 @@ from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
+from updyn.outputs.switch import open_folder, replaced
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.monitor import Progress
@@ -96,8 +93,8 @@ def run_job(
     job : Job
         From `load_job`.
     out : path, optional
-        The folder; by default the job's stem, beside it. What an earlier run wrote there is
-        replaced, file by file, only when this run has finished.
+        The folder; by default the job's stem, beside it. What earlier runs wrote there, as its
+        ``manifest.json`` says, is replaced as one when this run has finished; other files stay.
     callback : callable, optional
         Called with a `Progress` after every step and between blocks of lines; returning True stops
         the run.
@@ -122,8 +119,8 @@ def run_job(
     Raises
     ------
     InputError
-        If the job, a file or the output folder cannot be used, or what was saved is of another
-        run; nothing is written then.
+        If the job, a file or the output folder cannot be used, another process is writing to it,
+        or what was saved is of another run; nothing is written then.
     SolverError
         If the model cannot be solved where it starts; nothing is written.
 
@@ -135,19 +132,20 @@ def run_job(
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    resume = resume and was_saved(out)
-    with create_folder(out), run_journal(out) as journal:
-        result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
-        result = with_modes(result)
-        further = _further(ready, result, callback, engine)
-        with temporary_folder(out) as temporary:
-            _write(result, job, out, temporary)
+    with open_folder(out):
+        check_out(job, out)  # once more: now no other run can change it
+        resume = resume and was_saved(out)
+        with run_journal(out) as journal:
+            result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+            result = with_modes(result)
+            further = _further(ready, result, callback, engine)
+        with replaced(out, "run", outputs(job), earlier=("run", "plant")) as new:
+            _write(result, job, out, new)
             for name, found in further.items():
-                JOB_TABLES[name].write(found, job, temporary)
+                JOB_TABLES[name].write(found, job, new)
             if job.output.report:
                 _announce(callback, "report", result)
-                _write_reports(result, temporary, further)
-            move_outputs([*stale_outputs(job, out), *outputs(job)], temporary, out)
+                _write_reports(result, new, further)
         if result.status not in _UNFINISHED:
             journal.unlink(missing_ok=True)
     return JobRun(result, further, out)

@@ -15,6 +15,7 @@ from updyn.cli import main
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.demos import DEMOS, chain
 from updyn.errors import UpdynWarning
+from updyn.outputs.manifest import Manifest
 
 JOB = """\
 title = "Chain"
@@ -72,7 +73,9 @@ def test_run_recovers_the_truth_and_says_0(
 
     out, err = capsys.readouterr()
     folder = chain_folder / "job"
-    assert {p.name for p in folder.iterdir()} == {"result.json", "run.nc", "model.h5", "job.toml"}
+    written = {"result.json", "run.nc", "model.h5", "job.toml"}
+    assert {p.name for p in folder.iterdir()} == {*written, "manifest.json"}
+    assert set(Manifest.read(folder).entries) == written
     assert out.startswith("Chain: converged after ")
     for part in ("converged", "determined", "validated", "plausible"):
         assert f"\n  {part:<10}  yes        " in out
@@ -171,6 +174,7 @@ def test_a_finished_run_replaces_what_an_earlier_one_wrote(chain_folder: Path) -
         "run.nc",
         "model.h5",
         "job.toml",
+        "manifest.json",
         "notes.txt",
     }
 
@@ -361,7 +365,7 @@ def test_demo_chain(
     out = capsys.readouterr().out
     folder = tmp_path / "demo" / "chain"
     assert {p.name for p in folder.iterdir()} == {
-        "inputs", "job.toml", "model.h5", "report.html", "result.json", "run.nc",
+        "inputs", "job.toml", "manifest.json", "model.h5", "report.html", "result.json", "run.nc",
     }  # fmt: skip
     assert "Against the values that made the data:" in out
     errors = [

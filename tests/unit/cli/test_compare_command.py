@@ -53,7 +53,11 @@ def rows_of(said: str) -> dict[str, str]:
 def test_both_files_and_the_table(ran: tuple[Path, int, str]) -> None:
     folder, code, said = ran
     assert code == 0
-    assert {p.name for p in folder.iterdir()} == {"compare.html", "compare.json"}
+    assert {p.name for p in folder.iterdir()} == {
+        "compare.html",
+        "compare.json",
+        "manifest.json",
+    }
     assert f"Comparison in {folder}: {folder / 'compare.html'}" in said
     rows = rows_of(said)
     assert list(rows) == METHODS_HERE.split(",")

@@ -68,8 +68,8 @@ def test_it_says_whether_to_stop(clock: list[float]) -> None:
 def test_two_signals_while_python_does_not_run_end_the_run(clock: list[float]) -> None:
     """They are answered twice, and are one call of the handler."""
     display = ProgressDisplay(Console(file=io.StringIO()))
-    display.answer()
-    display.answer()
+    display.answer(2)
+    display.answer(2)
     with pytest.raises(KeyboardInterrupt):
         display.interrupt(2, None)
     display.end()

@@ -126,7 +126,13 @@ def test_the_plant_of_a_finished_run(folder: Path, capsys: pytest.CaptureFixture
     assert f"The updated model of the run in '{folder / 'job'}' (converged)." in out
     assert "beyond the data" not in out
     names = {p.name for p in (folder / "elsewhere").iterdir()}
-    assert names == {"drive.npz", "drive-sampled.npz", "control.json", "plant.html"}
+    assert names == {
+        "drive.npz",
+        "drive-sampled.npz",
+        "control.json",
+        "plant.html",
+        "manifest.json",
+    }
     there = updyn.read_plant(folder / "elsewhere" / "drive.npz")
     assert there.band == (1.0, 20.0)
     assert record(folder / "elsewhere")["updated"] is True

@@ -356,7 +356,7 @@ def test_outputs_can_be_read_by_others_as_any_new_file(folder: Path) -> None:
     run_job(job_at(folder), folder / "out")
     (folder / "plain").touch()
     expected = (folder / "plain").stat().st_mode
-    names = ("result.json", "run.nc", "model.h5", "job.toml")
+    names = ("result.json", "run.nc", "model.h5", "job.toml", "manifest.json")
     assert {p.name: p.stat().st_mode for p in (folder / "out").iterdir()} == dict.fromkeys(
         names, expected
     )
@@ -532,6 +532,7 @@ def test_several_tests_of_one_structure(folder: Path) -> None:
     assert sorted(p.name for p in out.iterdir()) == [
         "as it stands",
         "job.toml",
+        "manifest.json",
         "report.html",
         "result.json",
         "tip held",

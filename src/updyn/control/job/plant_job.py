@@ -17,16 +17,14 @@ from updyn.errors import InputError, JobError
 from updyn.io.toml_text import parse_toml
 from updyn.job.folder import (
     check_out,
-    create_folder,
     default_out,
     is_of_a_run,
-    move_outputs,
     resolved_job,
-    temporary_folder,
 )
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
+from updyn.outputs.switch import open_folder, recover, replaced
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -124,8 +122,8 @@ def plant_job(
     Returns
     -------
     PlantResult
-        In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, each
-        replaced as a whole. Where no plant holds the tolerance, no file of a plant is there
+        In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, replaced
+        together. Where no plant holds the tolerance, no file of a plant is there
         afterwards, not even of an earlier one; record and page say what was reached.
 
     Raises
@@ -140,20 +138,21 @@ def plant_job(
     table = job.table(PlantTable)
     assert table is not None
     ready = prepare(job) if prepared is None else prepared
-    with job.located():
-        found = _finished(ready, out, run)
-    if found is None:
-        result = draws = None
-        source = "The model as it stands, NOT updated: there is no finished run of the job."
-    else:
-        result, draws, where = found
-        source = f"The updated model of the run in {str(where)!r} ({result.status})."
-    with job.located():
-        plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
-    with create_folder(out), temporary_folder(out) as temporary:
-        write_plant_files(plant_result, job, temporary)
-        write_plant_page(plant_result, temporary / PLANT_PAGE)
-        move_outputs(plant_outputs(table), temporary, out)
+    with open_folder(out):
+        check_plant_out(job, out)  # once more: now no other run can change it
+        with job.located():
+            found = _finished(ready, out, run)
+        if found is None:
+            result = draws = None
+            source = "The model as it stands, NOT updated: there is no finished run of the job."
+        else:
+            result, draws, where = found
+            source = f"The updated model of the run in {str(where)!r} ({result.status})."
+        with job.located():
+            plant_result = make_plant(ready, result, source, draws=draws, engine=engine, say=say)
+        with replaced(out, "plant", plant_outputs(table)) as new:
+            write_plant_files(plant_result, job, new)
+            write_plant_page(plant_result, new / PLANT_PAGE)
     return plant_result
 
 
@@ -173,6 +172,7 @@ def _finished(
     job, number = ready.job, part_of_plant(ready.job)
     inside = Path(job.parts[number].test.name, "run.nc") if len(job.parts) > 1 else Path("run.nc")
     for folder in _folders(job, out) if run is None else [Path(run)]:
+        recover(folder)
         if not (folder / inside).is_file():
             continue
         _check_same(job, folder)

@@ -15,6 +15,7 @@ from updyn.control.servo.wind import Wind
 from updyn.errors import OptionError, nearest, suggest
 from updyn.frf import QUANTITIES
 from updyn.job.schema import Pair, Table, tables_of
+from updyn.outputs.manifest import MANIFEST
 
 __all__ = [
     "PLANT_FILES",
@@ -34,7 +35,7 @@ PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
 #: Suffixes of plant files.
 PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
 #: Files of the folder that no plant may replace.
-_TAKEN = ("control.json", "result.json", "compare.json")
+_TAKEN = ("control.json", "result.json", "compare.json", MANIFEST)
 #: Keys of the controller that are of the rule by which it is sized.
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
 

@@ -1,0 +1,155 @@
+"""One writer a folder: a lock that ends with its process, however that ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from updyn.errors import FormatError, InputError, UpdynWarning
+
+__all__ = ["LOCK", "InUseError", "locked", "release_all"]
+
+#: The file that is locked. The system drops a lock when its process ends; the file says whose it
+#: is, and one that a killed process left behind locks nothing.
+LOCK = ".updyn.lock"
+_START = "updyn process "
+#: What the system says of a lock that another process holds.
+_HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+#: Lock files of this process, removed where it ends without unwinding.
+_ours: set[Path] = set()
+
+
+class InUseError(InputError):
+    """Another process is writing to the folder."""
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(number: int) -> None:
+        """Lock an open file, or raise OSError at once."""
+        os.lseek(number, 1 << 30, os.SEEK_SET)  # the text at the start stays readable
+        msvcrt.locking(number, msvcrt.LK_NBLCK, 1)
+        os.lseek(number, 0, os.SEEK_SET)
+
+else:
+    import fcntl
+
+    def _lock(number: int) -> None:
+        """Lock an open file, or raise OSError at once."""
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Lock a folder against other processes, and other threads, that would write to it.
+
+    Parameters
+    ----------
+    folder : Path
+        It exists.
+
+    Raises
+    ------
+    InUseError
+        If it is locked; the process is named.
+    FormatError
+        If the lock file cannot be written, or is a user's.
+
+    Warns
+    -----
+    UpdynWarning
+        If the file system knows no locks.
+    """
+    path = folder / LOCK
+    number = _acquired(path)
+    _ours.add(path)
+    try:
+        yield
+    finally:
+        _ours.discard(path)
+        if sys.platform == "win32":  # an open file cannot be removed there
+            os.close(number)
+            with suppress(OSError):
+                path.unlink()
+        else:
+            with suppress(OSError):
+                path.unlink()
+            os.close(number)
+
+
+def release_all() -> None:
+    """Remove the lock files of this process, which is about to end without unwinding."""
+    for path in tuple(_ours):
+        with suppress(OSError):
+            path.unlink()
+
+
+def _acquired(path: Path) -> int:
+    """Return the descriptor of the locked file."""
+    while True:
+        with ExitStack() as refused:
+            number = _opened(path)
+            refused.callback(os.close, number)
+            _take(number, path)
+            if _is_still(number, path):
+                refused.pop_all()
+                return number
+            # else its owner has just removed it
+
+
+def _opened(path: Path) -> int:
+    """Open the lock file, made where there is none; one of a user is refused."""
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    except OSError as error:
+        raise FormatError(f"cannot be written: {error.strerror}", path) from error
+    text = _text(number)
+    if text and not text.startswith(_START):
+        os.close(number)
+        raise FormatError("is not the lock of a folder that updyn wrote; move it", path)
+    return number
+
+
+def _take(number: int, path: Path) -> None:
+    """Lock an open file and write whose it is."""
+    try:
+        _lock(number)
+    except OSError as error:
+        if error.errno in _HELD:
+            owner = _text(number).strip() or "another process"
+            raise InUseError(
+                f"{str(path.parent)!r} is being written to by {owner}; wait until it has ended, or"
+                " choose another folder"
+            ) from error
+        warnings.warn(
+            f"{path.parent}: cannot be locked ({error.strerror}); two runs that write there at the"
+            " same time would not notice each other",
+            UpdynWarning,
+            stacklevel=4,
+        )
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    os.ftruncate(number, 0)
+    os.lseek(number, 0, os.SEEK_SET)
+    os.write(number, f"{_START}{os.getpid()} on {socket.gethostname()}, since {since}\n".encode())
+
+
+def _text(number: int) -> str:
+    """Return the start of an open file."""
+    os.lseek(number, 0, os.SEEK_SET)
+    return os.read(number, 256).decode("utf-8", "replace")
+
+
+def _is_still(number: int, path: Path) -> bool:
+    """Return whether the name is still that of the open file."""
+    try:
+        return os.path.samestat(os.fstat(number), path.stat())
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,224 @@
+"""``manifest.json``: which files of a folder updyn wrote, so that it may replace them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from types import MappingProxyType
+from typing import Any
+
+from updyn import __version__
+from updyn.errors import FormatError
+from updyn.io.atomic import write_json
+
+__all__ = ["MANIFEST", "Entry", "Manifest", "file_digest", "is_inside", "obstacle", "obstacles"]
+
+#: Name of the file.
+MANIFEST = "manifest.json"
+FORMAT, SCHEMA = "updyn manifest", 1
+_ABOUT = (
+    "Files that updyn wrote into this folder, and may replace while their SHA-256 digest is the"
+    " same. Keep this file beside them."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A file that updyn wrote.
+
+    Attributes
+    ----------
+    sha256 : str
+        Digest of its content.
+    run : str
+        Id of the run that wrote it.
+    command : str
+        The command, such as ``"run"``.
+    """
+
+    sha256: str
+    run: str
+    command: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """The files that updyn wrote into a folder.
+
+    Attributes
+    ----------
+    entries : mapping of str to Entry
+        By path relative to the folder, with slashes.
+    """
+
+    entries: Mapping[str, Entry] = field(default_factory=lambda: MappingProxyType({}))
+
+    @classmethod
+    def read(cls, folder: Path) -> Manifest:
+        """Return the manifest of a folder; one without entries where there is no file.
+
+        Parameters
+        ----------
+        folder : Path
+            It need not exist.
+
+        Raises
+        ------
+        FormatError
+            If the file is no manifest of updyn.
+        """
+        path = folder / MANIFEST
+        if not path.exists() and not path.is_symlink():
+            return cls()
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            entries = {name: Entry(**entry) for name, entry in _files(content).items()}
+        except (OSError, ValueError, RecursionError, TypeError) as error:
+            raise FormatError(
+                f"is no manifest of the files that updyn wrote ({_why(error)}); move it, or choose"
+                " another folder",
+                path,
+            ) from error
+        return cls(MappingProxyType(entries))
+
+    def write(self, folder: Path) -> None:
+        """Write the manifest into a folder."""
+        files = {}
+        for name in sorted(self.entries):
+            entry = self.entries[name]
+            files[name] = {"run": entry.run, "command": entry.command, "sha256": entry.sha256}
+        content = {
+            "format": FORMAT,
+            "schema": SCHEMA,
+            "about": _ABOUT,
+            "updyn": __version__,
+            "files": files,
+        }
+        write_json(content, folder / MANIFEST)
+
+    def obstacle(self, folder: Path, name: str) -> str:
+        """Return why a file may be neither replaced nor removed; empty where it may.
+
+        Parameters
+        ----------
+        folder : Path
+            The folder of the manifest.
+        name : str
+            Path of the file relative to it.
+        """
+        entry = self.entries.get(name)
+        return obstacle(folder, name, () if entry is None else (entry.sha256,))
+
+
+def _files(content: Any) -> Mapping[str, Any]:
+    """Return the table of files of a manifest.
+
+    Raises
+    ------
+    ValueError
+        If it is none.
+    """
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ValueError(f"expected 'format': {FORMAT!r}")
+    if content.get("schema") != SCHEMA:
+        raise ValueError(f"schema {content.get('schema')!r}; this version of updyn writes {SCHEMA}")
+    files = content.get("files")
+    if not isinstance(files, dict) or not all(map(is_inside, files)):
+        raise ValueError("expected 'files' of this folder, by name")
+    for name, entry in files.items():
+        if not isinstance(entry, dict) or not all(isinstance(v, str) for v in entry.values()):
+            raise ValueError(f"expected run, command and sha256 of {name!r}")
+    return files
+
+
+def _why(error: Exception) -> str:
+    """Return what is wrong with a file, in short."""
+    if isinstance(error, OSError):
+        return str(error.strerror)
+    return str(error) or type(error).__name__
+
+
+def is_inside(name: str) -> bool:
+    """Return whether a name is a plain path inside a folder.
+
+    Parameters
+    ----------
+    name : str
+        With slashes.
+    """
+    parts = PurePosixPath(name).parts
+    plain = bool(parts) and ".." not in parts and not PurePosixPath(name).is_absolute()
+    return plain and not PureWindowsPath(name).anchor and "\\" not in name and "\0" not in name
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 digest of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def obstacle(folder: Path, name: str, digests: Iterable[str]) -> str:
+    """Return why a file may be neither replaced nor removed; empty where it may.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    name : str
+        Path of the file relative to it.
+    digests : iterable of str
+        Of the contents that may be replaced.
+    """
+    path = folder / name
+    for parent in reversed(PurePosixPath(name).parents[:-1]):
+        above = folder / parent
+        if above.is_symlink() or (above.exists() and not above.is_dir()):
+            return f"{parent.as_posix()!r} is not a folder"
+    if path.is_symlink():
+        return "is a link"
+    if not path.exists():
+        return ""
+    if not path.is_file():
+        return "is a folder"
+    known = tuple(digests)
+    if not known:
+        return "was not written by updyn"
+    try:
+        same = file_digest(path) in known
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    return "" if same else "has been changed since updyn wrote it"
+
+
+def obstacles(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return which files of a folder may not be replaced, and why.
+
+    Parameters
+    ----------
+    folder : Path
+        It need not exist.
+    names : iterable of str
+        Paths relative to it.
+
+    Returns
+    -------
+    dict of str to str
+        Reasons by name; empty where all may be written.
+
+    Raises
+    ------
+    FormatError
+        If ``manifest.json`` is another file.
+    """
+    manifest = Manifest.read(folder)
+    reasons = {name: manifest.obstacle(folder, name) for name in names}
+    return {name: why for name, why in reasons.items() if why}

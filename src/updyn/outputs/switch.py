@@ -1,0 +1,316 @@
+"""Files of a folder, replaced as one.
+
+All files are first written to ``.unfinished-ID``. Once they are on disk, with a plan of the switch,
+that folder is renamed to ``.finished-ID``; from then on the new set counts. Its files are then
+moved to their places, and files of the old set that have no successor removed. After a kill or a
+loss of power, the next process completes what is in ``.finished-ID`` (`recover`), and removes
+``.unfinished-ID``: the folder holds the whole old or the whole new set. The plan has digests of old
+and new files, so that a file that a user has put there meanwhile is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from updyn.errors import FormatError, InputError
+from updyn.io.atomic import sync_folder, write_json
+from updyn.outputs.lock import InUseError, locked
+from updyn.outputs.manifest import MANIFEST, Entry, Manifest, file_digest, is_inside, obstacle
+
+__all__ = ["PLAN", "create_folder", "open_folder", "recover", "replaced"]
+
+#: Name of the plan in the folder of a set; it tells such a folder from one of a user.
+PLAN = ".updyn.switch"
+_NAME = re.compile(r"\.(unfinished|finished)-[0-9a-f]{16}")
+
+
+# -- the folder ------------------------------------------------------------------------------------
+@contextmanager
+def open_folder(folder: Path) -> Iterator[None]:
+    """Make a folder where there is none, lock it, and complete what was interrupted there.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder. If the block raises, it and its parents are removed again where they were made
+        here and are empty.
+
+    Raises
+    ------
+    InUseError
+        If another process is writing to it.
+    """
+    with create_folder(folder), locked(folder):
+        _recover(folder)
+        yield
+
+
+@contextmanager
+def create_folder(folder: Path) -> Iterator[None]:
+    """Create a folder and its parents; remove those again that are empty when the block raises.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    """
+    created = [path for path in (folder, *folder.absolute().parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as undo:
+        undo.callback(_remove_empty, created)
+        yield
+        undo.pop_all()
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Remove folders, innermost first, up to the first that is not empty."""
+    with suppress(OSError):  # not empty: it holds the journal of a run that was interrupted
+        for folder in folders:
+            folder.rmdir()
+
+
+# -- a new set -------------------------------------------------------------------------------------
+@contextmanager
+def replaced(
+    folder: Path, command: str, names: Collection[str] = (), earlier: Collection[str] = ()
+) -> Iterator[Path]:
+    """Yield a folder to write a set of files to; at the end they take their places together.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files belong; it is locked.
+    command : str
+        What writes them, for the manifest.
+    names : collection of str
+        Files of the set, in the order in which they appear; one that is not written is removed from
+        `folder`. What is written besides belongs to the set, too.
+    earlier : collection of str
+        Commands whose files go when this set comes, where it does not replace them; files that have
+        been changed stay.
+
+    Yields
+    ------
+    Path
+        An empty folder inside `folder`, but for a hidden plan.
+
+    Raises
+    ------
+    InputError
+        If a file that updyn did not write has come up under a name of the set. The new set is kept
+        in a folder of its own then, which the message names.
+    """
+    run = secrets.token_hex(8)
+    staging = folder / f".unfinished-{run}"
+    staging.mkdir()
+    try:
+        (staging / PLAN).touch()
+        yield staging
+        _commit(staging, folder, run, command, names, earlier)
+    finally:
+        if staging.is_dir():
+            _discard(staging)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """How a new set takes its place.
+
+    Attributes
+    ----------
+    moved : dict of str to list
+        By name, in their order, the digests of the file to be replaced (None where there is none)
+        and of the new one.
+    removed : dict of str to str
+        By name, the digest of a file that goes.
+    """
+
+    moved: dict[str, list[str | None]]
+    removed: dict[str, str]
+
+
+def _commit(
+    staging: Path,
+    folder: Path,
+    run: str,
+    command: str,
+    names: Collection[str],
+    earlier: Collection[str],
+) -> None:
+    """Put the files of a finished set into their places."""
+    found = [p.relative_to(staging).as_posix() for p in staging.rglob("*") if p.is_file()]
+    written = [name for name in names if name in found]
+    written += sorted(set(found) - {*names, PLAN})
+    digests = {name: file_digest(staging / name) for name in written}
+    old = Manifest.read(folder)
+    stale = [name for name, entry in old.entries.items() if entry.command in earlier]
+    gone = [name for name in dict.fromkeys((*names, *stale)) if name not in digests]
+    kept = {name: entry for name, entry in old.entries.items() if name not in gone}
+    new = {name: Entry(digest, run, command) for name, digest in digests.items()}
+    Manifest(MappingProxyType({**kept, **new})).write(staging)
+
+    wrong = {name: why for name in written if (why := old.obstacle(folder, name))}
+    if wrong:
+        _set_aside(staging, folder, run, new, wrong)
+    digests = {MANIFEST: file_digest(staging / MANIFEST), **digests}
+    before = {name: _digest_of(folder / name) for name in (*digests, *gone)}
+    plan = _Plan(
+        {name: [before[name], digest] for name, digest in digests.items()},
+        {name: was for name in gone if (was := before[name]) and not old.obstacle(folder, name)},
+    )
+    write_json(asdict(plan), staging / PLAN)
+    _sync(staging)
+    finished = staging.rename(folder / f".finished-{run}")
+    sync_folder(folder)
+    _complete(finished, folder, plan)
+
+
+def _set_aside(
+    staging: Path, folder: Path, run: str, new: dict[str, Entry], wrong: dict[str, str]
+) -> None:
+    """Keep a set that cannot take its place in a folder of its own, and say so."""
+    aside = folder / f"results-{run}"
+    Manifest(MappingProxyType(new)).write(staging)
+    staging.rename(aside)
+    (aside / PLAN).unlink()
+    reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items())
+    raise InputError(f"in {str(folder)!r} {reasons}; the results are in {str(aside)!r} instead")
+
+
+def _digest_of(path: Path) -> str | None:
+    """Return the digest of a file; None where there is none."""
+    return file_digest(path) if path.is_file() else None
+
+
+def _sync(folder: Path) -> None:
+    """Wait until the files of a folder, and of those in it, are on disk."""
+    for path in folder.rglob("*"):
+        if path.is_dir():
+            sync_folder(path)
+        else:
+            with path.open("rb+") as file:
+                os.fsync(file.fileno())
+    sync_folder(folder)
+
+
+# -- the switch ------------------------------------------------------------------------------------
+def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
+    """Move and remove what a plan says, as far as it has not been done."""
+    touched = {folder}
+    for name in plan.moved:
+        source, target = finished / name, folder / name
+        if source.is_file():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            source.replace(target)
+            touched.add(target.parent)
+    for name, digest in plan.removed.items():
+        if not obstacle(folder, name, [digest]):
+            (folder / name).unlink(missing_ok=True)
+            touched.add((folder / name).parent)
+    for each in touched - {folder}:
+        _remove_empty([each])
+    for each in touched:
+        if each.is_dir():
+            sync_folder(each)
+    for path in finished.iterdir():
+        if path.is_dir():
+            path.rmdir()
+    (finished / PLAN).unlink()
+    finished.rmdir()
+    sync_folder(folder)
+
+
+def recover(folder: Path) -> None:
+    """Complete or remove what processes that were killed have left in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        It need not exist.
+
+    Raises
+    ------
+    InUseError
+        If a process that is alive is about to replace the files.
+    InputError
+        If a file that updyn did not write has come up under a name of the new set.
+    """
+    found = list(_left(folder)) if folder.is_dir() else []
+    if not found:
+        return
+    try:
+        with locked(folder):
+            _recover(folder)
+    except InUseError:
+        if any(path.name.startswith(".finished-") for path in found):
+            raise
+
+
+def _left(folder: Path) -> Iterator[Path]:
+    """Yield the folders of sets that have not taken their places."""
+    for path in folder.iterdir():
+        if _NAME.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+            yield path
+
+
+def _recover(folder: Path) -> None:
+    """Complete or remove what was interrupted in a folder that is locked."""
+    for path in sorted(_left(folder)):
+        if not (path / PLAN).is_file():
+            _remove_empty([path])  # of ours only where it is empty
+        elif path.name.startswith(".unfinished-"):
+            _discard(path)
+        else:
+            plan = _read_plan(path)
+            _check(path, folder, plan)
+            _complete(path, folder, plan)
+
+
+def _discard(staging: Path) -> None:
+    """Remove the folder of a set, the plan that tells it from a user's last."""
+    for path in staging.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+        elif path.name != PLAN:
+            path.unlink()
+    (staging / PLAN).unlink(missing_ok=True)
+    staging.rmdir()
+
+
+def _read_plan(finished: Path) -> _Plan:
+    """Return the plan of a switch that was interrupted."""
+    path = finished / PLAN
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        plan = _Plan(**content)
+        plain = all(map(is_inside, (*plan.moved, *plan.removed)))
+        plain = plain and all(isinstance(pair, list) for pair in plan.moved.values())
+    except (OSError, ValueError, RecursionError, TypeError, AttributeError) as error:
+        raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path) from error
+    if not plain:
+        raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path)
+    return plan
+
+
+def _check(finished: Path, folder: Path, plan: _Plan) -> None:
+    """Check that no file of a user has come up under a name of an interrupted switch."""
+    wrong: dict[str, str] = {}
+    for name, digests in plan.moved.items():
+        if (finished / name).is_file():
+            wrong[name] = obstacle(folder, name, [d for d in digests if d])
+    reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items() if why)
+    if reasons:
+        raise InputError(
+            f"in {str(folder)!r} {reasons}, while new results wait in {str(finished)!r}; move it"
+            " away, or that folder"
+        )

@@ -1,0 +1,234 @@
+"""Folders of results: kills at every step of a switch, foreign files, two processes at once."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from killed import contents, killed_at, outcome, write_set
+from updyn.errors import FormatError, InputError
+from updyn.outputs.lock import LOCK, InUseError, locked
+from updyn.outputs.manifest import MANIFEST, Manifest, is_inside, obstacles
+from updyn.outputs.switch import recover, replaced
+
+OLD = {"model.h5": "old", "result.json": "old", "plant.mat": "old", "tip held/run.nc": "old"}
+NEW = {"model.h5": "new", "result.json": "new", "report.html": "new", "as is/run.nc": "new"}
+FOREIGN = {"notes.txt": "mine", "tip held/notes.txt": "mine"}
+
+posix = pytest.mark.skipif(os.name == "nt", reason="needs fork and flock")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with results of a run, and files of a user."""
+    out = tmp_path / "out"
+    write_set(out, OLD)
+    for name, text in FOREIGN.items():
+        (out / name).write_text(text, encoding="utf-8")
+    return out
+
+
+# -- a switch --------------------------------------------------------------------------------------
+def test_a_set_replaces_the_one_before_and_nothing_else(folder: Path) -> None:
+    write_set(folder, NEW)
+    assert contents(folder) == {**NEW, **FOREIGN}
+    assert set(Manifest.read(folder).entries) == set(NEW)
+    assert [p.name for p in folder.iterdir() if p.name.startswith(".")] == []
+
+
+def test_a_block_that_raises_leaves_the_old_set(folder: Path) -> None:
+    def fail() -> None:
+        with replaced(folder, "run", tuple(NEW), earlier=("run",)) as new:
+            (new / "model.h5").write_text("new")
+            raise ZeroDivisionError
+
+    before = {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()} == before
+
+
+@posix
+def test_a_kill_at_any_step_leaves_the_old_or_the_new_set(folder: Path, tmp_path: Path) -> None:
+    """Two sets change places until a switch ends before the call at which it would be killed."""
+    found, number, sets = set(), 0, [OLD, NEW]
+    while killed_at(number, lambda: write_set(folder, sets[1])):
+        recover(folder)
+        now = contents(folder)
+        assert now in ({**sets[0], **FOREIGN}, {**sets[1], **FOREIGN}), f"killed at call {number}"
+        assert list(folder.glob(".*ished-*")) == []
+        found.add("new" if now == {**sets[1], **FOREIGN} else "old")
+        if now == {**sets[1], **FOREIGN}:
+            sets.reverse()
+        number += 1
+    assert found == {"old", "new"}
+    assert number > 30
+
+
+@posix
+@pytest.mark.parametrize("seed", range(12))
+def test_kills_at_random(seed: int, tmp_path: Path) -> None:
+    assert outcome(seed, tmp_path) in ("old", "new")
+
+
+@posix
+def test_the_new_set_is_on_disk_before_it_counts(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: set[int] = set()
+    fsync, rename = os.fsync, os.rename
+    checked = []
+
+    def check(source: Path, target: Path) -> None:
+        if Path(target).name.startswith(".finished-"):
+            files = [Path(source), *Path(source).rglob("*")]
+            assert {p.stat().st_ino for p in files} <= synced
+            checked.append(len(files))
+        rename(source, target)
+
+    monkeypatch.setattr(os, "fsync", lambda n: (synced.add(os.fstat(n).st_ino), fsync(n)))
+    monkeypatch.setattr(os, "rename", check)
+    write_set(folder, NEW)
+    assert checked == [len(NEW) + 4]  # manifest, plan, and the folders
+
+
+@posix
+def test_a_file_that_came_up_after_a_kill_is_kept(folder: Path) -> None:
+    for number in range(100):
+        assert killed_at(number, lambda: write_set(folder, NEW))
+        if list(folder.glob(".finished-*")) and not (folder / "report.html").exists():
+            break
+        recover(folder)
+        write_set(folder, OLD)
+    (folder / "report.html").write_text("mine")
+    with pytest.raises(InputError, match=r"'report.html' has been changed .* wait in .*finished-"):
+        recover(folder)
+    assert (folder / "report.html").read_text() == "mine"
+    (folder / "report.html").unlink()
+    recover(folder)
+    assert contents(folder) == {**NEW, **FOREIGN}
+
+
+def test_a_file_that_comes_up_while_a_run_goes_on_is_kept(folder: Path) -> None:
+    def late() -> None:
+        with replaced(folder, "run", tuple(NEW), earlier=("run",)) as new:
+            (new / "report.html").write_text("new")
+            (folder / "report.html").write_text("mine")
+
+    with pytest.raises(InputError, match=r"'report.html' was not written by updyn; the results"):
+        late()
+    assert contents(folder).items() >= {**OLD, **FOREIGN, "report.html": "mine"}.items()
+    (aside,) = folder.glob("results-*")
+    assert contents(aside) == {"report.html": "new"}
+    assert obstacles(aside, ["report.html"]) == {}
+
+
+def test_a_plan_from_elsewhere_reaches_no_file_outside(tmp_path: Path) -> None:
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    hostile = out / ".finished-0123456789abcdef"
+    hostile.mkdir(parents=True)
+    precious.write_text("mine")
+    digest = "0" * 64
+    for plan in (
+        {"moved": {}, "removed": {"../precious": digest}},
+        {"moved": {str(precious): [None, digest]}, "removed": {}},
+        {"moved": {"a/../../precious": [None, digest]}, "removed": {}},
+        {"moved": [], "removed": {}},
+        [],
+    ):
+        (hostile / ".updyn.switch").write_text(json.dumps(plan))
+        with pytest.raises(FormatError, match="is no plan of a switch"):
+            recover(out)
+    assert precious.read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["..", "a/../b", "/a", "C:/a", "C:a", "a\\b", "", ".", "a\0"])
+def test_names_outside_a_folder(name: str) -> None:
+    assert not is_inside(name)
+
+
+# -- whose a file is -------------------------------------------------------------------------------
+def test_what_may_not_be_replaced_is_named_with_the_reason(folder: Path, tmp_path: Path) -> None:
+    (folder / "model.h5").write_text("mine")
+    (folder / "plant.mat").unlink()
+    (folder / "plant.mat").symlink_to(tmp_path / "elsewhere")
+    (folder / "result.json").unlink()
+    (folder / "result.json").mkdir()
+    (folder / "report.html").write_text("mine")
+    (folder / "as is").write_text("mine")
+    assert obstacles(folder, [*OLD, *NEW]) == {
+        "model.h5": "has been changed since updyn wrote it",
+        "plant.mat": "is a link",
+        "result.json": "is a folder",
+        "report.html": "was not written by updyn",
+        "as is/run.nc": "'as is' is not a folder",
+    }
+
+
+def test_a_folder_that_is_copied_or_moved_is_known_again(folder: Path, tmp_path: Path) -> None:
+    folder.rename(tmp_path / "moved")
+    assert obstacles(tmp_path / "moved", OLD) == {}
+
+
+def test_a_stale_file_that_a_user_has_changed_stays(folder: Path) -> None:
+    (folder / "plant.mat").write_text("mine")
+    write_set(folder, NEW)
+    assert contents(folder) == {**NEW, **FOREIGN, "plant.mat": "mine"}
+    assert obstacles(folder, ["plant.mat"]) == {"plant.mat": "was not written by updyn"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[" * 100_000,
+        '{"format": "updyn manifest", "schema": 2}',
+        '{"format": "updyn manifest", "schema": 1, "files": {"../a": {}}}',
+        '{"format": "updyn manifest", "schema": 1, "files": {"a": {"sha256": 1}}}',
+        '{"format": "updyn manifest", "schema": 1, "files": {"a": {"sha256": "1"}}}',
+    ],
+)
+def test_a_manifest_of_something_else_is_refused(folder: Path, text: str) -> None:
+    (folder / MANIFEST).write_text(text)
+    with pytest.raises(FormatError, match="is no manifest of the files that updyn wrote"):
+        obstacles(folder, OLD)
+
+
+# -- two processes ---------------------------------------------------------------------------------
+@posix
+def test_a_second_process_is_refused_and_named_the_first(folder: Path) -> None:
+    with (
+        locked(folder),
+        pytest.raises(InUseError, match=rf"written to by updyn process {os.getpid()} on .*, since"),
+        locked(folder),
+    ):
+        pass
+    assert not (folder / LOCK).exists()
+
+
+@posix
+def test_the_lock_of_a_dead_process_locks_nothing(folder: Path) -> None:
+    (folder / LOCK).write_text("updyn process 1 on here, since 2020-01-01 00:00:00\n")
+    with locked(folder):
+        assert f"process {os.getpid()} " in (folder / LOCK).read_text()
+    assert not (folder / LOCK).exists()
+
+
+def test_a_lock_file_of_a_user_stays(folder: Path) -> None:
+    (folder / LOCK).write_text("mine")
+    with pytest.raises(FormatError, match="is not the lock"), locked(folder):
+        pass
+    assert (folder / LOCK).read_text() == "mine"
+
+
+@posix
+def test_what_a_live_process_is_writing_is_left_alone(folder: Path) -> None:
+    with locked(folder), replaced(folder, "run", ("a.json",)) as new:
+        (new / "a.json").write_text("new")
+        recover(folder)
+        assert (new / "a.json").read_text() == "new"
+    assert contents(folder)["a.json"] == "new"
