@@ -15,14 +15,15 @@ __all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
-    """Return a result with the modal table of each test."""
+    """Return a result with the modal table of each test; empty where the user has stopped."""
+    largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
-        return replace(result, modes=modal_table(result))
+        return replace(result, modes=modal_table(result, largest=largest))
     given = result.first.options.get("modes")
     by_test = given if isinstance(given, Mapping) else {}
     found = {}
     for name, one in result.results.items():
-        found[name] = replace(one, modes=modal_table(one, by_test.get(name)))
+        found[name] = replace(one, modes=modal_table(one, by_test.get(name), largest=largest))
     return replace(result, results=found)
 
 

@@ -28,8 +28,11 @@ __all__ = [
 #: Lines x DOFs up to which the two models are computed at every line of the data: seconds to a few
 #: minutes.
 EVALUATION_BUDGET = 2_000_000
+#: The same where the user has stopped the run, and waits: about a second.
+_STOPPED_BUDGET = 50_000
 _MOST_LINES = 5_000
 _FEWEST_LINES = 100
+_LEAST_LINES = 8
 #: Further lines at which the curves of the models are computed: even ones, and at most so many
 #: about resonances; of models that are costly to solve fewer, so many lines x DOFs. Where a reduced
 #: model answers at any line at little cost, all are even ones.
@@ -119,9 +122,11 @@ def gather(result: UpdateResult) -> ReportData:
     if frf.freq[0] == 0.0:
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
-    reduced = options.get("tier") == "reduced"
+    reduced, stopped = options.get("tier") == "reduced", result.status == "stopped"
     per_line = 1 if reduced else result.model.n_dofs
     limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
+    if stopped:
+        limit = max(min(limit, _STOPPED_BUDGET // result.model.n_dofs), _LEAST_LINES)
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
         notes.append(
@@ -131,8 +136,15 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    for grid in (fine_grid([result.start, result.model], freq, reduced=reduced), freq):
+    fine = freq if stopped else fine_grid([result.start, result.model], freq, reduced=reduced)
+    for grid in (fine, freq):
         refused: list[str] = []
+        if stopped and len(grid) * result.model.n_dofs > _STOPPED_BUDGET:
+            before_curve = after_curve = None
+            refused.append(
+                "The models are not drawn: the run was stopped before they were computed."
+            )
+            break
         before_curve = computed(result.start, frf, grid, "start model", refused, options)
         after_curve = computed(result.model, frf, grid, "updated model", refused, options)
         if not refused:  # else one of them is singular: it may be so between lines only

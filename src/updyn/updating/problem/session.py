@@ -9,9 +9,10 @@ No method needs to know.
 
 from __future__ import annotations
 
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Any, Protocol, TypeAlias, TypeVar
 
@@ -30,6 +31,10 @@ R = TypeVar("R")
 Record: TypeAlias = "tuple[NDArray[Any], ...]"
 
 _RECENT_BYTES = 64 * 2**20
+#: How long what is begun after the user has asked to stop may take in all, in s.
+_STILL_S = 2.0
+#: The user is asked before an evaluation, too, if it was not for so long, in s.
+_ASK_S = 1.0
 _SERIAL = Serial()
 
 
@@ -105,6 +110,8 @@ class Session:
     wants_stop: Callable[[], bool] | None = None
     stopped: bool = False
     lines_solved: int = 0
+    _stopped_at: float | None = field(default=None, init=False)
+    _asked_at: float = field(default_factory=lambda: time.monotonic(), init=False)
 
     def __reduce__(self) -> tuple[type[Session], tuple[()]]:
         return Session, ()
@@ -167,16 +174,17 @@ class Session:
         Stopped
             If the user wants to stop.
         """
-        if self.stopped and long:
+        if self.stopped and (long or self._is_late):
             raise Stopped
-        asked_before = (
-            self.stopped
-        )  # what is short and begun after that is what the user still wants to see
+        # What is short and begun after that is what the user still wants to see.
+        asked_before = self.stopped
+        if not asked_before and time.monotonic() - self._asked_at > _ASK_S and self._asked():
+            raise Stopped
         results = (self.engine if spread else _SERIAL).map(function, shared, items)
         try:
             for i, result in enumerate(results, 1):
                 yield result
-                if i < len(items) and not asked_before and self._asked():
+                if i < len(items) and (self._is_late if asked_before else self._asked()):
                     raise Stopped
         finally:
             close = getattr(results, "close", None)
@@ -194,7 +202,18 @@ class Session:
         if self._asked():
             raise Stopped
 
+    @property
+    def _is_late(self) -> bool:
+        """Whether the user has asked to stop so long ago that nothing more is computed."""
+        if not self.stopped:
+            return False
+        now = time.monotonic()
+        if self._stopped_at is None:
+            self._stopped_at = now
+        return now - self._stopped_at > _STILL_S
+
     def _asked(self) -> bool:
+        self._asked_at = time.monotonic()
         if self.wants_stop is not None and self.wants_stop():
             self.stopped = True
         return self.stopped

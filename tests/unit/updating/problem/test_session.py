@@ -369,3 +369,22 @@ def test_a_long_run_stopped_before_anything_is_known_says_so(
     assert list(found.values.values()) == list(unknowns.start)
     assert set(found.std.values()) == {np.inf}
     assert found.history == ()
+
+
+def test_nothing_is_computed_long_after_the_user_has_asked_to_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr("updyn.updating.problem.session.time.monotonic", lambda: now[0])
+    session = Session(wants_stop=lambda: now[0] > 101.5)
+    assert list(session.map(max, 1, [2], spread=False)) == [2]
+    now[0] = 102.0  # not asked for more than a second
+    with pytest.raises(Stopped):
+        list(session.map(max, 1, [2], spread=False))
+    assert session.stopped
+    assert list(session.map(max, 1, [2, 3], spread=False)) == [2, 3]  # short: still wanted
+    now[0] = 103.9
+    assert list(session.map(max, 1, [2, 3], spread=False)) == [2, 3]
+    now[0] = 104.1
+    with pytest.raises(Stopped):
+        list(session.map(max, 1, [2, 3], spread=False))
