@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import sys
 import warnings
 from pathlib import Path
 
@@ -13,7 +14,6 @@ import scipy.sparse as sp
 
 import updyn
 from updyn.errors import FormatError, OptionError, UpdynError
-from updyn.io.ansys import binary as ansys_binary
 from updyn.io.ansys import full as ansys_full
 from updyn.io.ansys.attributes import read_attributes
 
@@ -284,7 +284,8 @@ class TestGroupsByDifference:
 
 def test_without_the_package(monkeypatch, tmp_path):
     """A .full file needs nothing; which element is of which material, the package reads."""
-    monkeypatch.setattr(ansys_binary, "_PACKAGE", "ansys.no_such")
+    monkeypatch.setitem(sys.modules, "ansys.mapdl", None)
+    monkeypatch.delitem(sys.modules, "updyn.foreign.ansys", raising=False)
     assert updyn.read_model(FULL).n_dofs == 900
     with pytest.raises(UpdynError, match=r"pip install 'updyn\[ansys\]'"):
         read_attributes(examples.hexarchivefile)

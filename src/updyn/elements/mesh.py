@@ -6,10 +6,8 @@ here, and such decks are refused.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -32,6 +30,7 @@ from updyn.elements.structure import (
     structure,
 )
 from updyn.errors import FormatError, ModelError, suggest
+from updyn.foreign import box
 from updyn.model import Model
 
 __all__ = [
@@ -55,17 +54,6 @@ _ELEMENTS: Mapping[str, type[Any]] = {
 }
 _KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")  # of an Abaqus deck
 _ELSET = re.compile(r"ELSET\s*=\s*([^,\s]+)", re.IGNORECASE)
-#: What meshio raises for damaged files.
-_FAILURES = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    LookupError,
-    OSError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,27 +259,40 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     return Mesh(str(path), numbers, xyz * UNITS[unit], groups, sets, ungrouped)
 
 
-def _read(path: Path) -> Any:
-    try:
-        import meshio
-    except ImportError as error:
-        raise ModelError('mesh files need meshio: pip install "updyn[mesh]"') from error
-    printed = io.StringIO()
-    try:
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
-            return meshio.read(path)
-    # meshio ends the process on some bad files.
-    except (meshio.ReadError, SystemExit, *_FAILURES) as error:
-        reason = repr(error)
-        for line in (*printed.getvalue().splitlines(), str(error)):
-            if line.strip() not in ("", "1"):
-                reason = line.strip()
-                break
-        raise FormatError(f"not a mesh that can be read ({reason})", path) from error
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Cells of one kind, by the positions of their nodes."""
+
+    type: str
+    dim: int
+    data: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What meshio finds in a file, as of `updyn.foreign.mesh.load`."""
+
+    points: NDArray[Any]
+    cells: Sequence[_Cells]
+    point_sets: Mapping[str, NDArray[Any]]
+    cell_sets: Mapping[str, Sequence[Any]]
+    physical: Sequence[NDArray[Any]]
+    names: Mapping[str, NDArray[Any]]
+
+
+def _read(path: Path) -> _Found:
+    found = box.load("updyn.foreign.mesh:load", path, what="mesh", reader="meshio")
+    cells = [_Cells(*one) for one in found.pop("cells")]
+    for one in cells:
+        if one.data.ndim != 2 or one.data.dtype.kind not in "iu":
+            raise FormatError(f"cells of kind {one.type!r} are not rows of nodes", path)
+        if one.data.size and not 0 <= one.data.min() <= one.data.max() < len(found["points"]):
+            raise FormatError(f"a cell of kind {one.type!r} has a node that is not there", path)
+    return _Found(cells=cells, **found)
 
 
 def _groups(
-    path: Path, found: Any, numbers: NDArray[np.int64]
+    path: Path, found: _Found, numbers: NDArray[np.int64]
 ) -> tuple[dict[str, dict[str, NDArray[np.int64]]], dict[str, int]]:
     """Return the cells of each group by kind, and the number of cells in no group by kind."""
     chosen = _members_of_groups(path, found)
@@ -314,13 +315,13 @@ def _groups(
     return {name: groups[name] for name in chosen if name in groups}, ungrouped
 
 
-def _members_of_groups(path: Path, found: Any) -> dict[str, list[NDArray[np.intp]]]:
+def _members_of_groups(path: Path, found: _Found) -> dict[str, list[NDArray[np.intp]]]:
     """Return the positions of the cells of each group in each block of cells."""
     chosen: dict[str, list[NDArray[np.intp]]] = {}
     for name, members in found.cell_sets.items():
         if not name.startswith("gmsh:"):
             chosen[str(name)] = _members(path, str(name), members, found.cells)
-    for block, tags in enumerate(found.cell_data.get("gmsh:physical", [])):
+    for block, tags in enumerate(found.physical):
         for tag in np.unique(tags).tolist():
             name = _physical(found, tag, found.cells[block].dim)
             if tag == 0 or name in found.cell_sets:
@@ -337,10 +338,11 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
     """Return the members of a set of cells in each block; None among them is an empty array."""
     out = []
     for positions in members:
-        try:
-            array = np.asarray([] if positions is None else positions, dtype=np.intp)
-        except (TypeError, ValueError):  # lists of other groups
-            array = np.empty((0, 0), dtype=np.intp)
+        array: NDArray[Any] = np.empty((0, 0), dtype=np.intp)
+        if positions is None:
+            array = np.empty(0, dtype=np.intp)
+        elif isinstance(positions, np.ndarray):  # else lists of other groups
+            array = positions
         out.append(array)
     if len(members) != len(cells) or any(array.ndim != 1 for array in out):
         raise FormatError(
@@ -351,8 +353,8 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
     return out
 
 
-def _physical(found: Any, tag: int, dim: int) -> str:
-    for name, (own, own_dim) in found.field_data.items():
+def _physical(found: _Found, tag: int, dim: int) -> str:
+    for name, (own, own_dim) in found.names.items():
         if int(own) == tag and int(own_dim) == dim:
             return str(name)
     return f"{dim}-{tag}"

@@ -19,7 +19,7 @@ from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import decode
 from updyn.registry import load_object
 
-__all__ = ["load", "load_here"]
+__all__ = ["UNSOUND", "load", "load_here"]
 
 _CODE = (
     "import json, sys; request = json.loads(sys.argv[1]); sys.path[:] = request['modules'];"
@@ -28,6 +28,8 @@ _CODE = (
 #: Seconds for the child process to start and to import what it needs, on a busy machine.
 _START = 120.0
 _BLOCK = 2**20  # bytes
+#: What `decode` raises for an answer that is damaged.
+UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
 #: Threads of BLAS take address space, and nothing is computed.
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -140,7 +142,7 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
         raise FormatError(f"{blame} crashed ({_how(status)})", path)
     try:
         found: Mapping[str, Any] = decode(memoryview(received)[len(READY) :])
-    except (ValueError, TypeError, LookupError, RecursionError) as error:
+    except UNSOUND as error:
         raise FormatError(f"{blame} answered with what cannot be read ({error})", path) from error
     if found.get("failed") == OUT_OF_MEMORY:
         memory = limits.memory / 1e6

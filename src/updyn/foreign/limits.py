@@ -10,7 +10,7 @@ from updyn.errors import FormatError
 __all__ = ["Limits", "limits_of"]
 
 _MB = 10**6
-_SECONDS = 8.0
+_SECONDS = 6.0
 _BYTES_PER_SECOND = 1 * _MB
 _UNPACKED = 256 * _MB
 _RATIO = 100

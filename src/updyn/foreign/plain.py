@@ -7,6 +7,7 @@ value is a mapping of one tag::
     {"map": [[key, value], ...]}
     {"array": [dtype, shape, offset]}       offset into the numbers
     {"texts": [shape, [text, ...]]}         an array of texts of any length
+    {"sparse": [shape, data, indices, indptr]}
     {"other": text}                         what could not be read, by its type
 """
 
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Other", "decode", "encode"]
+__all__ = ["Other", "Sparse", "decode", "encode"]
 
 _KINDS = "biufcSU"
 
@@ -39,14 +40,32 @@ class Other:
     kind: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sparse:
+    """A sparse matrix, compressed by columns, as a file holds it: not checked.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+    data, indices, indptr : ndarray
+        The entries, their rows, and where each column starts.
+    """
+
+    shape: tuple[int, int]
+    data: NDArray[Any]
+    indices: NDArray[Any]
+    indptr: NDArray[Any]
+
+
 def encode(value: Any) -> Iterator[bytes | memoryview]:
     """Yield the bytes of a value, part by part.
 
     Parameters
     ----------
     value : object
-        None, bool, int, float, str, list, mapping with text keys, `Other`, or ndarray of numbers or
-        texts, nested in any way.
+        None, bool, int, float, str, list, mapping with text keys, `Other`, `Sparse`, or ndarray of
+        numbers or texts, nested in any way.
 
     Raises
     ------
@@ -67,6 +86,10 @@ def _tagged(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]
         return value, end
     if isinstance(value, Other):
         return {"other": value.kind}, end
+    if isinstance(value, Sparse):
+        parts = [list(value.shape), value.data, value.indices, value.indptr]
+        tagged, end = _tagged(parts, arrays, end)
+        return {"sparse": tagged}, end
     if isinstance(value, list | tuple):
         items = []
         for item in value:
@@ -141,6 +164,12 @@ def _texts(given: Any, numbers: memoryview) -> NDArray[Any]:
     return out.reshape(shape)
 
 
+def _sparse(given: Any, numbers: memoryview) -> Sparse:
+    (rows, columns), *parts = given
+    data, indices, indptr = (_value(part, numbers) for part in parts)
+    return Sparse((int(rows), int(columns)), data, indices, indptr)
+
+
 def _other(given: Any, numbers: memoryview) -> Other:
     return Other(str(given))
 
@@ -149,5 +178,6 @@ _READERS: Mapping[str, Callable[[Any, memoryview], Any]] = {
     "map": _map,
     "array": _array,
     "texts": _texts,
+    "sparse": _sparse,
     "other": _other,
 }

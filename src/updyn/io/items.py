@@ -98,12 +98,12 @@ def compressed(
     try:
         out = make((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=shape)
         out.check_format(full_check=True)
+        entries = out.nnz
+        out.sum_duplicates()
     except ValueError as error:
         raise FormatError(
             f"{where}: not a sparse matrix of shape {shape} ({error})", path
         ) from error
-    entries = out.nnz
-    out.sum_duplicates()
     if out.nnz != entries:
         raise FormatError(f"{where}: an entry stands twice", path)
     if (

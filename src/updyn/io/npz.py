@@ -19,9 +19,12 @@ of SDynPy is identified by its names, see `updyn.io.sdynpy`.
 
 from __future__ import annotations
 
+import math
+import tokenize
+import zipfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,6 +32,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof
 from updyn.errors import FormatError
+from updyn.foreign.limits import limits_of
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.items import compressed, kind_of, library, listed
@@ -36,9 +40,13 @@ from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.sdynpy import is_system, system_model
 from updyn.model import Model
 
-__all__ = ["read_frf", "read_model", "write_frf", "write_model"]
+__all__ = ["read_arrays", "read_frf", "read_model", "write_frf", "write_model"]
 
 _CSR = ("data", "indices", "indptr")
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def read_model(path: str | Path) -> Model:
@@ -55,7 +63,7 @@ def read_model(path: str | Path) -> Model:
         If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
         valid.
     """
-    arrays = _arrays(path)
+    arrays = read_arrays(path)
     if {"format", "shape", *_CSR} <= set(arrays):
         raise FormatError(
             "holds one sparse matrix as scipy.sparse.save_npz writes it; a model needs K, M and"
@@ -121,7 +129,7 @@ def read_frf(
         If the archive is damaged, holds pickled objects, or a name is missing, unknown or not
         valid.
     """
-    items = _nested(_arrays(path), path)
+    items = _nested(read_arrays(path), path)
     return build_frf(
         items,
         path,
@@ -153,7 +161,23 @@ def _save(items: dict[str, Any], path: str | Path) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Read all arrays of an archive; sizes are checked before anything is unpacked.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    dict of str to ndarray
+
+    Raises
+    ------
+    FormatError
+        If the archive is damaged, holds pickled objects, or far more than its size lets expect.
+    """
     with Path(path).open("rb") as file:
         start = file.read(8)
     if start.startswith(b"\x93NUMPY"):
@@ -163,30 +187,42 @@ def _arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     if not start.startswith(b"PK"):
         raise FormatError(f"not an .npz archive: it starts with {start!r}, expected b'PK'", path)
     out: dict[str, NDArray[Any]] = {}
-    # Through an open file: numpy leaves one that it opened itself open where the archive is
-    # damaged.
-    with (
-        Path(path).open("rb") as file,
-        library(path, ".npz archive"),
-        np.load(file, allow_pickle=False) as archive,
-    ):
-        for name in archive.files:
+    with library(path, ".npz archive"), zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        limits_of(path).check(sum(member.file_size for member in members))
+        for member in members:
+            name = member.filename.removesuffix(".npy")
             if name in out:
                 raise FormatError(f"holds {name!r} twice", path)
-            try:
-                array = archive[name]
-            except ValueError as error:
-                if "pickle" not in str(error):
-                    raise
-                raise FormatError(
-                    f"{name}: holds Python objects (pickled), which are never read; store numbers,"
-                    " or texts as an array of text",
-                    path,
-                ) from error
-            if not isinstance(array, np.ndarray):
-                raise FormatError(f"holds {name!r}, which is not an array", path)
-            out[name] = array
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise FormatError(f"{name}: packed in a way that numpy does not write", path)
+            with archive.open(member) as stream:
+                out[name] = _array(stream, name, path)
     return out
+
+
+def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
+    """Return the array of one member, of which exactly as many bytes as it says have to follow."""
+    try:
+        version = np.lib.format.read_magic(stream)
+        if version not in _HEADERS:
+            raise FormatError(f"{name}: version {version} of .npy; expected 1.0 or 2.0", path)
+        shape, in_columns, dtype = _HEADERS[version](stream)
+    except (ValueError, tokenize.TokenError) as error:
+        raise FormatError(f"holds {name!r}, which is not an array ({error})", path) from error
+    if dtype.hasobject:
+        raise FormatError(
+            f"{name}: holds Python objects (pickled), which are never read; store numbers,"
+            " or texts as an array of text",
+            path,
+        )
+    content = bytearray(stream.read())
+    if dtype.itemsize == 0 or len(content) != math.prod(shape) * dtype.itemsize:
+        raise FormatError(
+            f"{name}: says {dtype} of shape {shape}, but {len(content)} bytes follow", path
+        )
+    flat = np.frombuffer(content, dtype)
+    return flat.reshape(shape, order="F" if in_columns else "C")
 
 
 def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from updyn.modal.mode_set import ModeSet
 __all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
+_WIDEST = 4096  # bytes of an entry of an array
 
 
 def to_text(value: Any, what: str) -> str:
@@ -64,7 +65,8 @@ def _marked(value: Any, what: str) -> Any:
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
         return {"__modes__": _marked(_fields(value, _MODES), what)}
-    if isinstance(value, np.ndarray) and value.dtype.kind in "biufcU":
+    is_kept = isinstance(value, np.ndarray) and value.dtype.itemsize <= _WIDEST
+    if is_kept and value.dtype.kind in "biufcU":
         items = _marked(value.ravel().tolist(), what)
         return {"__array__": items, "dtype": value.dtype.str, "shape": list(value.shape)}
     if isinstance(value, Mapping):
@@ -89,8 +91,16 @@ _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "__modes__": lambda v: ModeSet(**_restored(v["__modes__"])),
     "__dof__": lambda v: Dof.parse(v["__dof__"]),
     "__pairs__": lambda v: dict(_restored(v["__pairs__"])),
-    "__array__": lambda v: np.array(_restored(v["__array__"]), v["dtype"]).reshape(v["shape"]),
+    "__array__": lambda v: np.array(_restored(v["__array__"]), _dtype(v)).reshape(v["shape"]),
 }
+
+
+def _dtype(stored: dict[str, Any]) -> np.dtype[Any]:
+    """Return the type of a stored array; one text of a gigabyte would be all padding."""
+    dtype: np.dtype[Any] = np.dtype(stored["dtype"])
+    if dtype.itemsize > _WIDEST:
+        raise ValueError(f"an array of {dtype}")
+    return dtype
 
 
 def from_text(text: str, what: str, path: str | Path) -> Any:
@@ -102,8 +112,8 @@ def from_text(text: str, what: str, path: str | Path) -> Any:
         If the text is not JSON as `to_text` writes it.
     """
     try:
-        return _restored(json.loads(text, parse_constant=_refuse))
-    except (ValueError, TypeError, LookupError, RecursionError) as error:
+        return _restored(json.loads(text, parse_constant=_refuse, parse_int=_whole))
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         raise FormatError(f"{what}: not JSON as updyn writes it ({error})", path) from error
 
 
@@ -116,6 +126,13 @@ def _restored(value: Any) -> Any:
         if key.startswith("__"):
             return _RESTORE[key](value)
     return {key: _restored(v) for key, v in value.items()}
+
+
+def _whole(digits: str) -> int:
+    """Return a whole number that is one of floating point, too: nothing overflows later."""
+    number = int(digits)
+    float(number)
+    return number
 
 
 def _refuse(constant: str) -> Any:

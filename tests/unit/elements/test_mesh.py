@@ -264,6 +264,7 @@ def test_a_file_that_is_not_there(tmp_path):
 def test_without_meshio_the_error_says_how_to_install_it(tmp_path, monkeypatch):
     path = written(tmp_path, MSH)
     monkeypatch.setitem(sys.modules, "meshio", None)
+    monkeypatch.delitem(sys.modules, "updyn.foreign.mesh", raising=False)
     with pytest.raises(ModelError, match=re.escape('pip install "updyn[mesh]"')):
         read_mesh(path, unit="m")
 

@@ -266,7 +266,8 @@ def _ports(
         with placed(path, place):
             port = Port(one["name"], one["weights"], one["rotation"])
         quantity = one.get("quantity", "")
-        if "quantity" in keys and quantity not in QUANTITIES:
+        known = isinstance(quantity, str) and quantity in QUANTITIES
+        if "quantity" in keys and not known:
             raise FormatError(
                 f"{place}: quantity {quantity!r}; {suggest(str(quantity), QUANTITIES)}", path
             )

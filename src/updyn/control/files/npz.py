@@ -10,7 +10,7 @@ import numpy as np
 from updyn.control.files.items import build_plant, flat_items, nested_items
 from updyn.control.plant import Plant
 from updyn.io.atomic import atomic_path
-from updyn.io.items import library
+from updyn.io.npz import read_arrays
 
 __all__ = ["read_plant", "write_plant"]
 
@@ -49,13 +49,6 @@ def read_plant(path: str | Path) -> Plant:
         valid.
     """
     found: dict[str, Any] = {}
-    with (
-        Path(path).open("rb") as file,
-        library(path, ".npz archive"),
-        np.load(file, allow_pickle=False) as archive,
-    ):
-        for name in archive.files:
-            with library(path, f".npz archive of numbers and texts: {name}"):
-                array = archive[name]
-            found[name] = array.ravel().tolist() if array.dtype.kind == "U" else array
+    for name, array in read_arrays(path).items():
+        found[name] = array.ravel().tolist() if array.dtype.kind == "U" else array
     return build_plant(nested_items(found, path), path)

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
+from updyn.foreign import box
 from updyn.geometry import Geometry
 from updyn.io.ansys.archive import check_archive
-from updyn.io.ansys.binary import mapdl_reader
-from updyn.io.items import is_file, library, placed
+from updyn.io.items import is_file, placed
 
 __all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
 
@@ -133,36 +133,35 @@ def read_attributes(path: str | Path) -> Attributes:
     path = Path(path)
     if not is_file(path):
         raise FormatError("attributes: no such file", path)
-    reader = mapdl_reader()
     if path.suffix.lower() != ".rst":
         check_archive(path)
-    with library(path, "file of Ansys"):
-        if path.suffix.lower() == ".rst":
-            mesh = reader.read_binary(str(path)).mesh
-        else:
-            mesh = reader.Archive(str(path), parse_vtk=False)
-        if not mesh.n_elem:
-            raise FormatError("holds no elements (EBLOCK)", path)
-        rows = [np.asarray(row, dtype=np.int64) for row in mesh.elem]
-        numbers = np.array([row[: len(_NUMBERS)] for row in rows])
-        routines = dict(np.asarray(mesh.ekey)[:, :2].tolist())
-        components = {}
-        for name, part in mesh.element_components.items():
-            components[str(name)] = np.asarray(part, dtype=np.int64)
-        angles = np.zeros((mesh.n_node, 3))
-        if mesh.node_angles is not None:
-            angles = np.asarray(mesh.node_angles, dtype=np.float64)
-        return Attributes(
-            path,
-            np.asarray(mesh.enum, dtype=np.int64),
-            dict(zip(_NUMBERS, numbers.T, strict=True)),
-            np.array([routines.get(kind, 0) for kind in numbers[:, 1].tolist()]),
-            [row[_FIRST_NODE:] for row in rows],
-            components,
-            np.asarray(mesh.nnum, dtype=np.int64),
-            np.asarray(mesh.nodes, dtype=np.float64),
-            angles,
+    found = box.load(
+        "updyn.foreign.ansys:load", path, what="file of Ansys", reader="ansys-mapdl-reader"
+    )
+    if not found["lengths"].size:
+        raise FormatError("holds no elements (EBLOCK)", path)
+    lengths = found["lengths"]
+    if len(found["elements"]) != len(lengths) or lengths.min() < len(_NUMBERS):
+        raise FormatError(
+            f"{len(found['elements'])} element numbers for {len(lengths)} elements: damaged", path
         )
+    rows = np.split(found["rows"], np.cumsum(lengths)[:-1])
+    numbers = np.array([row[: len(_NUMBERS)] for row in rows])
+    routines = dict(found["routines"].tolist())
+    angles = found["angles"]
+    if angles is None:
+        angles = np.zeros((len(found["nodes"]), 3))
+    return Attributes(
+        path,
+        found["elements"],
+        dict(zip(_NUMBERS, numbers.T, strict=True)),
+        np.array([routines.get(kind, 0) for kind in numbers[:, 1].tolist()]),
+        [row[_FIRST_NODE:] for row in rows],
+        found["components"],
+        found["nodes"],
+        found["xyz"],
+        angles,
+    )
 
 
 def groups_of(

@@ -8,7 +8,6 @@ doubles holds, and a damaged file ends the process.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, OptionError, in_all
+from updyn.errors import FormatError, in_all
 from updyn.io.consistent_units import UNITS, System, system
 from updyn.io.items import placed
 
-__all__ = ["DOF_NAMES", "BinaryFile", "labels_of", "mapdl_reader"]
+__all__ = ["DOF_NAMES", "BinaryFile", "labels_of"]
 
 _WORD = 4
 _LOW = 0xFFFFFFFF
 _HEADER = 100  # words
-_PACKAGE = "ansys.mapdl.reader"
 #: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by
 #: leaving out zeros.
 _TYPE = 0xC0
@@ -63,28 +61,6 @@ _FILES = {2: ".emat", 4: ".full", 8: ".sub", 9: ".mode", 12: ".rst"}
 #: it is one of ours.
 _UNITS = {1: "m", 4: "in", 5: "m", 6: "mm"}
 _UNIT_NAMES = {1: "SI", 2: "CGS", 3: "BFT", 4: "BIN", 5: "MKS", 6: "MPA", 7: "uMKS"}
-
-
-def mapdl_reader(module: str = "") -> Any:
-    """Import ansys-mapdl-reader, or one of its modules.
-
-    Parameters
-    ----------
-    module : str
-        Name of the module within the package; empty: the package.
-
-    Raises
-    ------
-    OptionError
-        If it is not installed or cannot be loaded; the message says what to install.
-    """
-    try:
-        return importlib.import_module(f"{_PACKAGE}.{module}".rstrip("."))
-    except (ImportError, OSError) as error:
-        raise OptionError(
-            ".cdb and .rst files are read through ansys-mapdl-reader, which cannot be loaded"
-            f" ({error}): pip install 'updyn[ansys]'"
-        ) from error
 
 
 class BinaryFile:

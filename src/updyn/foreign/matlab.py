@@ -1,0 +1,340 @@
+"""MATLAB files as plain data: versions 5 to 7.2 by scipy, 7.3 by h5py.
+
+Numbers are arrays with the axes of MATLAB, texts and cells of texts are lists of texts, structs are
+mappings, sparse matrices are `updyn.foreign.plain.Sparse`.
+"""
+
+from __future__ import annotations
+
+import warnings
+import zlib
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+
+import h5py
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import (
+    MatlabFunction,
+    MatlabOpaque,
+    MatReadError,
+    MatReadWarning,
+    mat_struct,
+)
+
+from updyn.errors import FormatError
+from updyn.foreign.hdf5 import Content
+from updyn.foreign.limits import Limits, limits_of
+from updyn.foreign.plain import Sparse
+
+__all__ = ["load"]
+
+_HEADER_5 = 128  # bytes
+_COMPRESSED_5 = 15
+_VARIABLES_5 = (14, _COMPRESSED_5)
+_BLOCK = 2**20  # bytes
+_DEPTH = 8  # structs in structs; a file that goes deeper refers to itself
+_ARRAY = "groups"  # what may be a struct array, one struct a group
+_NUMBERS = (
+    "double",
+    "single",
+    "logical",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+)
+
+
+def load(path: str) -> dict[str, Any]:
+    """Load all variables.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+
+    Returns
+    -------
+    dict
+        By name.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, a variable is of a class that cannot be used, or something stands in
+        another file.
+    """
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            return _File73(file, path).variables()
+    with Path(path).open("rb") as raw:
+        if raw.read(10) in (b"MATLAB 7.0", b"MATLAB 7.3"):
+            raise FormatError(
+                "MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path
+            )
+    return _variables_5(path)
+
+
+# -- version 5 ----------------------------------------------------------------------------------
+def _variables_5(path: str) -> dict[str, Any]:
+    _check_5(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MatReadWarning)
+        try:
+            # A struct as an object with fields, and all axes as stored: a squeezed array no longer
+            # says what it was.
+            stored = loadmat(
+                path,
+                appendmat=False,
+                squeeze_me=False,
+                struct_as_record=False,
+                chars_as_strings=True,
+            )
+        except (MatReadError, MatReadWarning) as error:
+            raise FormatError(f"not a readable MATLAB file ({error})", path) from error
+    variables = {}
+    for name, value in stored.items():
+        if not name.startswith("__"):
+            variables[name] = _item_5(value, name, path)
+    return variables
+
+
+def _check_5(path: str) -> None:
+    """Check the stated lengths of the variables, the checksums, and how large they are unpacked."""
+    # scipy trusts these lengths; where they are wrong, the process may crash.
+    limits = limits_of(path)
+    size = limits.size
+    unpacked = 0
+    with Path(path).open("rb") as file:
+        header = file.read(_HEADER_5)
+        if len(header) < _HEADER_5 or header[126:128] not in (b"IM", b"MI"):
+            raise FormatError("not a MATLAB file of version 5: no complete header", path)
+        order: Literal["little", "big"] = "little" if header[126:128] == b"IM" else "big"
+        at = _HEADER_5
+        number = 0
+        while at < size:
+            number += 1
+            tag = file.read(8)
+            kind = int.from_bytes(tag[:4], order)
+            length = int.from_bytes(tag[4:], order)
+            if len(tag) < 8 or kind not in _VARIABLES_5 or at + 8 + length > size:
+                raise FormatError(
+                    f"cut short or damaged in variable {number}, at byte {at} of {size}", path
+                )
+            if kind == _COMPRESSED_5:
+                unpacked = _check_compressed(file, length, limits, unpacked)
+            at = file.seek(at + 8 + length)
+
+
+def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int) -> int:
+    """Unpack a variable, whose checksum covers all of it; return how much there is so far."""
+    stream = zlib.decompressobj()
+    packed = file.read(length)
+    while not stream.eof:
+        block = stream.decompress(packed, _BLOCK)
+        packed = stream.unconsumed_tail
+        unpacked += len(block)
+        limits.check(unpacked)
+        if not block and not packed and not stream.eof:
+            raise FormatError("a compressed variable is cut short", limits.path)
+    return unpacked
+
+
+def _item_5(value: Any, name: str, path: str) -> Any:
+    if sp.issparse(value):
+        csc = sp.csc_array(value)
+        return Sparse(csc.shape, csc.data, csc.indices, csc.indptr)
+    if isinstance(value, MatlabFunction | MatlabOpaque) or not isinstance(value, np.ndarray):
+        raise FormatError(f"{name}: {_unusable('object')}", path)
+    if value.dtype.kind == "U":
+        return _rows(value.ravel().tolist())
+    if value.dtype != object:
+        return value
+    cells = _vector(value, name, path)
+    if not cells or not all(isinstance(cell, mat_struct) for cell in cells):
+        return [_cell(_item_5(cell, name, path), name, i, path) for i, cell in enumerate(cells)]
+    if len(cells) == 1:
+        return _struct_5(cells[0], name, path)
+    if name.rpartition(".")[2] != _ARRAY:
+        raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+    return [_struct_5(cell, f"{name}({i})", path) for i, cell in enumerate(cells, 1)]
+
+
+def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
+    fields = {}
+    for key in struct._fieldnames:
+        fields[key] = _item_5(getattr(struct, key), f"{name}.{key}", path)
+    return fields
+
+
+# -- version 7.3 --------------------------------------------------------------------------------
+class _File73:
+    """An open file of version 7.3.
+
+    Parameters
+    ----------
+    file : h5py.File
+        The file.
+    path : str
+        Its name.
+    """
+
+    def __init__(self, file: Any, path: str) -> None:
+        self._file = file
+        self._path = path
+        self._content = Content(path, False)
+
+    def variables(self) -> dict[str, Any]:
+        """Return all variables by name."""
+        found = {}
+        for name, item in self._content.members(self._file).items():
+            if not name.startswith("#"):
+                found[name] = self._item(item, name, 0)
+        return found
+
+    def _item(self, item: Any, name: str, depth: int) -> Any:
+        path = self._path
+        if depth > _DEPTH:
+            raise FormatError(f"{name}: structs nested more than {_DEPTH} deep", path)
+        kind = item.attrs.get("MATLAB_class", b"")
+        if isinstance(kind, bytes):
+            kind = kind.decode("ascii", "replace")
+        if not kind:
+            raise FormatError(
+                f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it"
+                " written by MATLAB?",
+                path,
+            )
+        if isinstance(item, h5py.Group):
+            return self._struct(item, str(kind), name, depth)
+        values = self._values(item)
+        if item.attrs.get("MATLAB_empty"):
+            if kind in ("char", "cell"):
+                return []
+            shape = tuple(map(int, values.ravel()))
+            if 0 not in shape:
+                raise FormatError(f"{name}: is empty, but of shape {shape}", path)
+            return np.empty(shape)  # an empty array is stored as its size
+        if kind == "char":
+            rows = np.atleast_2d(np.asarray(values, dtype="<u2").T)
+            return _rows([row.tobytes().decode("utf-16-le") for row in rows])
+        if kind == "cell":
+            texts = []
+            for i, reference in enumerate(_vector(values, name, path)):
+                cell = self._item(self._file[reference], name, depth + 1)
+                texts.append(_cell(cell, name, i, path))
+            return texts
+        if kind not in _NUMBERS:
+            raise FormatError(f"{name}: {_unusable(str(kind))}", path)
+        return _complex(values).T
+
+    def _struct(self, item: Any, kind: str, name: str, depth: int) -> Any:
+        members = self._content.members(item)
+        if "MATLAB_sparse" in item.attrs:
+            return self._sparse(item, members)
+        if kind != "struct":
+            raise FormatError(f"{name}: {_unusable(kind)}", self._path)
+        if name.rpartition(".")[2] == _ARRAY and _is_array(members):
+            return self._structs(item, members, name, depth)
+        fields = {}
+        for key in _fields(item):
+            fields[key] = self._item(members[key], f"{name}.{key}", depth + 1)
+        return fields
+
+    def _structs(
+        self, item: Any, members: dict[str, Any], name: str, depth: int
+    ) -> list[dict[str, Any]]:
+        """Return a struct array as one dict an element."""
+        elements: list[dict[str, Any]] = []
+        for key in _fields(item):
+            references = _vector(self._values(members[key]), name, self._path)
+            if not elements:
+                elements = [{} for _ in references]
+            for i, (element, reference) in enumerate(zip(elements, references, strict=True), 1):
+                where = f"{name}({i}).{key}"
+                element[key] = self._item(self._file[reference], where, depth + 1)
+        return elements
+
+    def _sparse(self, item: Any, members: dict[str, Any]) -> Sparse:
+        rows = int(item.attrs["MATLAB_sparse"])
+        indptr = self._values(members["jc"])
+        # A matrix without entries has no data and ir.
+        data = np.empty(0)
+        indices = np.empty(0, dtype=np.int64)
+        if "data" in members:
+            data = _complex(self._values(members["data"]))
+        if "ir" in members:
+            indices = self._values(members["ir"])
+        return Sparse((rows, len(indptr) - 1), data, indices, indptr)
+
+    def _values(self, dataset: Any) -> NDArray[Any]:
+        self._content.check(dataset)
+        return np.asarray(dataset[()])
+
+
+def _is_array(members: dict[str, Any]) -> bool:
+    """Return whether a struct is an array of them."""
+    # Each field is then one reference an element, of no class.
+    for field in members.values():
+        is_reference = getattr(field, "dtype", np.dtype("i1")).kind == "O"
+        if "MATLAB_class" in field.attrs or not is_reference:
+            return False
+    return len(members) > 0
+
+
+def _fields(struct: Any) -> list[str]:
+    """Return the names of the fields in MATLAB's order, which HDF5 itself does not keep."""
+    names = list(struct)
+    told = struct.attrs.get("MATLAB_fields")
+    if told is None:
+        return names
+    ordered = ["".join(letter.decode("ascii") for letter in field) for field in told]
+    return ordered if sorted(ordered) == sorted(names) else names
+
+
+def _complex(values: NDArray[Any]) -> NDArray[Any]:
+    if values.dtype.names != ("real", "imag"):
+        return values
+    out = np.empty(values.shape, dtype=np.complex128)
+    out.real = values["real"]
+    out.imag = values["imag"]
+    return out
+
+
+# -- both ---------------------------------------------------------------------------------------
+def _rows(texts: list[str]) -> list[str]:
+    """Return the rows of a char matrix, which MATLAB pads with blanks to one length."""
+    if len(texts) <= 1:
+        return texts
+    return [text.rstrip(" \0") for text in texts]
+
+
+def _vector(cells: NDArray[Any], name: str, path: str) -> list[Any]:
+    if cells.size not in (0, max(cells.shape, default=1)):
+        raise FormatError(
+            f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path
+        )
+    return list(cells.ravel())
+
+
+def _cell(value: Any, name: str, at: int, path: str) -> str:
+    if isinstance(value, list) and len(value) <= 1:
+        return str(value[0]) if value else ""
+    raise FormatError(f"{name}: cell {at + 1} is not a text; expected a cell array of texts", path)
+
+
+def _unusable(kind: str) -> str:
+    hint = ""
+    if kind in ("string", "object"):
+        hint = " (a MATLAB string array? save cellstr(...) or char(...) of it)"
+    return (
+        f"MATLAB class {kind!r} cannot be used{hint}; expected numbers, char, a cell array of char,"
+        " or a struct"
+    )
