@@ -140,15 +140,11 @@ def room_for(size: int) -> Iterator[None]:
 
 
 OTHERS = (
-    Native("frf.npz", lambda p: updyn.write_frf(io_samples.frf(), p), updyn.read_frf),
-    Native("frf.mat", lambda p: updyn.write_frf(io_samples.frf(), p), updyn.read_frf),
-    Native(
-        "frf.uff",
-        lambda p: updyn.write_frf(io_samples.frf(with_geometry=False), p),
-        updyn.read_frf,
-    ),
-    Native("model.npz", lambda p: updyn.write_model(io_samples.model(), p), updyn.read_model),
-    Native("model.mat", lambda p: updyn.write_model(io_samples.model(), p), updyn.read_model),
+    Native("frf.npz", io_samples.frf, updyn.write_frf, updyn.read_frf),
+    Native("frf.mat", io_samples.frf, updyn.write_frf, updyn.read_frf),
+    Native("frf.uff", lambda: io_samples.frf(with_geometry=False), updyn.write_frf, updyn.read_frf),
+    Native("model.npz", io_samples.model, updyn.write_model, updyn.read_model),
+    Native("model.mat", io_samples.model, updyn.write_model, updyn.read_model),
 )
 
 

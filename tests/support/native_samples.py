@@ -20,11 +20,16 @@ MARK = b"updyn-sha256 "
 
 @dataclass(frozen=True)
 class Native:
-    """A kind of native file: its usual name, its writer for one sample, its reader."""
+    """A kind of native file: its usual name, what it is a sample of, its writer and its reader."""
 
     name: str
-    write: Callable[[Path], None]
+    sample: Callable[[], Any]
+    save: Callable[[Any, Path], None]
     read: Callable[[Path], Any]
+
+    def write(self, path: Path) -> None:
+        """Write the sample."""
+        self.save(self.sample(), path)
 
 
 def _draws() -> Draws:
@@ -48,12 +53,10 @@ def _result() -> updyn.UpdateResult:
 
 
 NATIVE = (
-    Native("model.h5", lambda p: updyn.write_model(io_samples.model(), p), updyn.read_model),
-    Native("frf.nc", lambda p: updyn.write_frf(io_samples.frf(), p), updyn.read_frf),
-    Native("run.nc", lambda p: updyn.write_result(_result(), p), updyn.read_result),
-    Native(
-        "uncertainty.nc", lambda p: updyn.write_uncertainty(_draws(), p), updyn.read_uncertainty
-    ),
+    Native("model.h5", io_samples.model, updyn.write_model, updyn.read_model),
+    Native("frf.nc", io_samples.frf, updyn.write_frf, updyn.read_frf),
+    Native("run.nc", _result, updyn.write_result, updyn.read_result),
+    Native("uncertainty.nc", _draws, updyn.write_uncertainty, updyn.read_uncertainty),
 )
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from updyn.errors import FormatError, suggest
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import existing, library
+from updyn.io.items import existing, library, number
 from updyn.io.native import write_native
 from updyn.io.netcdf import load_netcdf
 from updyn.store.values import from_text, to_text
@@ -119,7 +119,7 @@ class Number:
         """Return the number."""
         if name not in data.attrs:
             raise FormatError(f"no attribute {name!r}", path)
-        return self._kind(data.attrs[name])
+        return self._kind(number(data.attrs[name], name, path))
 
 
 class Mixed:
@@ -222,7 +222,7 @@ class Array:
         called = self._variable or name
         value = variable(data, called, path)
         # The dimension ``parameter_other`` is the second one of a square table over ``parameter``.
-        expected = tuple(data.sizes[dim.removesuffix("_other")] for dim in self._dims)
+        expected = tuple(data.sizes.get(dim.removesuffix("_other")) for dim in self._dims)
         if value.shape != expected:
             raise FormatError(f"{called}: found shape {value.shape}, expected {expected}", path)
         return value.astype(np.bool_) if self._is_flag else value

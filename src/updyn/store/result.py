@@ -44,7 +44,7 @@ from updyn.errors import FormatError, InputError, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import write_json
 from updyn.io.hdf5 import put_model, take_model
-from updyn.io.items import placed
+from updyn.io.items import guarded, placed
 from updyn.store.netcdf import (
     Array,
     Kept,
@@ -131,7 +131,7 @@ def read_result(path: str | Path) -> UpdateResult:
     groups = {"start": "start_model", "model": "updated_model"}
     data, found = read_dataset(path, "result", "record of a run", tuple(groups.values()))
     models: dict[str, Any] = {f: take_model(found[name], path) for f, name in groups.items()}
-    with placed(path):
+    with guarded(path, "result"), placed(path):
         fields = take_fields(data, _RESULT, path)
         return UpdateResult(frf=FRF.from_xarray(data), **models, **fields)
 

@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from updyn.errors import FormatError, OptionError, suggest
+from updyn.errors import OptionError
+from updyn.io.items import guarded
 from updyn.store.netcdf import (
     Array,
     Arrays,
@@ -120,12 +121,10 @@ def read_uncertainty(
     """
     path = Path(path)
     data, _ = read_dataset(path, "uncertainty", "draws or profiles")
-    kind = data.attrs.get("kind")
-    if kind == "profile":
-        return _to_profiles(data, path)
-    if kind not in KINDS:
-        raise FormatError(f"kind {kind!r}; {suggest(str(kind), ('profile', *KINDS))}", path)
-    draws = Draws(**take_fields(data, _DRAWS, path))
+    with guarded(path, "uncertainty"):
+        if Text(("profile", *KINDS)).take(data, "kind", path) == "profile":
+            return _to_profiles(data, path)
+        draws = Draws(**take_fields(data, _DRAWS, path))
     if result is None:
         return draws
     return draws.of(result)

@@ -12,7 +12,7 @@ from typing import Any
 from updyn.control.plant import Plant
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.formats import Format, load
-from updyn.io.items import existing
+from updyn.io.items import existing, guarded
 
 __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
@@ -73,7 +73,9 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
         If the file is not there, is damaged, or holds something else; file and item are named.
     """
     found = existing(path)
-    plant: Plant = load(plant_format(found, "read_plant", format)).read_plant(found)
+    chosen = plant_format(found, "read_plant", format)
+    with guarded(found, chosen.name):
+        plant: Plant = load(chosen).read_plant(found)
     return plant
 
 
