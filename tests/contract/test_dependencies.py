@@ -19,7 +19,11 @@ PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text
 NEEDED = {Requirement(r).name: Requirement(r) for r in PROJECT["dependencies"]}
 EXTRAS = {Requirement(r).name for part in PROJECT["optional-dependencies"].values() for r in part}
 #: What a distribution is called where its name is not that of its package.
-DISTRIBUTIONS = {"skfem": "scikit-fem", "arviz_stats": "arviz-stats"}
+DISTRIBUTIONS = {
+    "ansys": "ansys-mapdl-reader",
+    "arviz_stats": "arviz-stats",
+    "skfem": "scikit-fem",
+}
 
 
 def imported() -> set[str]:
