@@ -2,6 +2,7 @@
 #   make demo    install and run the default example (make demo NAME=chain for another)
 #   make test    install with the test extra and run all tests
 #   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS
+#   make torture    damage files and runs in many ways, and count how that ends (TRIALS=20000 CUTS=20000 for more)
 #   make lint    style and types
 #   make clean   remove what these made
 
@@ -13,8 +14,10 @@ OUT ?= demo/$(NAME)
 WORKERS ?= 2
 PYTEST_ARGS ?=
 KERNELS ?= Haswell Prescott SkylakeX
+TRIALS ?= 1000
+CUTS ?= 2000
 
-.PHONY: demo test test-kernels lint clean
+.PHONY: demo test test-kernels torture lint clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.installed
@@ -25,6 +28,9 @@ test: $(VENV)/.installed-test
 
 test-kernels: $(VENV)/.installed-test
 	$(BIN)/python tools/kernels.py $(KERNELS) -- -n $(WORKERS) $(PYTEST_ARGS)
+
+torture: $(VENV)/.installed-test
+	$(BIN)/python tools/torture.py --trials $(TRIALS) --cuts $(CUTS)
 
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check

@@ -54,6 +54,8 @@ GROUP_QUANTITIES = {
     "stiffness_damping": "stiffness",
 }
 
+#: Whole numbers from here on are no double.
+_LARGEST = 2**1023
 #: Those that are values, with their units; all are damping, not negative, and 0 where nothing is
 #: said.
 VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
@@ -351,9 +353,11 @@ def is_number(value: object) -> bool:
     Returns
     -------
     bool
-        False for truth values, too.
+        False for truth values, too, and for whole numbers beyond all doubles.
     """
-    return isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) < _LARGEST
+    return isinstance(value, float | np.floating | np.integer)
 
 
 def _damping(name: str, value: Any) -> float:

@@ -84,7 +84,7 @@ def test_the_table_is_read(tmp_path: Path) -> None:
 
 def test_the_table_must_say_or_be_told_what_it_holds(tmp_path: Path) -> None:
     path = tmp_path / "silent.csv"
-    path.write_text("\n".join(block("csv", "text").splitlines()[1:]), encoding="utf-8")
+    path.write_text(block("csv", "text").split("\n", 1)[1], encoding="utf-8")
     with pytest.raises(FormatError, match="does not say what was measured"):
         read_frf(path)
     assert read_frf(path, quantity="mobility").quantity == "mobility"

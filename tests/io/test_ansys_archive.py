@@ -44,6 +44,8 @@ REALS += (
         ("        2        0", "        2      x 0", "NBLOCK: found .*3 to 3 whole numbers of 9"),
         ("N,R5.3,LOC,       -1,\n", "", "NBLOCK: found 'EBLOCK"),
         ("(19i10)", "(19x10)", r"EBLOCK: found '\(19x10\)'; expected a format such as \(19i10\)"),
+        ("(19i10)", "(6e21.13)", r"EBLOCK: found '\(6e21.13\)'; expected a format such as \(19i10\)"),
+        ("EBLOCK,19", REALS.replace("(7g16.9)", "(8i10)") + "EBLOCK,19", r"expected a format such as \(7g16.9\)"),
         ("SOLID,        40,        40", "SOLID,        40,        41", "40 elements; .* says 41"),
         ("SOLID,       321,       321", "SOLID,       321,       320", "321 nodes; .* says 320"),
         ("         0        20         0", "         0        21         0", r"EBLOCK: found|nodes on"),
@@ -60,6 +62,15 @@ def test_faults_are_told(text, tmp_path, old, new, message):
     path = tmp_path / "bad.cdb"
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(FormatError, match=rf"bad\.cdb:\d+: .*({message})"):
+        read_attributes(path)
+
+
+def test_an_archive_without_nodes_never_reaches_the_reader(text, tmp_path):
+    """Without them ansys-mapdl-reader raises a SystemError."""
+    path = tmp_path / "bare.cdb"
+    start, end = text.index("NBLOCK"), text.index("EBLOCK")
+    path.write_text(text[:start] + text[end:])
+    with pytest.raises(FormatError, match=r"bare\.cdb: holds no nodes \(NBLOCK\)"):
         read_attributes(path)
 
 

@@ -15,6 +15,22 @@ def test_a_document_is_that_of_tomllib():
     assert parse_toml(text) == tomllib.loads(text)
 
 
+@pytest.mark.parametrize("text", ["a = 1\nb = 0.0", "b = 1e5", "x = 'y'\nt = 12:30:00", "b = 1_0"])
+def test_a_number_at_the_end_that_may_be_cut(text):
+    with pytest.raises(
+        tomllib.TOMLDecodeError, match=r"the last line, '. = .*', does not end: .* \(at line \d"
+    ):
+        parse_toml(text)
+    assert parse_toml(text + "\n") == tomllib.loads(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["a = 'x1'", "a = [1]", "a = true", "# = 1", "a = 1 # 2", "[a.b2]", "a = {b = 1}"]
+)
+def test_ends_that_no_cut_leaves(text):
+    assert parse_toml(text) == tomllib.loads(text)
+
+
 @pytest.mark.parametrize("depth", [60, 300, 5000])
 def test_deep_nesting(depth, tmp_path):
     text = "a = " + "[" * depth + "]" * depth + "\n"

@@ -458,3 +458,8 @@ def test_copies_are_equal_and_read_only(model, through):
                 assert not b.data.flags.writeable
     assert (other.dofs, other.title) == (model.dofs, model.title)
     assert other.geometry.nodes.tolist() == [1, 2]
+
+
+def test_a_number_beyond_all_doubles_is_refused():
+    with pytest.raises(ModelError, match="expected a number"):
+        Group(np.eye(2), loss_factor=10**400)

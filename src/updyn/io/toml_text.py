@@ -1,7 +1,8 @@
 """TOML texts, read so that all which is wrong with one is one kind of error.
 
-`tomllib` follows nested brackets until the interpreter's stack ends, and hands on whole numbers of
-any size, of which no double and no 64 bits hold some.
+`tomllib` follows nested brackets until the interpreter's stack ends, hands on whole numbers of any
+size, of which no double and no 64 bits hold some, and takes the first half of a number at the end
+of a file that is cut short for a number.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ __all__ = ["parse_toml"]
 
 _DEEPEST = 50
 _LARGEST = 2**63 - 1
+#: A last line of which a cut may have left a part of a number: all else has an end of its own.
+_CUT = re.compile(r"^[^\n#]*=[^\n\"'#\]}]*[0-9_.]\Z", re.MULTILINE)
 _LONG = re.compile(r"(?<![\w.\"'])[+-]?[0-9][0-9_]{18,}")
 
 
@@ -33,9 +36,15 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     tomllib.TOMLDecodeError
-        If the text is not TOML, its tables and arrays are nested more than 50 deep, or a whole
-        number does not fit 64 bits.
+        If the text is not TOML, its tables and arrays are nested more than 50 deep, a whole number
+        does not fit 64 bits, or the last line is a number without a line break.
     """
+    cut = _CUT.search(text)
+    if cut is not None:
+        raise tomllib.TOMLDecodeError(
+            f"the last line, {cut[0].strip()[:60]!r}, does not end: the file may be cut short; if"
+            f" it is whole, add a line break{_place(text, cut.start())}"
+        )
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError:
@@ -72,9 +81,11 @@ def _too_deep() -> tomllib.TOMLDecodeError:
 
 def _too_large(text: str) -> tomllib.TOMLDecodeError:
     found = _LONG.search(text)
-    place = ""
-    if found is not None:
-        start = found.start()
-        line, column = text.count("\n", 0, start) + 1, start - text.rfind("\n", 0, start)
-        place = f" (at line {line}, column {column})"
+    place = "" if found is None else _place(text, found.start())
     return tomllib.TOMLDecodeError(f"a whole number does not fit 64 bits{place}")
+
+
+def _place(text: str, at: int) -> str:
+    """Return a place as `tomllib` says it."""
+    line, column = text.count("\n", 0, at) + 1, at - text.rfind("\n", 0, at)
+    return f" (at line {line}, column {column})"

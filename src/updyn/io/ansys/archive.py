@@ -42,9 +42,9 @@ def check_archive(path: Path) -> None:
     Raises
     ------
     FormatError
-        If a block has no end mark or another number of rows than it says, a row is not of the
-        format that its block states, or CDWRITE wrote the file and its last line is missing; the
-        message says the line.
+        If there is no block of nodes, a block has no end mark or another number of rows than it
+        says, a row is not of the format that its block states, or CDWRITE wrote the file and its
+        last line is missing; the message says the line.
     """
     try:
         raw = path.read_bytes()
@@ -53,12 +53,16 @@ def check_archive(path: Path) -> None:
     check_last_line(raw, path, harmless=_FINISH)
     lines = raw.decode("latin-1").splitlines()
     reading = _Archive(lines, path)
+    blocks = set()
     while reading.at < len(lines):
         line = lines[reading.at].split("!")[0]
         fields = [field.strip() for field in line.split(",")]
         reading.at += 1
         if fields[0].upper() in _BLOCKS:
+            blocks.add(fields[0].upper())
             getattr(reading, fields[0].lower())(fields)
+    if "NBLOCK" not in blocks:
+        raise FormatError("holds no nodes (NBLOCK); write them with CDWRITE", path)
     if _WRITTEN.match(raw) and "FINISH" not in (line.strip().upper() for line in lines[-5:]):
         raise FormatError(
             "no FINISH at the end, which CDWRITE writes there: the file is cut short",
@@ -133,7 +137,7 @@ class _Archive:
         n, width, first, real_width = self.format()
         if sets is None or n != 2:
             raise self.error("expected the number of sets, and a format such as (2i8,6g16.9)")
-        further = self.format()[2]
+        further = self.format("(7g16.9)")[2]
         for _ in range(sets):
             line = self.next(f"{sets} sets")
             items = self.wholes(line[: n * width], n, width, least=n)[1]
@@ -152,12 +156,12 @@ class _Archive:
         self.at += 1
         return self.lines[self.at - 1]
 
-    def format(self) -> tuple[int, int, int, int]:
+    def format(self, like: str = "(19i10)") -> tuple[int, int, int, int]:
         """Return number and width of the whole numbers and of the reals of each line."""
         line = self.next("its format")
         found = _FORMAT.fullmatch(line)
-        if found is None or not (found[1] or found[3]):
-            raise self.error(f"found {line.strip()[:40]!r}; expected a format such as (19i10)")
+        if found is None or not found[1 if "i" in like else 3]:
+            raise self.error(f"found {line.strip()[:40]!r}; expected a format such as {like}")
         n, width, reals, real_width = (int(number or 0) for number in found.groups())
         return n, width, reals, real_width
 

@@ -19,7 +19,8 @@ from pathlib import Path
 from updyn.errors import FormatError, suggest
 from updyn.io.ansys.attributes import beside
 from updyn.io.atomic import atomic_path
-from updyn.io.text_numbers import real_of, whole_of
+from updyn.io.items import unreadable
+from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = [
     "Deck",
@@ -270,6 +271,10 @@ def _routine(deck: Deck, number: int, old: RealSet) -> int:
 _TABLES = ("ELAS", "ANEL", "HYPE", "SDAM", "PRON", "AHYP")
 
 
+#: Last lines that need no line break.
+_ENDS = re.compile(rb"(?:FINI(?:SH)?|/GO|/EOF|!.*)?", re.IGNORECASE)
+
+
 @dataclass(frozen=True, slots=True)
 class Property:
     """One property of one material.
@@ -369,13 +374,17 @@ def read_deck(path: str | Path) -> Deck:
     Raises
     ------
     FormatError
-        If it is not text or a block is not complete.
+        If it is not text, its last line does not end or a block is not complete.
     """
     path = Path(path)
     deck = Deck(path)
     state = _Reading(deck)
-    with path.open(encoding="latin-1") as file:
-        lines = file.read().splitlines()
+    try:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise unreadable(path, error) from error
+    check_last_line(text, path, harmless=_ENDS)
+    lines = text.splitlines()
     if "\0" in "".join(lines[:50]):
         raise FormatError("is a binary file, expected a deck (.cdb, or commands)", path)
     at = 0

@@ -24,8 +24,8 @@ __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 #: word.
 FIELD_WIDTH = 20
 _DEEPEST = 20  # files that include files
-#: Last lines that need no line break: a comment, a keyword without values.
-_ENDS = re.compile(rb"(?:\*\*.*|\*[^=]*)?")
+#: Last lines that need no line break: a comment, the end of a step or of an assembly.
+_ENDS = re.compile(rb"(?:\*\*.*|\*END [A-Z]{4,})?", re.IGNORECASE)
 #: Keywords whose data lines Abaqus may read from another file, INPUT=.
 _DATA_ELSEWHERE = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "BOUNDARY")
 

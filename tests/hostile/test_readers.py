@@ -1,0 +1,58 @@
+"""A short torture of the readers: a few mutants and cuts of every format; `make torture` has more of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import torture
+import torture_ends
+from mutants import bytes_mutant, text_mutant
+from torture import CRASH, EQUAL, EXCEPTION, HANG, MEMORY, OTHER
+from torture_readers import SAMPLES
+
+MUTANTS = 12
+CUTS = 25
+#: What libraries read whose crashes and hangs are kept from us by a process of their own: not here.
+FOREIGN = ("HDF5", "netCDF", "MATLAB", "Ansys, attributes")
+
+
+@pytest.mark.parametrize("name", [n for n in SAMPLES if not n.startswith(FOREIGN)])
+def test_no_mutant_and_no_cut_is_read_wrongly_or_ends_a_reader(name, tmp_path):
+    """In this process, as nothing is expected to end it; 12 mutants and 25 cuts of each format."""
+    tortures = torture.tortures()
+    for kind, most in (("mutants", MUTANTS), ("cuts", CUTS)):
+        one = tortures[f"{name}: {kind}"]
+        for seed in one.seeds(most):
+            outcome = one.trial(seed, tmp_path)
+            assert not outcome.failed, f"{kind}, seed {seed}: {outcome}"
+
+
+def test_the_last_characters_of_every_text_are_cut_off_one_by_one(tmp_path):
+    tortures = torture.tortures()
+    for name, make in SAMPLES.items():
+        if make().is_text and not name.startswith(FOREIGN):
+            one = tortures[f"{name}: cuts"]
+            for seed in range(one.size() - 6, one.size()):
+                outcome = one.trial(seed, tmp_path)
+                assert not outcome.failed, f"{name}, cut at {seed}: {outcome}"
+
+
+def test_mutants_come_from_their_seed_alone():
+    raw = b"".join(b"%d, 2.5e3, word %d\n" % (i, i) for i in range(40))
+    for mutant in (text_mutant, bytes_mutant):
+        found = [mutant(raw, np.random.default_rng(seed)) for seed in range(60)]
+        assert found == [mutant(raw, np.random.default_rng(seed)) for seed in range(60)]
+        assert len(set(found)) > 50
+
+
+def test_every_end_of_a_trial_is_counted_and_the_next_one_goes_on(monkeypatch):
+    monkeypatch.setattr(torture, "LONGEST", 2.0)
+    monkeypatch.setenv("TORTURES", "torture_ends")
+    (one,) = torture_ends.tortures()
+    found = dict(torture.run(one, range(7)))
+    words = [found[seed].word for seed in range(7)]
+    assert words == [EQUAL, CRASH, EXCEPTION, HANG, MEMORY, OTHER, EQUAL]
+    assert [found[seed].failed for seed in range(7)] == [False, *[True] * 5, False]
+    assert "KeyError" in found[2].detail
+    assert "Aborted" in found[1].detail
