@@ -383,10 +383,10 @@ def read_deck(path: str | Path) -> Deck:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
         raise unreadable(path, error) from error
-    check_last_line(text, path, harmless=_ENDS)
     lines = text.splitlines()
     if "\0" in "".join(lines[:50]):
         raise FormatError("is a binary file, expected a deck (.cdb, or commands)", path)
+    check_last_line(text, path, harmless=_ENDS)
     at = 0
     while at < len(lines):
         at += state.take(lines, at)
