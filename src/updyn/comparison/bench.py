@@ -48,6 +48,10 @@ Callback: TypeAlias = "Callable[[Progress], bool | None]"
 _Result: TypeAlias = "UpdateResult | JointResult"
 
 
+#: Stages after a fit.
+_JUDGING = ("judge", "causes")
+
+
 @dataclass(slots=True, eq=False)
 class StepCounter:
     """The callback of one fit: passes its steps on, counts its lines, and remembers a stop.
@@ -59,7 +63,7 @@ class StepCounter:
     stage : str
         Method, and lines where not all are used; put before the stage of every step.
     lines_solved : int
-        Lines solved by the latest fit, up to its latest step.
+        Lines solved by the latest fit; those of its judgement are not its method's.
     stopped : bool
         Whether the user has asked to stop.
     """
@@ -71,7 +75,8 @@ class StepCounter:
 
     def __call__(self, progress: Progress) -> bool:
         """Pass a step on; return whether to stop."""
-        self.lines_solved = progress.lines_done
+        if progress.stage not in _JUDGING:
+            self.lines_solved = progress.lines_done
         if self.callback is not None:
             shown = replace(progress, stage=f"{self.stage}: {progress.stage}")
             self.stopped = bool(self.callback(shown)) or self.stopped

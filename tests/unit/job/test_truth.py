@@ -56,7 +56,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
     [
         (
             "a.toml",
-            '"part 1.stifness" = 0.8',
+            '"part 1.stifness" = 0.8\n',
             "'part 1.stifness' is no unknown of the job; did you mean",
         ),
         (
@@ -68,7 +68,7 @@ def test_ways_to_write_it(tmp_path: Path, unknowns: ParameterSet, name: str, tex
         ("a.toml", '["part 1"]\nstiffness = [1.0]', r"expected a finite number, found \[1.0\]"),
         (
             "a.toml",
-            '"part 1.stiffness" = 0.8\n["part 1"]\nstiffness = 0.9',
+            '"part 1.stiffness" = 0.8\n["part 1"]\nstiffness = 0.9\n',
             "'part 1.stiffness' occurs twice",
         ),
         ("a.toml", "stiffness 0.8", "not TOML"),
