@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 #: Where tortures are listed, by ``tortures()``; the environment may name others.
-MODULES = ("torture_readers",)
+MODULES = ("torture_readers", "torture_native", "torture_switch")
 _OTHERS = "TORTURES"
 
 EQUAL = "equal"
@@ -76,7 +76,7 @@ class Torture:
     kind : str
         What is done to it: ``"mutants"``, ``"cuts"``; a column of the table.
     trial : callable
-        Takes a seed and an empty folder, and returns the outcome. What it raises is counted as
+        Takes a seed and a folder that all trials share, and returns the outcome. What it raises is counted as
         `EXCEPTION`.
     size : callable, optional
         Returns how many seeds there are, where it is not any number of them.
