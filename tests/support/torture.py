@@ -76,8 +76,8 @@ class Torture:
     kind : str
         What is done to it: ``"mutants"``, ``"cuts"``; a column of the table.
     trial : callable
-        Takes a seed and a folder that all trials share, and returns the outcome. What it raises is counted as
-        `EXCEPTION`.
+        Takes a seed and a folder that all trials share, and returns the outcome. What it raises is
+        counted as `EXCEPTION`.
     size : callable, optional
         Returns how many seeds there are, where it is not any number of them.
     """
