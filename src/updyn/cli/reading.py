@@ -117,7 +117,7 @@ def read_anything(
     reasons: dict[str, InputError] = {}
     for kind in kinds:
         if FILE_KINDS[kind].is_beside and _damaged(path, reasons):
-            break
+            continue
         try:
             return kind, FILE_KINDS[kind].read(path, **options.get(kind, {}))
         except InputError as error:

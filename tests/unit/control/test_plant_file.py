@@ -328,7 +328,7 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
             lambda p: p["A"][1].__setitem__(2, {"__float__": "inf"}),
             "A holds a number that is not finite",
         ),
-        (lambda p: p["A"][1].__setitem__(2, 10**400), "A: holds a number that is too large"),
+        (lambda p: p["A"][1].__setitem__(2, 10**400), r"A: not JSON.*too large"),
         (lambda p: p["B"].pop(), r"B has shape \(3, 2\); expected \(4, 2\)"),
         (lambda p: p.update(D=[1.0]), r"D: found shape \(1,\)"),
         (lambda p: p["inputs"][0].pop("weights"), "inputs, number 1: 'weights' is missing"),
@@ -407,5 +407,5 @@ def test_pickles_are_not_read(tmp_path: Path) -> None:
     with np.load(tmp_path / "p.npz") as stored:
         arrays = {**stored, "facts": np.array([{}], dtype=object)}
     np.savez(tmp_path / "p.npz", **arrays)
-    with pytest.raises(FormatError, match=r"facts.*allow_pickle"):
+    with pytest.raises(FormatError, match=r"facts: holds Python objects"):
         updyn.read_plant(tmp_path / "p.npz")

@@ -199,7 +199,7 @@ def _sized(whole: Part, stage: Stage, found: _Found) -> _Found:
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
     if not (fault.tunes and fault.written) or fault.adapts or fault.leaves_out:
         return found
-    trial = tried(stage.near(whole, [x]), fault, [x])
+    trial = tried(stage.near(whole, [found.trial.x]), fault, [x])
     if trial is None or trial.fault is None or trial.power > _AS_WELL * found.trial.power:
         return found
     return replace(found, fault=trial.fault)
