@@ -47,9 +47,11 @@ __all__ = [
     "ToleranceError",
     "UpdynError",
     "UpdynWarning",
+    "damaged",
     "in_all",
     "key_path",
     "nearest",
+    "reason_of",
     "suggest",
 ]
 
@@ -201,6 +203,45 @@ def in_all(count: int) -> str:
     if count < 2:
         return ""
     return f" ({count} such)"
+
+
+def reason_of(error: BaseException) -> str:
+    """Return what an error of a library says, in one line; its type where it says nothing.
+
+    Parameters
+    ----------
+    error : BaseException
+        The error.
+
+    Returns
+    -------
+    str
+    """
+    for line in str(error).splitlines():
+        if line.strip():
+            return line.strip()
+    return type(error).__name__
+
+
+def damaged(path: str | PathLike[str], what: str, why: str) -> FormatError:
+    """Return the error that a file cannot be read by the library for its format.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    what : str
+        What it should be: ``"HDF5 file"``.
+    why : str
+        What the library says.
+
+    Returns
+    -------
+    FormatError
+    """
+    return FormatError(
+        f"not a readable {what}: the file is damaged, cut short, or another format ({why})", path
+    )
 
 
 def suggest(word: str, choices: Iterable[str]) -> str:

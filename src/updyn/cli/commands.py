@@ -475,11 +475,12 @@ def _stages(job: Job) -> list[Stage]:
     """Return the stages of a run, in their order."""
     from updyn.job.job_table import JOB_TABLES
     from updyn.updating.fit.methods import make_method
+    from updyn.updating.fit.monitor import JUDGE
 
     stages = [Stage("start")]
     for name, most_steps in make_method(job.method.name, job.method.options).stages:
         stages.append(Stage(name, most_steps))
-    stages.append(Stage("judge"))
+    stages.append(Stage(JUDGE))
     for name, table in job.tables.items():
         # Progress of a table counts its pieces of work as lines of one step.
         stages += [Stage(begin, 1) for begin in JOB_TABLES[name].stages(table)]

@@ -19,7 +19,7 @@ from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.fit.methods import METHODS, make_method
-from updyn.updating.fit.monitor import Progress
+from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.fit.regularisation import check_regularise
 from updyn.updating.problem.data import Test, check, split_data
@@ -48,10 +48,6 @@ Callback: TypeAlias = "Callable[[Progress], bool | None]"
 _Result: TypeAlias = "UpdateResult | JointResult"
 
 
-#: Stages after a fit.
-_JUDGING = ("judge", "causes")
-
-
 @dataclass(slots=True, eq=False)
 class StepCounter:
     """The callback of one fit: passes its steps on, counts its lines, and remembers a stop.
@@ -75,7 +71,7 @@ class StepCounter:
 
     def __call__(self, progress: Progress) -> bool:
         """Pass a step on; return whether to stop."""
-        if progress.stage not in _JUDGING:
+        if progress.stage not in (JUDGE, CAUSES):
             self.lines_solved = progress.lines_done
         if self.callback is not None:
             shown = replace(progress, stage=f"{self.stage}: {progress.stage}")

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from updyn import errors
-from updyn.errors import FormatError, InputError
-from updyn.foreign.child import OUT_OF_MEMORY, READY, reason
+from updyn.errors import FormatError, InputError, damaged, reason_of
+from updyn.foreign.child import OUT_OF_MEMORY, READY
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import decode
 from updyn.registry import load_object
@@ -76,7 +76,7 @@ def load(function: str, path: str | Path, *arguments: Any, what: str, reader: st
         return found["value"]
     if "error" in found:
         raise _error(found)
-    raise _unreadable(path, what, found["failed"])
+    raise damaged(path, what, found["failed"])
 
 
 def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> Any:
@@ -103,7 +103,7 @@ def load_here(function: str, path: str | Path, *arguments: Any, what: str) -> An
     except InputError:
         raise
     except Exception as error:  # whatever the library raises, as in the child process
-        raise _unreadable(path, what, reason(error)) from error
+        raise damaged(path, what, reason_of(error)) from error
 
 
 def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str, Any]:
@@ -166,9 +166,3 @@ def _error(found: Mapping[str, Any]) -> InputError:
     if isinstance(error, FormatError):
         error.path, error.line = found["path"], found["line"]
     return error
-
-
-def _unreadable(path: str | Path, what: str, why: str) -> FormatError:
-    return FormatError(
-        f"not a readable {what}: the file is damaged, cut short, or another format ({why})", path
-    )

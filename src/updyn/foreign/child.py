@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import InputError
+from updyn.errors import InputError, reason_of
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import encode
 from updyn.registry import load_object
@@ -61,21 +61,7 @@ def _attempt(act: Callable[[], Any]) -> dict[str, Any]:
         return {"failed": OUT_OF_MEMORY}
     # Whatever the library raises for a damaged file; some end the process.
     except (Exception, SystemExit) as error:  # noqa: BLE001
-        return {"failed": reason(error)}
-
-
-def reason(error: BaseException) -> str:
-    """Return what an error of a library says, in one line.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error.
-    """
-    for line in str(error).splitlines():
-        if line.strip():
-            return line.strip()
-    return type(error).__name__
+        return {"failed": reason_of(error)}
 
 
 def _limit(limits: Limits) -> None:

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import FormatError, InputError, UpdynError, suggest
+from updyn.errors import FormatError, InputError, UpdynError, damaged, reason_of, suggest
 from updyn.model import Matrix
 
 __all__ = [
@@ -305,12 +305,7 @@ def library(path: str | Path, what: str) -> Iterator[None]:
     except InputError:
         raise
     except FAILURES as error:
-        text = str(error).strip().splitlines()
-        reason = text[0] if text else type(error).__name__
-        raise FormatError(
-            f"not a readable {what}: the file is damaged, cut short, or another format ({reason})",
-            path,
-        ) from error
+        raise damaged(path, what, reason_of(error)) from error
 
 
 @contextmanager

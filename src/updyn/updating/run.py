@@ -23,7 +23,7 @@ from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, make_method, options_of
-from updyn.updating.fit.monitor import Monitor, Progress
+from updyn.updating.fit.monitor import CAUSES, JUDGE, Monitor, Progress
 from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
@@ -166,7 +166,7 @@ def run(
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in tests]
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
-        with monitor.stage("judge"):
+        with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, splits, fit, noises, firsts)
@@ -277,7 +277,7 @@ def _causes(
         return _Causes()
     out: list[Finding] = []
     searched, unseen = False, ""
-    with monitor.stage("causes"), suppress(Stopped):
+    with monitor.stage(CAUSES), suppress(Stopped):
         for i, (part, split, adequacy) in enumerate(
             zip(problem.parts, splits, found.adequacy, strict=True)
         ):

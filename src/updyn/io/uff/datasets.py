@@ -274,19 +274,24 @@ def whole_field(text: str, start: int, width: int, what: str, path: str | Path, 
     """
     field = text[start : start + width].strip()
     where = f"columns {start + 1} to {start + width}"
-    if _goes_on(text, start) or _goes_on(text, start + width):
-        raise FormatError(
-            f"{what}: expected a whole number in {where}, found one that goes on beyond them in"
-            f" {text.rstrip()!r}: shifted columns",
-            path,
-            line,
-        )
+    _check_edges(text, start, width, what, path, line)
     try:
         return whole_of(field)
     except ValueError as error:
         raise FormatError(
             f"{what}: expected a whole number in {where}, found {field!r}", path, line
         ) from error
+
+
+def _check_edges(text: str, start: int, width: int, what: str, path: str | Path, line: int) -> None:
+    """Refuse a line with a number that stands in some columns and beyond them."""
+    if _goes_on(text, start) or _goes_on(text, start + width):
+        raise FormatError(
+            f"{what}: expected a number in columns {start + 1} to {start + width}, found one that"
+            f" goes on beyond them in {text.rstrip()!r}: shifted columns",
+            path,
+            line,
+        )
 
 
 def _goes_on(text: str, edge: int) -> bool:
@@ -317,13 +322,7 @@ def real_column(text: str, start: int, width: int, what: str, path: str | Path, 
     FormatError
         If there is none, or it goes on beyond these columns.
     """
-    if _goes_on(text, start) or _goes_on(text, start + width):
-        raise FormatError(
-            f"{what}: a number goes on beyond columns {start + 1} to {start + width} in"
-            f" {text.rstrip()!r}: shifted columns",
-            path,
-            line,
-        )
+    _check_edges(text, start, width, what, path, line)
     return real_field(text[start : start + width] or "0", what, path, line)
 
 

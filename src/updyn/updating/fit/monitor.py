@@ -15,12 +15,17 @@ from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
 
 __all__ = [
+    "CAUSES",
+    "JUDGE",
     "Iteration",
     "Monitor",
     "Progress",
     "condition",
     "iterations_made",
 ]
+
+#: Stages after a fit, whatever the method: what the data determine, and why a misfit is left.
+JUDGE, CAUSES = "judge", "causes"
 
 
 @dataclass(frozen=True, slots=True)
