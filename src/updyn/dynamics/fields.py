@@ -440,7 +440,8 @@ def solve_dense(
     accepted = growth(size, answer, B) <= LARGEST_GROWTH
     accepted &= growth(size, probe, loads[:, :, r:]) <= LARGEST_PROBE_GROWTH
     if not accepted.all():
-        raise SolverError(singular_message(freq[~accepted][0], held))
+        first = int(np.argmin(accepted))
+        raise SolverError(singular_message(freq[first], held, scale=unit_scale(size[first])))
     return answer
 
 

@@ -279,7 +279,7 @@ class Factorised:
         # A real matrix is shifted to just beside an eigenvalue on purpose.
         self._probed = solver.real
         if not self._factored_by_next():
-            raise SolverError(singular_message(freq, held))
+            raise SolverError(singular_message(freq, held, scale=self._scale))
 
     @property
     def negative(self) -> int | None:
@@ -329,11 +329,11 @@ class Factorised:
             name = self._name
             if not self._factored_by_next():
                 if np.isinf(left):
-                    raise SolverError(singular_message(*self._line))
+                    raise SolverError(singular_message(*self._line, scale=self._scale))
                 where = f"residual {left:.1e} at {self._line[0]:g} Hz"
                 raise SolverError(f"{name}: {where}; the matrix is singular there or nearly so")
         if not (grown[:r] <= LARGEST_GROWTH).all() or not (grown[r:] <= LARGEST_PROBE_GROWTH).all():
-            raise SolverError(singular_message(*self._line))
+            raise SolverError(singular_message(*self._line, scale=self._scale))
         self._probed = True
         self._solver.used[self._name] = self._solver.used.get(self._name, 0) + 1
         return X[:, :r]
@@ -396,6 +396,10 @@ LARGEST_GROWTH = 1e12
 #: rounding it grows by 1e14 or more, by an amount that depends on the kernel of BLAS. The forces of
 #: a test may grow by less than 1e12 there, if they excite that mode little.
 LARGEST_PROBE_GROWTH = 1e13
+
+#: Sizes on the diagonal from whose ratio on rounding may be what makes a matrix singular. Rotations
+#: in N m/rad beside translations in N/m reach a part of it.
+_FAR_APART = 1e9
 
 #: Columns that are checked by one combination of them.
 _CHECKED_COLUMNS = 64
@@ -553,13 +557,30 @@ def _grown(solved: NDArray[np.float64], load: NDArray[np.float64]) -> NDArray[np
     return np.where(np.isfinite(solved), np.nan_to_num(grown, nan=0.0), np.inf)
 
 
-def singular_message(freq: float, held: str = "") -> str:
-    """Return the message on a singular line: which it is, and what to do."""
+def singular_message(freq: float, held: str = "", *, scale: NDArray[np.float64]) -> str:
+    """Return the message on a singular line: which it is, and what to do.
+
+    Parameters
+    ----------
+    freq : float
+        In Hz.
+    held : str
+        Which DOFs are held.
+    scale : ndarray of float, shape (n,)
+        `unit_scale` of the matrix.
+    """
     if freq == 0.0:
         why = "the structure is free to move there. Leave the line out or support the structure"
     else:
         why = (
             "a natural frequency without damping. Leave the line out or give the groups a loss"
             " factor"
+        )
+    smallest, largest = float(scale.min()) ** 2, float(scale.max()) ** 2
+    if largest > _FAR_APART * smallest:
+        why += (
+            f". Or stiffnesses too far apart for double precision: the sizes on the diagonal go"
+            f" from {smallest:.1g} to {largest:.1g}, and what is soft is lost in the rounding of"
+            " what is stiff. Merge the stiff part into a rigid one, or make it softer"
         )
     return f"the dynamic stiffness {held}is singular at {freq:g} Hz: {why}"

@@ -461,7 +461,7 @@ def _fitted(
 
 def _explained(strategy: Method, problem: Problem, fit: Fit) -> Fit:
     """Return a fit that has not arrived with the cause, as far as the method knows it."""
-    if fit.reason not in ("failed", "stalled", "max-iterations"):
+    if fit.reason not in ("failed", "stalled", "unsolvable", "max-iterations"):
         return fit
     try:
         cause = strategy.cause(problem)

@@ -112,9 +112,11 @@ class Fit:
     ----------
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
-    reason : {"converged", "unsettled", "stalled", "max-iterations", "stopped", "failed"}
-        Why it ended; unsettled where a search found no answer that explains the data, and none
-        twice.
+    reason : str
+        Why it ended: ``"converged"``, ``"unsettled"``, ``"stalled"``, ``"unsolvable"``,
+        ``"max-iterations"``, ``"stopped"`` or ``"failed"``. Unsettled where a search found no
+        answer that explains the data, and none twice; unsolvable where the model cannot be solved
+        next to x.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
         the noise.

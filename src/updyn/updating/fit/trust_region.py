@@ -75,8 +75,8 @@ class Outcome:
         Best point.
     local : Local
         The problem there.
-    reason : {"converged", "stalled", "max-iterations", "stopped"}
-        Why it ended.
+    reason : {"converged", "stalled", "unsolvable", "max-iterations", "stopped"}
+        Why it ended; unsolvable where the model cannot be solved at the points next to it.
     """
 
     x: _Vector
@@ -192,6 +192,8 @@ class TrustRegion:
                             x, here = trial, there
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
+                if length <= self.tolerance and there is None:
+                    return Outcome(x, here, "unsolvable")
                 if length <= self.tolerance:
                     whole = _step(here, x, lower, upper, np.inf, within, noise)[0]
                     near = (

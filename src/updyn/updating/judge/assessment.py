@@ -149,7 +149,7 @@ def judge(
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
     rounding: Rounding | None = None
-    if fit.reason in ("converged", "unsettled", "stalled", "max-iterations"):
+    if fit.reason in ("converged", "unsettled", "stalled", "unsolvable", "max-iterations"):
         settled = fit.reason != "max-iterations"
         rounding = unless_stopped(lambda: worst_rounding(problem.parts, fit.x), None)
         if rounding is None:

@@ -29,6 +29,8 @@ _ENDED = {
 }
 #: Typical misfit below which there is nothing left but rounding.
 ROUNDED = 1e-8
+#: Relative residual from which a model that answers nothing would be as near to the data.
+NOTHING = 1.0
 #: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
 #: number of them.
 MANY, SOME = 0.5, 2
@@ -268,6 +270,12 @@ def _plausible(
         if not (before and after):
             continue
         residual = after["residual_median"]
+        if residual >= NOTHING:
+            return Claim(
+                False,
+                f"The median residual is {residual:.2g} of the level of the data: a model without"
+                " any answer would be as near.",
+            )
         if residual > HARM * before["residual_median"] and residual > SMALL:
             return Claim(
                 False,

@@ -14,7 +14,8 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import Ending, Pressed
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.judge.rounding import REMEDY, Rounding
-from updyn.updating.judge.trust import Trust
+from updyn.updating.judge.trust import ROUNDED, Trust
+from updyn.updating.problem.noise.known import Assumed
 
 __all__ = ["ambiguous", "caused", "cleared", "disbelieved", "verdict"]
 
@@ -115,8 +116,15 @@ def _free(found: list[Adequacy]) -> str:
 
 
 def _few(fit: Fit) -> str:
-    """Return what is said of noise that was estimated from few numbers; empty where it was not."""
-    spare = fit.noise[0].get("degrees_of_freedom") if fit.noise else None
+    """Return what is said of noise that was estimated from few numbers, or from none at all."""
+    known = fit.noise[0] if fit.noise else {}
+    if known.get("kind") == Assumed.kind:
+        return (
+            " There are no more measured numbers than unknowns, so the noise cannot be seen:"
+            f" {100.0 * known['relative']:g} % was assumed for the standard deviations. State the"
+            " noise, or measure more."
+        )
+    spare = known.get("degrees_of_freedom")
     if spare is None:
         return ""
     return (
@@ -219,7 +227,14 @@ def _ended(
             " no other try came back to it. A better answer may exist."
         )
         return "stalled", message, "Raise starts, start closer, or fix what is known."
-    if fit.reason == "stalled":
+    if fit.reason == "unsolvable":
+        message = (
+            "The search ended where the model cannot be solved at the points next to it: no"
+            f" minimum was reached. {fit.cause}"
+        )
+        return "stalled", message.strip(), f"Start elsewhere. {REMEDY}"
+    # Where the misfit is rounding, so is what a step changes of it.
+    if fit.reason == "stalled" and misfit >= ROUNDED:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)

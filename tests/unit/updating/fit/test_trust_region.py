@@ -170,6 +170,16 @@ def test_points_that_cannot_be_evaluated_are_stepped_around():
     assert outcome.x == pytest.approx([1.0, 1.0], abs=1e-9)
 
 
+def test_an_end_beside_points_that_cannot_be_evaluated_is_no_minimum():
+    outcome = TrustRegion().minimise(
+        lambda x: None if x[0] > 0.5 else linear(np.eye(2), np.array([1.0, 0.0]))(x),
+        np.zeros(2),
+        *FREE,
+    )
+    assert outcome.reason == "unsolvable"
+    assert 0.0 <= outcome.x[0] <= 0.5
+
+
 def test_points_with_infinite_cost_are_refused():
     def explode(x):
         local = linear(np.eye(2), np.ones(2))(x)

@@ -60,6 +60,11 @@ def test_a_good_fit_holds_in_all_that_is_known():
             {"correlation": [{"before": figures(0.2), "after": figures(0.3)}]},
             "plausible",
         ),
+        # No nearer to the data than a model that answers nothing.
+        (
+            {"correlation": [{"before": figures(2.1), "after": figures(1.1)}]},
+            "plausible",
+        ),
         ({"correlation": held(figures(0.02, lowest=-0.9))}, "validated"),
         ({"correlation": held(figures(0.7))}, "validated"),
     ],

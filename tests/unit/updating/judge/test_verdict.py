@@ -47,11 +47,21 @@ def test_open_unknowns_are_the_cause_where_steps_ran_out():
 
 
 @pytest.mark.parametrize(
-    ("reason", "status"), [("failed", "failed"), ("stopped", "stopped"), ("stalled", "stalled")]
+    ("reason", "status"),
+    [
+        ("failed", "failed"),
+        ("stopped", "stopped"),
+        ("stalled", "stalled"),
+        ("unsolvable", "stalled"),
+    ],
 )
 def test_other_ends(reason, status):
-    assert say(SURE, reason)[0] == status
-    assert say(SURE, reason)[2]
+    assert say(SURE, reason, misfit=0.01)[0] == status
+    assert say(SURE, reason, misfit=0.01)[2]
+
+
+def test_a_fit_that_stalled_in_rounding_has_converged():
+    assert say(SURE, "stalled", misfit=1e-10)[0] == "converged"
 
 
 def test_model_error_shows_in_chi_square_and_along_lines():
