@@ -47,7 +47,6 @@ def test_mutants_come_from_their_seed_alone():
 
 
 def test_every_end_of_a_trial_is_counted_and_the_next_one_goes_on(monkeypatch):
-    monkeypatch.setattr(torture, "LONGEST", 2.0)
     monkeypatch.setenv("TORTURES", "torture_ends")
     (one,) = torture_ends.tortures()
     found = dict(torture.run(one, range(7)))

@@ -27,7 +27,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 #: Where tortures are listed, by ``tortures()``; the environment may name others.
-MODULES = ("torture_readers", "torture_native", "torture_switch")
+MODULES = ("torture_readers", "torture_native", "torture_switch", "torture_runs")
 _OTHERS = "TORTURES"
 
 EQUAL = "equal"
@@ -80,12 +80,15 @@ class Torture:
         counted as `EXCEPTION`.
     size : callable, optional
         Returns how many seeds there are, where it is not any number of them.
+    longest : float
+        Seconds after which a trial hangs.
     """
 
     name: str
     kind: str
     trial: Callable[[int, Path], Outcome]
     size: Callable[[], int] | None = None
+    longest: float = LONGEST
 
     @property
     def key(self) -> str:
@@ -124,7 +127,7 @@ def run(torture: Torture, seeds: Iterable[int]) -> Iterator[tuple[int, Outcome]]
     with tempfile.TemporaryDirectory() as folder:
         while left:
             count = 0
-            for outcome in _one_process(torture.key, left, Path(folder)):
+            for outcome in _one_process(torture, left, Path(folder)):
                 yield left[count], outcome
                 count += 1
             if not count:
@@ -133,11 +136,11 @@ def run(torture: Torture, seeds: Iterable[int]) -> Iterator[tuple[int, Outcome]]
             left = left[count:]
 
 
-def _one_process(key: str, seeds: Sequence[int], folder: Path) -> Iterator[Outcome]:
+def _one_process(torture: Torture, seeds: Sequence[int], folder: Path) -> Iterator[Outcome]:
     """Run trials until one ends its process."""
     said = (folder / "stderr").open("w+b")
     child = subprocess.Popen(
-        [sys.executable, __file__, key],
+        [sys.executable, __file__, torture.key],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=said,
@@ -149,12 +152,12 @@ def _one_process(key: str, seeds: Sequence[int], folder: Path) -> Iterator[Outco
         child.stdin.write(" ".join(map(str, seeds)).encode())
         child.stdin.close()
         _line(child.stdout.fileno(), _START)  # it has imported what it needs
-        limit = 2 * LONGEST  # the first trial may import more
+        limit = 2 * torture.longest  # the first trial may import more
         for _ in seeds:
             line = _line(child.stdout.fileno(), limit)
-            limit = LONGEST
+            limit = torture.longest
             if line is None:
-                yield Outcome(HANG, f"more than {LONGEST:g} s", failed=True)
+                yield Outcome(HANG, f"more than {torture.longest:g} s", failed=True)
                 return
             if not line:
                 code = child.wait()

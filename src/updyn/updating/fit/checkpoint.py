@@ -8,6 +8,7 @@ the file holds from it (see `updyn.updating.problem.session`).
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -17,8 +18,9 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from hashlib import blake2b
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +35,7 @@ __all__ = ["Checkpoint", "fingerprint"]
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
 _LENGTH = 8
-#: Interval between calls of fsync, in seconds, against a loss of power. Every record is flushed at
+#: Interval between calls of fsync, in seconds, against a loss of power. Every record is written at
 #: once, against the end of the process.
 _SYNC_S = 1.0
 
@@ -62,7 +64,7 @@ class Checkpoint:
         self.path = path
         self._head = json.dumps(head, sort_keys=True)
         self._places: dict[bytes, tuple[int, int]] = {}
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         self._broken = False
         self._synced = 0.0
         if not path.parent.is_dir():
@@ -86,19 +88,12 @@ class Checkpoint:
             if self._file is None:
                 self._file = self._created()
             start = self._file.seek(0, os.SEEK_END)
-            self._file.write(_framed(key + _pack(record)))
-            self._file.flush()
+            _write(self._file, _framed(key + _pack(record)))
             if time.monotonic() - self._synced > _SYNC_S:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
         except OSError as error:
-            self._broken = True
-            warnings.warn(
-                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be"
-                " resumed from here",
-                UpdynWarning,
-                stacklevel=2,
-            )
+            self._give_up(error)
             return
         self._places[key] = (
             start + _LENGTH + _KEY,
@@ -108,20 +103,37 @@ class Checkpoint:
     def keep(self) -> None:
         """Make sure that there is a file to resume from, even before the first evaluation."""
         if self._file is None and not self._broken:
-            self._file = self._created()
+            try:
+                self._file = self._created()
+            except OSError as error:
+                self._give_up(error)
 
     def close(self) -> None:
         """Write the file to disk and close it."""
         if self._file is not None:
-            if not self._broken:
-                os.fsync(self._file.fileno())
-            self._file.close()
+            try:
+                if not self._broken:
+                    os.fsync(self._file.fileno())
+                self._file.close()
+            except OSError as error:
+                self._give_up(error)
             self._file = None
+
+    def _give_up(self, error: OSError) -> None:
+        """Say, once, that the file cannot be written."""
+        if not self._broken:
+            self._broken = True
+            warnings.warn(
+                f"{self.path}: cannot be written ({error.strerror}); the run goes on, but cannot be"
+                " resumed from here",
+                UpdynWarning,
+                stacklevel=3,
+            )
 
     def __len__(self) -> int:
         return len(self._places)
 
-    def _created(self) -> BinaryIO:
+    def _created(self) -> FileIO:
         # Under another name first: a file of the right name always has a whole head.
         temporary = self.path.with_name(f".{self.path.name}-{secrets.token_hex(6)}")
         try:
@@ -129,7 +141,8 @@ class Checkpoint:
             temporary.replace(self.path)
         finally:
             temporary.unlink(missing_ok=True)
-        return self.path.open("r+b")
+        # Without a buffer: what a full disk refused is not tried again at every later call.
+        return self.path.open("r+b", buffering=0)
 
     def _open(self) -> None:
         if not self.path.exists():
@@ -141,7 +154,7 @@ class Checkpoint:
             )
             return
         with ExitStack() as refused:
-            file = refused.enter_context(self.path.open("r+b"))
+            file = refused.enter_context(self.path.open("r+b", buffering=0))
             self._check_head(file)
             end = file.tell()
             for start, content in _records(file):
@@ -151,7 +164,7 @@ class Checkpoint:
             refused.pop_all()
         self._file = file
 
-    def _check_head(self, file: BinaryIO) -> None:
+    def _check_head(self, file: FileIO) -> None:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise FormatError(
                 "is not the journal of a run, or of another version of updyn", self.path
@@ -249,7 +262,13 @@ def _checksum(content: bytes) -> bytes:
     return blake2b(content, digest_size=_SUM).digest()
 
 
-def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+def _write(file: FileIO, content: bytes) -> None:
+    """Write all of a content; OSError where the disk takes a part of it only."""
+    if file.write(content) < len(content):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _records(file: FileIO) -> Iterator[tuple[int, bytes]]:
     """Yield place and content of each record up to the first that is incomplete."""
     size = os.fstat(file.fileno()).st_size
     while True:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -10,6 +11,7 @@ import subprocess
 import sys
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,6 +198,38 @@ def test_a_full_disk_does_not_end_the_run(file):
     journal.put(b"8" * 16, (np.ones(3),))
     assert len(journal) == 3
     journal.close()
+
+
+def test_a_disk_that_fills_leaves_what_was_written(tmp_path):
+    """What was refused is not written later, where a reader would take it for a record."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with closing(Checkpoint(tmp_path / "run.journal", HEAD)) as journal:
+        journal.put(b"1" * 16, (np.arange(100.0),))
+        size = (tmp_path / "run.journal").stat().st_size
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size + 50, limits[1]))
+            with pytest.warns(UpdynWarning, match="cannot be written"):
+                journal.put(b"2" * 16, (np.arange(100.0),))
+            assert (journal.get(b"1" * 16)[0] == np.arange(100.0)).all()
+            assert journal.get(b"2" * 16) is None
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with closing(Checkpoint(tmp_path / "run.journal", HEAD, resume=True)) as journal:
+        assert len(journal) == 1
+
+
+def test_a_disk_that_is_full_from_the_start_does_not_end_the_run_either(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    journal = Checkpoint(tmp_path / "run.journal", HEAD)
+    with pytest.warns(UpdynWarning, match="cannot be written .No space left"):
+        journal.keep()
+    journal.put(b"7" * 16, (np.ones(3),))
+    journal.close()
+    assert len(journal) == 0
 
 
 # -- runs ------------------------------------------------------------------------------------------------------------
