@@ -14,6 +14,7 @@ damping that comes from it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -363,7 +364,7 @@ def is_number(value: object) -> bool:
 def _damping(name: str, value: Any) -> float:
     if not is_number(value):
         raise ModelError(f"{name} {value!r}: expected a number")
-    if not (np.isfinite(value) and value >= 0):
+    if not (math.isfinite(value) and value >= 0):
         raise ModelError(f"{name} {value!r}: expected a finite number of at least 0")
     return float(value)
 

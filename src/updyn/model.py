@@ -11,6 +11,7 @@ a group may have is in `updyn.group`.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -355,7 +356,7 @@ def _check_change(name: str, group: Group, quantity: str, value: float) -> None:
         raise ModelError(f"group {name!r} has no {GROUP_QUANTITIES[quantity]} to change")
     if not is_number(value):
         raise ModelError(f"group {name!r}: {quantity} {value!r}: expected a number")
-    if not np.isfinite(value):
+    if not math.isfinite(value):
         raise ModelError(f"group {name!r}: {quantity} {value!r} is not finite")
 
 

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import os
+import re
+
 import numpy as np
 import pytest
 
 import torture
 import torture_ends
+from forked import forked_readers
 from mutants import bytes_mutant, text_mutant
 from torture import CRASH, EQUAL, EXCEPTION, HANG, MEMORY, OTHER
-from torture_readers import SAMPLES
+from torture_programs import SAMPLES
+from torture_readers import BOXED
+from updyn.errors import FormatError
+from updyn.foreign import box, limits
 
 MUTANTS = 12
 CUTS = 25
-#: What libraries read whose crashes and hangs are kept from us by a process of their own: not here.
-FOREIGN = ("HDF5", "netCDF", "MATLAB", "Ansys, attributes")
+#: What libraries read, each time in a process of its own, takes too long for here.
+OWN = [name for name in SAMPLES if name not in BOXED]
 
 
-@pytest.mark.parametrize("name", [n for n in SAMPLES if not n.startswith(FOREIGN)])
+@pytest.mark.parametrize("name", OWN)
 def test_no_mutant_and_no_cut_is_read_wrongly_or_ends_a_reader(name, tmp_path):
     """In this process, as nothing is expected to end it; 12 mutants and 25 cuts of each format."""
     tortures = torture.tortures()
@@ -30,12 +37,35 @@ def test_no_mutant_and_no_cut_is_read_wrongly_or_ends_a_reader(name, tmp_path):
 
 def test_the_last_characters_of_every_text_are_cut_off_one_by_one(tmp_path):
     tortures = torture.tortures()
-    for name, make in SAMPLES.items():
-        if make().is_text and not name.startswith(FOREIGN):
+    for name in OWN:
+        if SAMPLES[name]().is_text:
             one = tortures[f"{name}: cuts"]
             for seed in range(one.size() - 6, one.size()):
                 outcome = one.trial(seed, tmp_path)
                 assert not outcome.failed, f"{name}, cut at {seed}: {outcome}"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        ("talk", "the answer"),
+        ("refuse", "line of nonsense"),
+        ("stop", "not a readable picture"),
+        ("hang", "ran over"),
+    ],
+)
+def test_a_forked_reader_ends_as_one_of_a_new_process(tmp_path, monkeypatch, function, expected):
+    monkeypatch.setattr(limits, "_SECONDS", 0.3)
+    (tmp_path / "a.x").write_bytes(b"content")
+    try:
+        with forked_readers():
+            found = box.load(
+                f"foreign_loaders:{function}", tmp_path / "a.x", what="picture", reader="libx"
+            )
+    except FormatError as error:
+        found = str(error)
+    assert re.search(expected, found)
 
 
 def test_mutants_come_from_their_seed_alone():

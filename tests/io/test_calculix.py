@@ -10,6 +10,7 @@ import updyn
 from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix import read_model, write_properties
+from updyn.io.calculix.program import Program
 
 pytestmark = pytest.mark.kernels
 
@@ -497,3 +498,22 @@ def test_what_is_left_out_is_told(tmp_path):
         UpdynWarning, match=r"material 'alu' has no \*DENSITY: its group has no mass"
     ):
         assert read_model(tmp_path / "light.inp").groups["alu"].mass is None
+
+
+@pytest.mark.parametrize("name", ["job.sti", "job.mas"])
+def test_matrices_of_a_full_disk_are_refused(tmp_path, name):
+    """ccx ends with code 0 all the same; of each column it writes the upper triangle, the diagonal last."""
+    files = {"job.dof": "1.1\n1.2\n", "job.sti": "1 1 2.0\n1 2 -1.0\n2 2 3.0\n"}
+    files["job.mas"] = "1 1 0.5\n2 2 0.25\n"
+    for file, text in files.items():
+        (tmp_path / file).write_text(text)
+    program = Program("ccx", 1.0, tmp_path / "bar.inp")
+    found = program._read(tmp_path)
+    assert found.stiffness.toarray().tolist() == [[2.0, -1.0], [-1.0, 3.0]]
+    whole = files[name].splitlines(keepends=True)
+    for count in range(len(whole)):
+        (tmp_path / name).write_text("".join(whole[:count]))
+        with pytest.raises(
+            FormatError, match=r"bar\.inp: what ccx wrote cannot be read: .*cut short"
+        ):
+            program._read(tmp_path)

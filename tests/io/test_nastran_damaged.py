@@ -2,6 +2,7 @@
 
 import contextlib
 import random
+import struct
 import warnings
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 
 from nastran_decks import plate
 from updyn.dofs import DofSet
-from updyn.errors import UpdynError, UpdynWarning
+from updyn.errors import FormatError, UpdynError, UpdynWarning
+from updyn.io.nastran import mystran
 from updyn.io.nastran.bdf import read_geometry, write_properties
 from updyn.io.nastran.deck import read_deck
 from updyn.io.nastran.dmig import read_dmig, write_dmig
@@ -75,3 +77,27 @@ def test_only_our_errors(tmp_path, seed):
             except UpdynError:
                 refused += 1
     assert refused > 20
+
+
+def test_terms_of_mystran_outside_of_the_matrix_are_refused(tmp_path):
+    def file(*terms):
+        raw = struct.pack("<6i", 4, 3, 4, 4, len(terms), 4)
+        raw += b"".join(struct.pack("<3idi", 16, i, j, value, 16) for i, j, value in terms)
+        (tmp_path / "run.L1L").write_bytes(raw)
+        return tmp_path / "run.L1L"
+
+    user = tmp_path / "wing.bdf"
+    found = mystran._symmetric(file((1, 1, 2.0), (1, 2, -1.0), (2, 2, 3.0)), 2, user)
+    assert found.toarray().tolist() == [[2.0, -1.0], [-1.0, 3.0]]
+    for term in ((0, 1, 2.0), (1, 3, 2.0), (-(2**31), 1, 2.0)):
+        with pytest.raises(FormatError, match=r"wing\.bdf: .*\.L1L has a term outside of 2 x 2"):
+            mystran._symmetric(file(term), 2, user)
+    with pytest.raises(FormatError, match=r"\.L1L has a term that is not finite"):
+        mystran._symmetric(file((1, 1, np.nan)), 2, user)
+
+
+@pytest.mark.parametrize("length", [-1000, 10**6])
+def test_a_table_of_mystran_that_is_not_there_is_refused(tmp_path, length):
+    (tmp_path / "run.L1C").write_bytes(struct.pack("<i", length) + b"TDOFI" + bytes(100))
+    with pytest.raises(FormatError, match=r"wing\.bdf: .*holds no table TDOFI"):
+        mystran._dofs(tmp_path / "run.L1C", tmp_path / "wing.bdf")

@@ -175,3 +175,31 @@ def write_emat(
     out[first : first + len(record(header))] = record(header)
     out[index_at : index_at + len(record(index))] = record(index)
     path.write_bytes(bytes(out))
+
+
+def write_full(
+    path: Path,
+    rows: Sequence[tuple[int, Sequence[int]]],
+    stiffness: np.ndarray,
+    mass: np.ndarray,
+    viscous: np.ndarray,
+    unit: int = 0,
+) -> None:
+    """Write a ``.full`` of nodes with their DOF numbers, negative where one is held, and upper triangles."""
+    header = np.zeros(80, dtype=int)
+    numbers = [number for _, part in rows for number in part]
+    header[0], header[1] = -1, len(numbers)
+    out = bytearray(standard_header(4, unit) + record(header))
+    out += record(sorted({abs(number) for number in numbers}))
+    out += record([node for node, _ in rows])
+    header[35] = len(out) // 4
+    out += record([len(part) for _, part in rows]) + record(numbers)
+    for matrix, at, terms in ((stiffness, 18, 8), (mass, 26, 33), (viscous, 28, 34)):
+        header[at], header[terms] = len(out) // 4, np.count_nonzero(np.triu(matrix))
+        for row in np.triu(matrix):
+            columns = np.flatnonzero(row)
+            out += record(columns + 1) + record(row[columns], "d")
+    header[22] = len(out) // 4
+    first = len(standard_header(4))
+    out[first : first + len(record(header))] = record(header)
+    path.write_bytes(bytes(out))

@@ -27,7 +27,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 #: Where tortures are listed, by ``tortures()``; the environment may name others.
-MODULES = ("torture_readers", "torture_native", "torture_switch", "torture_runs")
+MODULES = (
+    "torture_readers",
+    "torture_programs",
+    "torture_native",
+    "torture_switch",
+    "torture_runs",
+)
 _OTHERS = "TORTURES"
 
 EQUAL = "equal"

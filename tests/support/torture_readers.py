@@ -14,7 +14,7 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,9 @@ import scipy.sparse as sp
 
 import uff_samples as uff
 import updyn
+from forked import forked_readers
 from mutants import bytes_mutant, text_mutant
+from native_samples import MARK
 from torture import EQUAL, LESS, OTHER, REFUSED, Outcome, Torture
 from updyn.frf import FRF
 from updyn.geometry import Geometry
@@ -57,13 +59,19 @@ class Sample:
 
 
 SAMPLES: dict[str, Callable[[], Sample]] = {}
+#: Those that a library reads, in a process of its own.
+BOXED: set[str] = set()
 
 
-def sample(name: str) -> Callable[[Callable[[], Sample]], Callable[[], Sample]]:
+def sample(
+    name: str, *, is_boxed: bool = False
+) -> Callable[[Callable[[], Sample]], Callable[[], Sample]]:
     """Register a function that makes a sample, as a row of the table."""
 
     def registered(make: Callable[[], Sample]) -> Callable[[], Sample]:
         SAMPLES[name] = functools.cache(make)
+        if is_boxed:
+            BOXED.add(name)
         return SAMPLES[name]
 
     return registered
@@ -100,7 +108,7 @@ def _cut(name: str, seed: int, folder: Path) -> Outcome:
 def _read(one: Sample, raw: bytes, folder: Path, *, may_change: bool) -> Outcome:
     for name, content in one.files.items():
         (folder / name).write_bytes(raw if name == one.damaged else content)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), forked_readers():
         warnings.simplefilter("ignore")
         try:
             found = content_of(one.read(folder))
@@ -125,7 +133,8 @@ def _whole(one: Sample, folder: Path) -> Content:
     if id(one) not in _WHOLE:
         for name, content in one.files.items():
             (folder / name).write_bytes(content)
-        _WHOLE[id(one)] = content_of(one.read(folder))
+        with forked_readers():
+            _WHOLE[id(one)] = content_of(one.read(folder))
     return _WHOLE[id(one)]
 
 
@@ -188,8 +197,33 @@ def _of_modes(modes: ModeSet) -> Iterator[tuple[Any, Any]]:
             yield (k, label), value
 
 
+def leaves(value: Any) -> Content:
+    """Return all that records, tables, lists and arrays hold, by its place."""
+    return dict(_leaves(value, ()))
+
+
+def _leaves(value: Any, place: tuple[Any, ...]) -> Iterator[tuple[Any, Any]]:
+    if isinstance(value, FRF | Model | Geometry | ModeSet):
+        for key, inner in content_of(value).items():
+            yield (*place, key), repr(inner)
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield from _leaves(getattr(value, field.name), (*place, field.name))
+    elif isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves(inner, (*place, key))
+    elif isinstance(value, list | tuple):
+        for at, inner in enumerate(value):
+            yield from _leaves(inner, (*place, at))
+    elif isinstance(value, np.ndarray):
+        for at, number in np.ndenumerate(value):
+            yield (*place, *at), repr(number.item())
+    else:
+        yield place, repr(value)
+
+
 # -- samples --------------------------------------------------------------------------------------
-def _written(write: Callable[[Path], None]) -> dict[str, bytes]:
+def written(write: Callable[[Path], None]) -> dict[str, bytes]:
     """Return the files that a function writes into a folder."""
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -197,7 +231,7 @@ def _written(write: Callable[[Path], None]) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _model() -> Model:
+def small_model() -> Model:
     K = np.array([[2.0e3, -0.5, 0.0], [-0.5, 3.25e3, -12.0], [0.0, -12.0, 4.0e3]])
     groups = {
         "a": Group(K, np.diag([1.25, 2.5, 0.75]), loss_factor=0.02),
@@ -207,7 +241,7 @@ def _model() -> Model:
     return Model.from_groups(groups, ["1:X", "1:Y", "22:Z"], geometry=geometry, title="three")
 
 
-def _frf(*, with_geometry: bool = False) -> FRF:
+def small_frf(*, with_geometry: bool = False) -> FRF:
     random = np.random.default_rng(4)
     shape = (4, 2, 1)
     values = random.normal(size=shape) + 1j * random.normal(size=shape)
@@ -223,61 +257,61 @@ def _frf(*, with_geometry: bool = False) -> FRF:
     )
 
 
-def _of_model_file(name: str, damaged: str, *, is_text: bool = True) -> Sample:
-    files = _written(lambda folder: updyn.write_model(_model(), folder / name))
+def of_model_file(name: str, damaged: str, *, is_text: bool = True) -> Sample:
+    files = written(lambda folder: updyn.write_model(small_model(), folder / name))
     return Sample(files, damaged, lambda folder: updyn.read_model(folder / name), is_text)
 
 
-def _of_frf_file(name: str, frf: FRF, *, is_text: bool = True) -> Sample:
-    files = _written(lambda folder: updyn.write_frf(frf, folder / name))
+def of_frf_file(name: str, frf: FRF, *, is_text: bool = True) -> Sample:
+    files = written(lambda folder: updyn.write_frf(frf, folder / name))
     return Sample(files, name, lambda folder: updyn.read_frf(folder / name), is_text)
 
 
 @sample("Matrix Market, coordinate")
 def _mtx() -> Sample:
-    return _of_model_file("case.toml", "case_01_K.mtx")
+    return of_model_file("case.toml", "case_01_K.mtx")
 
 
 @sample("Matrix Market, array")
 def _mtx_array() -> Sample:
-    one = _of_model_file("case.toml", "case_01_M.mtx")
+    one = of_model_file("case.toml", "case_01_M.mtx")
     text = b"%%MatrixMarket matrix array real symmetric\n% mass\n3 3\n1.25\n0\n0\n2.5\n0\n0.75\n"
     return Sample({**one.files, one.damaged: text}, one.damaged, one.read)
 
 
 @sample("model, TOML")
 def _toml() -> Sample:
-    return _of_model_file("case.toml", "case.toml")
+    return of_model_file("case.toml", "case.toml")
 
 
 @sample("table of DOFs")
 def _dofs() -> Sample:
-    return _of_model_file("case.toml", "case_dofs.csv")
+    return of_model_file("case.toml", "case_dofs.csv")
 
 
 @sample("table of nodes")
 def _nodes() -> Sample:
-    return _of_model_file("case.toml", "case_nodes.csv")
+    return of_model_file("case.toml", "case_nodes.csv")
 
 
 @sample("table of lines")
 def _lines() -> Sample:
-    return _of_model_file("case.toml", "case_lines.csv")
+    return of_model_file("case.toml", "case_lines.csv")
 
 
 @sample("CSV")
 def _csv() -> Sample:
-    return _of_frf_file("a.csv", _frf())
+    return of_frf_file("a.csv", small_frf())
 
 
 @sample("universal file, 58b")
 def _58b() -> Sample:
-    return _of_frf_file("a.uff", _frf(with_geometry=True), is_text=False)
+    return of_frf_file("a.uff", small_frf(with_geometry=True), is_text=False)
 
 
 @sample("universal file, 58 in text")
 def _58() -> Sample:
-    frf = _frf()
+    frf = small_frf()
     raw = uff.units(1, 1.0, 1.0)
     raw += uff.nodes2411((1, 0, 0, 0.0, 0.5, 0.0), (22, 0, 0, 1.25, 0.0, 0.0)) + uff.trace82(1, 22)
     for i, response in enumerate(((1, 1), (22, 3))):
@@ -298,7 +332,7 @@ def _modes() -> Sample:
     shapes = np.array([[1.0, 0.5 + 0.1j], [2.0, 1.0], [3.0, -1.0j]])
     dofs = updyn.DofSet(["1:X", "12:Y", "123:Z"])
     modes = ModeSet([10.0, 20.0], shapes, dofs, [0.01, 0.02], [True, True], [np.nan] * 2, "x")
-    files = _written(lambda folder: updyn.write_modes(modes, folder / "a.unv"))
+    files = written(lambda folder: updyn.write_modes(modes, folder / "a.unv"))
     return Sample(files, "a.unv", lambda folder: updyn.read_modes(folder / "a.unv"))
 
 
@@ -360,9 +394,9 @@ def _op4_sample(*, is_text: bool) -> Sample:
     from updyn.io.nastran.op4 import write_op4
 
     def write(folder: Path) -> None:
-        write_op4({"K": _model().groups["a"].stiffness}, folder / "m.op4", text=is_text)
+        write_op4({"K": small_model().groups["a"].stiffness}, folder / "m.op4", text=is_text)
 
-    files = {**_written(write), "m.toml": _OP4}
+    files = {**written(write), "m.toml": _OP4}
     return Sample(files, "m.op4", lambda folder: updyn.read_model(folder / "m.toml"), is_text)
 
 
@@ -378,7 +412,7 @@ def _op4_binary() -> Sample:
 
 @sample("DMIG")
 def _dmig() -> Sample:
-    one = _written(lambda folder: updyn.write_model(_model(), folder / "m.pch"))
+    one = written(lambda folder: updyn.write_model(small_model(), folder / "m.pch"))
     return Sample(one, "m.pch", lambda folder: updyn.read_model(folder / "m.pch"))
 
 
@@ -394,21 +428,9 @@ def _job() -> Sample:
     )
 
     def read(folder: Path) -> Content:
-        return dict(_flat(load_job(folder / "job.toml").model_dump(exclude_unset=True), ()))
+        return leaves(load_job(folder / "job.toml").model_dump(exclude_unset=True))
 
     return Sample({"job.toml": text}, "job.toml", read)
-
-
-def _flat(value: Any, place: tuple[Any, ...]) -> Iterator[tuple[Any, Any]]:
-    """Yield the leaves of tables and lists by their place."""
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
-            yield from _flat(inner, (*place, key))
-    elif isinstance(value, list | tuple):
-        for at, inner in enumerate(value):
-            yield from _flat(inner, (*place, at))
-    else:
-        yield place, str(value)
 
 
 @sample("Ansys, archive")
@@ -431,7 +453,7 @@ _CDB = (
 )
 
 
-@sample("Ansys, attributes")
+@sample("Ansys, attributes", is_boxed=True)
 def _attributes() -> Sample:
     from updyn.io.ansys.attributes import read_attributes
 
@@ -474,7 +496,7 @@ def _emat() -> Sample:
         (1, [1, 2], {"stiffness": K, "mass": np.eye(6)}),
         (2, [2, 3], {"stiffness": 2.0 * K, "mass": np.eye(6)}),
     ]
-    files = _written(lambda folder: ansys_samples.write_emat(folder / "a.emat", elements))
+    files = written(lambda folder: ansys_samples.write_emat(folder / "a.emat", elements))
 
     def read(folder: Path) -> Model:
         return updyn.read_model(folder / "a.emat", groups={"a": [1], "b": [2]}, supports=[])
@@ -484,24 +506,31 @@ def _emat() -> Sample:
 
 @sample("npz, FRF")
 def _npz() -> Sample:
-    return _of_frf_file("a.npz", _frf(with_geometry=True), is_text=False)
+    return of_frf_file("a.npz", small_frf(with_geometry=True), is_text=False)
 
 
 @sample("npz, model")
 def _npz_model() -> Sample:
-    return _of_model_file("a.npz", "a.npz", is_text=False)
+    return of_model_file("a.npz", "a.npz", is_text=False)
 
 
-@sample("MATLAB 5, FRF")
+@sample("MATLAB 5, FRF", is_boxed=True)
 def _mat() -> Sample:
-    return _of_frf_file("a.mat", _frf(), is_text=False)
+    return of_frf_file("a.mat", small_frf(), is_text=False)
 
 
-@sample("HDF5, model")
+def foreign(one: Sample) -> Sample:
+    """Return the sample without its digest, as if another program had written it."""
+    content = one.files[one.damaged]
+    raw = content[: content.rindex(MARK)]
+    return Sample({**one.files, one.damaged: raw}, one.damaged, one.read, one.is_text)
+
+
+@sample("HDF5, model", is_boxed=True)
 def _hdf5() -> Sample:
-    return _of_model_file("a.h5", "a.h5", is_text=False)
+    return foreign(of_model_file("a.h5", "a.h5", is_text=False))
 
 
-@sample("netCDF, FRF")
+@sample("netCDF, FRF", is_boxed=True)
 def _netcdf() -> Sample:
-    return _of_frf_file("a.nc", _frf(with_geometry=True), is_text=False)
+    return foreign(of_frf_file("a.nc", small_frf(with_geometry=True), is_text=False))

@@ -463,3 +463,12 @@ def test_copies_are_equal_and_read_only(model, through):
 def test_a_number_beyond_all_doubles_is_refused():
     with pytest.raises(ModelError, match="expected a number"):
         Group(np.eye(2), loss_factor=10**400)
+
+
+def test_a_whole_number_beyond_64_bits_is_a_number(model):
+    changed = model.scaled({"spring": {"stiffness": 10**30}})
+    np.testing.assert_allclose(
+        changed.groups["spring"].stiffness.toarray(),
+        1e30 * model.groups["spring"].stiffness.toarray(),
+    )
+    assert Group(np.eye(2), loss_factor=10**30).loss_factor == 1e30

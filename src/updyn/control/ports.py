@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -56,7 +57,7 @@ class Port:
             )
         DofSet(self.weights)
         for label, weight in self.weights.items():
-            if not is_number(weight) or not np.isfinite(weight):
+            if not is_number(weight) or not math.isfinite(weight):
                 raise OptionError(
                     f"port {self.name!r}: weight of {label} is {weight!r}; expected a finite number"
                 )
@@ -123,7 +124,7 @@ class Port:
         OptionError
             If the ratio is 0 or not finite.
         """
-        if not is_number(ratio) or not np.isfinite(ratio) or ratio == 0:
+        if not is_number(ratio) or not math.isfinite(ratio) or ratio == 0:
             raise OptionError(f"gear ratio {ratio!r}: expected a finite number other than 0")
         label = str(Dof.parse(dof))
         return cls(name or f"{label} / {ratio:g}", {label: 1.0 / ratio})

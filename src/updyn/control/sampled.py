@@ -131,7 +131,7 @@ def _interval(plant: Plant, dt: float) -> float:
         raise OptionError(
             f"the plant is sampled already, every {plant.dt:g} s; sample the continuous one"
         )
-    if not is_number(dt) or not np.isfinite(dt) or dt <= 0:
+    if not is_number(dt) or not math.isfinite(dt) or dt <= 0:
         raise OptionError(f"dt is {dt!r}; expected a sampling interval in s, above 0")
     if plant.band[1] > 0.5 / dt:
         raise OptionError(
@@ -144,7 +144,7 @@ def _interval(plant: Plant, dt: float) -> float:
 
 def _intervals(delay: float, dt: float, n_inputs: int, n_states: int) -> tuple[int, float]:
     """Return the whole intervals of a delay, and the part of the next, from 0 to below 1."""
-    if not is_number(delay) or not np.isfinite(delay) or delay < 0:
+    if not is_number(delay) or not math.isfinite(delay) or delay < 0:
         raise OptionError(f"delay is {delay!r}; expected a time in s, 0 or above")
     count = float(delay) / dt
     near = round(count)

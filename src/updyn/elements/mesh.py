@@ -244,10 +244,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
         raise FormatError("no such file; expected a mesh", path)
     numbers = _node_numbers(path)
     found = _read(path)
-    xyz = np.zeros((len(found.points), 3))
-    xyz[:, : found.points.shape[1]] = found.points
-    if not np.isfinite(xyz).all():
-        raise FormatError("a position is not finite", path)
+    xyz = _positions(path, found.points)
     if numbers is None:
         numbers = np.arange(1, len(xyz) + 1)
     if len(numbers) != len(xyz):
@@ -255,7 +252,7 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     groups, ungrouped = _groups(path, found, numbers)
     sets = {}
     for name, members in found.point_sets.items():
-        sets[str(name)] = numbers[np.asarray(members, dtype=np.intp)]
+        sets[str(name)] = numbers[_within(path, f"set {name!r}", members, len(numbers))]
     return Mesh(str(path), numbers, xyz * UNITS[unit], groups, sets, ungrouped)
 
 
@@ -288,7 +285,36 @@ def _read(path: Path) -> _Found:
             raise FormatError(f"cells of kind {one.type!r} are not rows of nodes", path)
         if one.data.size and not 0 <= one.data.min() <= one.data.max() < len(found["points"]):
             raise FormatError(f"a cell of kind {one.type!r} has a node that is not there", path)
+    tags = found["physical"]
+    if tags and [t.shape for t in tags] != [(len(one.data),) for one in cells]:
+        raise FormatError("the tags of the physical groups are not one for each cell", path)
+    for name, pair in found["names"].items():
+        if pair.shape != (2,) or pair.dtype.kind not in "iu":
+            raise FormatError(f"physical group {name!r}: expected its tag and dimension", path)
     return _Found(cells=cells, **found)
+
+
+def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
+    """Return positions in three dimensions."""
+    if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or points.dtype.kind not in "iuf":
+        raise FormatError(
+            f"positions: {points.dtype} of shape {points.shape}; expected rows of 1 to 3 numbers",
+            path,
+        )
+    xyz = np.zeros((len(points), 3))
+    xyz[:, : points.shape[1]] = points
+    if not np.isfinite(xyz).all():
+        raise FormatError("a position is not finite", path)
+    return xyz
+
+
+def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:
+    """Return the places of members among as many, each of which has to be there."""
+    if members.size and (members.dtype.kind not in "iu" or members.ndim != 1):
+        raise FormatError(f"{what}: {members.dtype} of shape {members.shape}, no numbers", path)
+    if members.size and not 0 <= members.min() <= members.max() < size:
+        raise FormatError(f"{what} has a member that is not there, of {size}", path)
+    return members.astype(np.intp)
 
 
 def _groups(
@@ -350,7 +376,8 @@ def _members(path: Path, name: str, members: Any, cells: Any) -> list[NDArray[np
             " elements themselves",
             path,
         )
-    return out
+    pairs = zip(out, cells, strict=True)
+    return [_within(path, f"group {name!r}", array, len(one.data)) for array, one in pairs]
 
 
 def _physical(found: _Found, tag: int, dim: int) -> str:
@@ -486,19 +513,26 @@ def _gmsh_numbers(path: Path, lines: list[str], version: str) -> NDArray[np.int6
     try:
         at = lines.index("$Nodes") + 1
         if version.startswith("2"):
-            count = int(lines[at])
+            count = _count(lines[at])
             for line in lines[at + 1 : at + 1 + count]:
                 out.append(int(line.split(maxsplit=1)[0]))
         else:
             blocks = int(lines[at].split()[0])
             at += 1
             for _ in range(blocks):
-                count = int(lines[at].split()[3])
+                count = _count(lines[at].split()[3])
                 out += map(int, lines[at + 1 : at + 1 + count])
                 at += 1 + 2 * count  # numbers, then positions
-    except (ValueError, IndexError) as error:
+        return np.array(out, dtype=np.int64)
+    except (ValueError, IndexError, OverflowError) as error:
         raise FormatError(f"the nodes cannot be read ({error})", path) from error
-    return np.array(out, dtype=np.int64)
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 0:
+        raise ValueError(f"{count} of them")
+    return count
 
 
 def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:

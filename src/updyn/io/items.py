@@ -42,6 +42,7 @@ __all__ = [
     "nearest",
     "number",
     "numbers",
+    "once",
     "placed",
     "real",
     "text",
@@ -407,6 +408,22 @@ def utf8_text(path: str | Path) -> str:
         ) from error
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the names and values of a JSON object: the ``object_pairs_hook`` of `json.loads`.
+
+    Raises
+    ------
+    ValueError
+        If a name stands twice, of which JSON would keep the last.
+    """
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise ValueError(f"{name!r} stands twice")
+        found[name] = value
+    return found
 
 
 def nearest(missing: Path) -> str:

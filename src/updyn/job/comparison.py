@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 from updyn.comparison import compare, compare_jointly
 from updyn.comparison.bench import Options
 from updyn.errors import FormatError, suggest
+from updyn.group import is_number
+from updyn.io.items import once
 from updyn.io.toml_text import parse_toml
 from updyn.job.folder import check_out
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.run import as_tests, job_selection, update_keys
-from updyn.job.schema import Job, is_number
+from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replaced
 from updyn.store.comparison import write_comparison_json
 from updyn.updating.fit.methods import METHODS, options_of
@@ -206,7 +208,7 @@ def _content(path: Path) -> Mapping[str, Any]:
     is_json = path.suffix.lower() == ".json"
     kind = "JSON" if is_json else "TOML"
     try:
-        content = json.loads(text) if is_json else parse_toml(text)
+        content = json.loads(text, object_pairs_hook=once) if is_json else parse_toml(text)
     except (ValueError, RecursionError) as error:
         raise FormatError(f"not {kind}: {error}", path) from error
     if not isinstance(content, dict):

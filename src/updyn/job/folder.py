@@ -202,7 +202,7 @@ def was_saved(out: Path) -> bool:
         return True
     try:
         status = json.loads((out / "result.json").read_text(encoding="utf-8"))["status"]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         why = f"{str(out / JOURNAL)!r} does not exist; the run begins anew"
     else:
         why = f"the run in {str(out)!r} has ended ({status}); it begins anew"

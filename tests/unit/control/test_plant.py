@@ -340,6 +340,11 @@ class TestPorts:
             updyn.Port("odd", {"1:X": 1.0, "1:RZ": 0.5})
         assert updyn.Port("tip", {"1:X": 1.0, "1:RZ": 0.5}, rotation=False).force_unit == "N"
 
+    def test_whole_numbers_of_any_size(self) -> None:
+        assert updyn.Port("far", {"1:X": 10**30}).weights["1:X"] == 1e30
+        with pytest.raises(OptionError):
+            updyn.Port("far", {"1:X": 10**400})
+
     @pytest.mark.parametrize("ratio", [0, float("nan"), True, "3"])
     def test_ratio(self, ratio: object) -> None:
         with pytest.raises(

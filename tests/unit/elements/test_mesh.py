@@ -278,3 +278,46 @@ def test_a_mesh_that_gmsh_wrote():
     np.testing.assert_allclose(
         updyn.modes(model, 6).frequency, updyn.modes(same, 6).frequency, rtol=1e-7
     )
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\n13\n14\n", "\n13\n" + "9" * 30 + "\n"),
+        ("2 1 0 6\n", "2 1 0 -6\n"),
+        ("2 1 0 6\n", "2 1 0\n"),
+    ],
+)
+def test_node_numbers_that_are_none_are_refused(tmp_path, old, new):
+    assert old in MSH
+    with pytest.raises(FormatError, match=r"mesh\.msh: the nodes cannot be read"):
+        read_mesh(written(tmp_path, MSH.replace(old, new)), unit="m")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"points": np.zeros(3)}, "positions: float64 of shape (3,); expected rows of 1 to 3"),
+        ({"points": np.zeros((3, 4))}, "positions: float64 of shape (3, 4); expected rows of 1"),
+        ({"points": np.array([["a", "b", "c"]] * 3)}, "positions: <U1 of shape (3, 3)"),
+        ({"point_sets": {"base": np.array([0, -1])}}, "set 'base' has a member that is not there"),
+        ({"point_sets": {"base": np.array([0.5])}}, "set 'base': float64 of shape (1,)"),
+        ({"cell_sets": {"top": [np.array([1])]}}, "group 'top' has a member that is not there"),
+        ({"physical": [np.array([7, 7])]}, "are not one for each cell"),
+        ({"names": {"top": np.array([7])}}, "'top': expected its tag and dimension"),
+    ],
+)
+def test_what_a_damaged_mesh_makes_of_meshio_is_refused(tmp_path, monkeypatch, given, said):
+    """Read of such files, as of "2S2 2 7 7 2 5 3" in the elements of Gmsh 2.2."""
+    good = {
+        "points": np.eye(3),
+        "cells": [["triangle", 2, np.array([[0, 1, 2]])]],
+        "point_sets": {},
+        "cell_sets": {},
+        "physical": [np.array([7])],
+        "names": {"top": np.array([7, 2])},
+    }
+    monkeypatch.setattr("updyn.elements.mesh.box.load", lambda *_, **__: {**good, **given})
+    path = written(tmp_path, "not looked at", "mesh.vtk")
+    with pytest.raises(FormatError, match=re.escape(said)):
+        read_mesh(path, unit="m")

@@ -16,6 +16,7 @@ from updyn.elements.masses import add_masses
 from updyn.errors import InputError, JobError, UpdynWarning
 from updyn.frf import FRF
 from updyn.job import job_identifiability, load_job, prepare, run_job
+from updyn.job.folder import was_saved
 
 BASE = """\
 [model]
@@ -440,6 +441,13 @@ def test_where_nothing_was_saved_the_run_begins_anew_and_says_so(folder: Path) -
     ):
         again = run_job(job, out, resume=True).result
     assert outcome(again) == outcome(fresh)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "\xff", '{"status": ', "[1]", "9" * 5000])
+def test_a_damaged_record_of_a_run_is_nothing_to_resume(tmp_path: Path, text: str) -> None:
+    (tmp_path / "result.json").write_text(text, encoding="latin-1")
+    with pytest.warns(UpdynWarning, match="does not exist; the run begins anew"):
+        assert not was_saved(tmp_path)
 
 
 def test_one_command_for_every_start_of_a_scheduler(folder: Path) -> None:

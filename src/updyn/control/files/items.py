@@ -25,6 +25,7 @@ Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outpu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
     inputs = _ports(items["inputs"], "input", _PORT, path)
     outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
     dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
-    if dt is not None and (not is_number(dt) or not np.isfinite(dt) or dt <= 0):
+    if dt is not None and (not is_number(dt) or not math.isfinite(dt) or dt <= 0):
         raise FormatError(
             f"dt: found {dt!r}; expected a sampling interval in s above 0, or none", path
         )

@@ -12,6 +12,7 @@ from updyn.control.files.items import build_plant, plant_items
 from updyn.control.plant import Plant
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
+from updyn.io.items import once
 from updyn.store.values import from_text, to_text
 
 __all__ = ["read_plant", "write_plant"]
@@ -50,11 +51,11 @@ def read_plant(path: str | Path) -> Plant:
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
-        items = json.loads(text, object_pairs_hook=_once)
+        items = json.loads(text, object_pairs_hook=once)
     except json.JSONDecodeError as error:
         said = f"not JSON: {error.msg} (column {error.colno}); cut short or damaged?"
         raise FormatError(said, path, error.lineno) from error
-    except (_TwiceError, RecursionError, UnicodeDecodeError, ValueError) as error:
+    except (RecursionError, ValueError) as error:
         raise FormatError(f"not JSON as updyn writes it: {error}", path) from error
     if not isinstance(items, dict):
         raise FormatError(f"holds a {type(items).__name__}; expected the items of a plant", path)
@@ -62,18 +63,6 @@ def read_plant(path: str | Path) -> Plant:
     for name, value in items.items():
         found[name] = from_text(json.dumps(value), name, path)
     return build_plant(found, path)
-
-
-class _TwiceError(ValueError):
-    """A name that stands twice, of which JSON would keep the last."""
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    names = [name for name, _ in pairs]
-    for name in names:
-        if names.count(name) > 1:
-            raise _TwiceError(f"{name!r} stands twice")
-    return dict(pairs)
 
 
 def _laid_out(value: Any) -> str:

@@ -7,6 +7,7 @@ over that of z = A sin(omega t).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -314,7 +315,7 @@ Nonlinearity = Backlash | CoulombFriction
 
 
 def _number(what: str, value: Any, unit: str, *, zero: bool = False) -> None:
-    if not is_number(value) or not np.isfinite(value) or value < 0 or (value == 0 and not zero):
+    if not is_number(value) or not math.isfinite(value) or value < 0 or (value == 0 and not zero):
         raise OptionError(
             f"{what} is {value!r}; expected a number {'of at least' if zero else 'above'} 0, in"
             f" {unit}"

@@ -7,6 +7,7 @@ are not negative.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -649,7 +650,7 @@ def _held(system: Around, constant: Mapping[str, float] | None) -> _Real:
             raise OptionError(
                 f"simulation: no input {name!r} to hold; {suggest(str(name), system.entries)}"
             )
-        if not is_number(value) or not np.isfinite(value):
+        if not is_number(value) or not math.isfinite(value):
             raise OptionError(f"simulation: {name} held at {value!r}; expected a finite number")
         out[system.entries.index(name)] = value
     return out
@@ -687,7 +688,7 @@ def _start(
     start: Any,
     scale: float,
 ) -> _Real:
-    if not is_number(scale) or not np.isfinite(scale):
+    if not is_number(scale) or not math.isfinite(scale):
         raise OptionError(f"simulation: scale {scale!r}; expected a finite number")
     n = len(system.A)
     x: _Real = np.zeros(n)

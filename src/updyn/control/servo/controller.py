@@ -10,6 +10,7 @@ F(s) is the product of the notches and the low-pass.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -77,7 +78,7 @@ class Notch:
         )
         if (
             not is_number(self.zero_damping)
-            or not np.isfinite(self.zero_damping)
+            or not math.isfinite(self.zero_damping)
             or self.zero_damping < 0
         ):
             raise OptionError(
@@ -111,7 +112,7 @@ class Notch:
         """
         _positive("notch: frequency", frequency, "Hz")
         _positive("notch: width", width, "Hz")
-        if not is_number(depth) or not np.isfinite(depth) or depth < 0:
+        if not is_number(depth) or not math.isfinite(depth) or depth < 0:
             raise OptionError(
                 f"notch at {frequency:g} Hz: depth is {depth!r}; expected a gain, 0 or above",
                 key=("depth",),
@@ -226,7 +227,7 @@ class Controller:
             )
         for name, top in (("feed_forward", 1.0), ("dead_time", np.inf)):
             value = getattr(self, name)
-            if not is_number(value) or not 0.0 <= value <= top or not np.isfinite(value):
+            if not is_number(value) or not 0.0 <= value <= top or not math.isfinite(value):
                 expected = {
                     "feed_forward": "a share from 0 to 1",
                     "dead_time": "0 or above, in s",
@@ -520,7 +521,7 @@ def _pair(frequency: float, damping: float) -> _Complex:
 
 
 def _positive(what: str, value: object, unit: str = "", remedy: str = "") -> None:
-    if not is_number(value) or not np.isfinite(value) or value <= 0:  # type: ignore[call-overload, operator]
+    if not is_number(value) or not math.isfinite(value) or value <= 0:  # type: ignore[arg-type, operator]
         name = what.rpartition(": ")[2]
         text = f"{what} is {value!r}; expected a number above 0"
         if unit:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -384,7 +385,7 @@ def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
 
 
 def _checked(ratio: Any, band: Any, separation: Any) -> tuple[float, float] | None:
-    if ratio is not None and not (is_number(ratio) and np.isfinite(ratio) and ratio != 0):
+    if ratio is not None and not (is_number(ratio) and math.isfinite(ratio) and ratio != 0):
         raise OptionError(f"drive figures: ratio {ratio!r}; expected a finite number other than 0")
     if not (is_number(separation) and 0 <= separation < 1):
         raise OptionError(

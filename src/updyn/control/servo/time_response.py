@@ -404,7 +404,7 @@ def timed(
         ("disturbance_step", disturbance_step),
         ("duration", duration),
     ):
-        if value is not None and (not is_number(value) or not np.isfinite(value) or value == 0):
+        if value is not None and (not is_number(value) or not math.isfinite(value) or value == 0):
             raise OptionError(
                 f"servo: {name} is {value!r}; expected a number other than 0, or None"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,14 +73,14 @@ class Wind:
             value = getattr(self, name)
             if value is None and name not in ("mean_speed", "duration"):
                 continue
-            if not is_number(value) or not np.isfinite(value) or value <= 0:
+            if not is_number(value) or not math.isfinite(value) or value <= 0:
                 raise OptionError(
                     f"wind: {name} is {value!r}; expected a number above"
                     f" 0{', in ' + unit if unit else ''}"
                 )
         if (
             not is_number(self.coefficient)
-            or not np.isfinite(self.coefficient)
+            or not math.isfinite(self.coefficient)
             or self.coefficient == 0
         ):
             raise OptionError(

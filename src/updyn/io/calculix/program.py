@@ -232,6 +232,9 @@ def _matrix(path: Path, n: int) -> Matrix:
     row, column = table[:, :2].astype(np.int64).T - 1
     if table.size and not (0 <= min(row.min(), column.min()) <= max(row.max(), column.max()) < n):
         raise FormatError(f"an entry lies outside of {n} x {n}", path)
+    # Of each column ccx writes the upper triangle, down to the diagonal.
+    if not table.size or (row[-1], column[-1]) != (n - 1, n - 1):
+        raise FormatError(f"does not end with the entry {n}, {n}: cut short (a full disk?)", path)
     off = row != column
     values = np.concatenate([table[:, 2], table[off, 2]])
     at = (np.concatenate([row, column[off]]), np.concatenate([column, row[off]]))

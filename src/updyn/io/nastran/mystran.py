@@ -388,7 +388,15 @@ def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
     terms = np.frombuffer(raw, _TERM, count, 24)
     if (terms["before"] != 16).any() or (terms["after"] != 16).any():
         raise FormatError(f"MYSTRAN's file {path.suffix} is not laid out as expected", user)
-    places = (terms["row"] - 1, terms["column"] - 1)
+    rows, columns = terms["row"], terms["column"]
+    is_inside = (rows >= 1) & (rows <= shape[0]) & (columns >= 1) & (columns <= shape[1])
+    if not is_inside.all():
+        raise FormatError(
+            f"MYSTRAN's file {path.suffix} has a term outside of {shape[0]} x {shape[1]}", user
+        )
+    if not np.isfinite(terms["value"]).all():
+        raise FormatError(f"MYSTRAN's file {path.suffix} has a term that is not finite", user)
+    places = (rows - 1, columns - 1)
     return sp.csr_array(sp.coo_array((terms["value"], places), shape=shape))
 
 
@@ -408,11 +416,11 @@ def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
     if title >= 4:
         (length,) = struct.unpack_from("<i", raw, title - 4)
         start = title + length + 4
-    if start + 2 * _INTEGER.itemsize > len(raw):
+    if not 0 <= start <= len(raw) - 2 * _INTEGER.itemsize:
         raise FormatError("MYSTRAN's file .L1C holds no table TDOFI", user)
     rows, columns = np.frombuffer(raw, _INTEGER, 2, start)["value"].tolist()
     start += 2 * _INTEGER.itemsize
-    if columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
+    if rows < 1 or columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
         raise FormatError("MYSTRAN's table TDOFI is not laid out as expected", user)
     entries = np.frombuffer(raw, _INTEGER, rows * columns, start)["value"]
     table = entries.reshape(rows, columns).astype(np.int64)
