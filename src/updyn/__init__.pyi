@@ -43,6 +43,7 @@ from .io import read_frf as read_frf
 from .io import read_geometry as read_geometry
 from .io import read_model as read_model
 from .io import read_modes as read_modes
+from .io import read_records as read_records
 from .io import write_frf as write_frf
 from .io import write_model as write_model
 from .io import write_modes as write_modes
@@ -52,6 +53,10 @@ from .modal import ModeSet as ModeSet
 from .modal import identify_modes as identify_modes
 from .model import Model as Model
 from .report import write_report as write_report
+from .signals.estimate import estimate_frf as estimate_frf
+from .signals.quality import RecordFinding as RecordFinding
+from .signals.quality import check_records as check_records
+from .signals.windows import ImpactWindow as ImpactWindow
 from .store.result import read_result as read_result
 from .store.result import write_result as write_result
 from .store.uncertainty import read_uncertainty as read_uncertainty

@@ -19,7 +19,8 @@ from updyn.job import load_job, prepare
 
 TEXT = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 ROW = re.compile(
-    r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$", re.MULTILINE
+    r"^\| \[`(\w+)`\]\(#(\w+)\) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \| ([^|]*) \|$",
+    re.MULTILINE,
 )
 
 
@@ -42,7 +43,12 @@ def test_suffixes_and_abilities(known: Format) -> None:
     row = next(m for m in ROW.finditer(TEXT) if m[1] == known.name)
     assert row[2] == known.name
     assert tuple(re.findall(r"`(\.\w+)`", row[3])) == known.suffixes
-    for cell, ability in ((row[4], "frf"), (row[5], "model"), (row[6], "geometry")):
+    for cell, ability in (
+        (row[4], "frf"),
+        (row[5], "model"),
+        (row[6], "geometry"),
+        (row[7], "records"),
+    ):
         said = (
             set()
             if cell.strip() == "-"

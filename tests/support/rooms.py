@@ -31,6 +31,7 @@ ORDER = (
     ("modal",),
     ("matching",),
     ("elements",),
+    ("signals",),
     ("io",),
     ("outputs",),
     ("updating.problem",),

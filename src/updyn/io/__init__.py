@@ -17,17 +17,21 @@ from updyn.io.formats import find_format, load
 from updyn.io.items import chosen, guarded, placed
 
 if TYPE_CHECKING:
+    import xarray
+
     from updyn.dofs import Dof
     from updyn.frf import FRF
     from updyn.geometry import Geometry
     from updyn.modal import ModeSet
     from updyn.model import Model
+    from updyn.signals.records import Records
 
 __all__ = [
     "read_frf",
     "read_geometry",
     "read_model",
     "read_modes",
+    "read_records",
     "write_frf",
     "write_model",
     "write_modes",
@@ -162,6 +166,41 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     known = _known(reader, name, options, ("format",))
     with guarded(path, name):
         return reader(path, **known)  # type: ignore[no-any-return]
+
+
+def read_records(
+    path: str | Path, *, format: str | None = None, **options: Any
+) -> xarray.DataArray:
+    """Read time records.
+
+    Parameters
+    ----------
+    path : path
+        A LabVIEW measurement file (.lvm).
+    format : str, optional
+        Format name, to force it: "lvm".
+    **options
+        What the reader of that format takes, checked by name.
+
+    Returns
+    -------
+    xarray.DataArray
+        Dimensions ``record`` (hits or runs, from 1), ``channel`` and ``time`` (s, from 0 in each
+        record), with the coordinate ``unit`` along ``channel``; values in these units.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the content is not valid; the message says
+        where.
+    OptionError
+        If the format has no such option; the nearest is named.
+    """
+    reader, name = _function(path, "read_records", format)
+    known = _known(reader, name, options, ("format",))
+    with guarded(path, name):
+        records: Records = reader(path, **known)
+    return records.to_xarray()
 
 
 def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:

@@ -8,7 +8,8 @@ or an entry point of the group ``updyn.readers`` that names such an object. The 
 when a file of that format is met. It offers, as far as it can,
 ``read_frf(path, *, quantity, duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``,
 ``write_model(model, path)``, ``read_geometry(path)``, ``read_modes(path)``,
-``write_modes(modes, path)`` and ``write_properties(changes, deck, path)``. A ``read_frf`` with
+``write_modes(modes, path)``, ``read_records(path)`` and
+``write_properties(changes, deck, path)``. A ``read_frf`` with
 ``responses`` and ``references`` selects while it reads; with the others `updyn.io.read_frf` selects
 afterwards.
 """
@@ -44,7 +45,7 @@ class Format:
         What files of this format may start with; empty if the content does not identify them.
     can : tuple of str
         Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
-        ``read_modes``, ``write_modes``, ``write_properties``.
+        ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``.
     """
 
     name: str
@@ -87,6 +88,7 @@ _BUILT_IN = (
     Format("dmig", "updyn.io.nastran.matrices:DMIG", (".pch", ".dmig"), (), _MODEL),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
     Format("abaqus", "updyn.io.abaqus.model", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
+    Format("lvm", "updyn.io.lvm", (".lvm",), (b"LabVIEW Measurement",), ("read_records",)),
     Format("mesh", "updyn.io.mesh", (".msh", ".vtu", ".vtk", ".med"), (), ("read_model",)),
 )
 #: All formats in order of preference where several share a suffix.

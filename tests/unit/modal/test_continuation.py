@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.judge.causes.continuation import continued
+from updyn.modal.continuation import continued
 
 FREQ = np.linspace(2.0, 30.0, 281)
 

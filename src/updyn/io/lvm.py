@@ -1,0 +1,209 @@
+"""Time records of LabVIEW measurement files (.lvm).
+
+The layout is that of National Instruments, "Specification for the LabVIEW Measurement File (.lvm)",
+2023: a head of the file and one of each segment, both of lines ``name TAB value`` that end with
+``***End_of_Header***``; then a line of names, ``X_Value`` first, ``Comment`` last; then rows. A
+segment is a record. Numbers have the decimal sign that the head names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError, suggest
+from updyn.io.items import existing, placed, utf8_text
+from updyn.io.text_numbers import number_rows, real_of, whole_of
+from updyn.signals.records import Records
+
+__all__ = ["read_records"]
+
+_T = TypeVar("_T")
+
+_END = re.compile(r"(?m)^\*\*\*End_of_Header\*\*\*[^\n]*\n")
+_SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
+_X_COLUMNS = ("No", "One", "Multi")
+_NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
+
+
+def read_records(path: str | Path) -> Records:
+    """Read time records.
+
+    Parameters
+    ----------
+    path : path
+        The file, in UTF-8.
+
+    Returns
+    -------
+    Records
+        One record a segment, in the units that the file names.
+
+    Raises
+    ------
+    FormatError
+        If the content is not valid, or its segments have other channels, lengths or steps than the
+        first.
+    """
+    text = utf8_text(existing(path)).replace("\r\n", "\n")
+    ends = list(_END.finditer(text))
+    if not text.startswith("LabVIEW Measurement") or not ends:
+        raise FormatError("no head of a LabVIEW measurement file", path, 1)
+    head = _Head.of(text[: ends[0].start()], path)
+    segments = list(_segments(text, ends, head, path))
+    if not segments:
+        raise FormatError("a head without records", path)
+    first = segments[0]
+    for segment in segments[1:]:
+        first.check_alike(segment, path)
+    with placed(path):
+        return Records.of(
+            [segment.values for segment in segments],
+            first.step,
+            first.channels,
+            first.units,
+            Path(path).name,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """The head of the file: how its rows are written."""
+
+    separator: str
+    decimal: str
+    x_columns: str
+
+    @classmethod
+    def of(cls, text: str, path: str | Path) -> _Head:
+        found = dict(
+            _SPLIT.split(line, maxsplit=1) for line in text.split("\n")[1:] if line.strip()
+        )
+        named = found.get("Separator", "Tab").strip()
+        decimal = found.get("Decimal_Separator", ".").strip()
+        x_columns = found.get("X_Columns", "One").strip()
+        if named not in _SEPARATORS:
+            raise FormatError(f"Separator {named!r}; {suggest(named, _SEPARATORS)}", path)
+        if decimal not in (".", ",") or decimal == _SEPARATORS[named]:
+            raise FormatError(f"Decimal_Separator {decimal!r} with columns by {named}", path)
+        if x_columns not in _X_COLUMNS:
+            raise FormatError(f"X_Columns {x_columns!r}; {suggest(x_columns, _X_COLUMNS)}", path)
+        return cls(_SEPARATORS[named], decimal, x_columns)
+
+
+#: The head of the file may be separated by something else than the file says for its rows.
+_SPLIT = re.compile(r"[\t,;]")
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    """One record: samples by channel."""
+
+    line: int
+    step: float
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    values: NDArray[np.float64]
+
+    def check_alike(self, other: _Segment, path: str | Path) -> None:
+        """Refuse another segment whose channels differ from those of this one."""
+        for what in ("channels", "units", "step"):
+            mine, its = getattr(self, what), getattr(other, what)
+            if mine != its:
+                raise FormatError(
+                    f"this record has {what} {its!r}, the first one {mine!r}; records of a file"
+                    " have to be alike",
+                    path,
+                    other.line,
+                )
+        lengths = [segment.values.shape[1] for segment in (self, other)]
+        if lengths[0] != lengths[1]:
+            raise FormatError(
+                f"this record has {lengths[1]} samples, the first one {lengths[0]}; records of a"
+                " file have to be alike",
+                path,
+                other.line,
+            )
+
+
+def _segments(
+    text: str, ends: list[re.Match[str]], head: _Head, path: str | Path
+) -> Iterator[_Segment]:
+    """Yield the records: from each head's beginning to the next one's."""
+    begins = [
+        text.rfind("\nChannels", before.end() - 1, end.start()) + 1
+        for before, end in pairwise(ends)
+    ]
+    for begin, end, stop in zip(begins, ends[1:], [*begins[1:], len(text)], strict=True):
+        if not begin or not stop:
+            at = text.count("\n", 0, end.start()) + 1
+            raise FormatError("a head of a record without the line Channels", path, at)
+        fields = _fields(text[begin : end.start()], head.separator)
+        lines = [text.count("\n", 0, place) + 1 for place in (begin, end.end())]
+        yield _segment(fields, text[end.end() : stop], head, path, lines)
+
+
+def _fields(text: str, separator: str) -> Mapping[str, list[str]]:
+    """Return the values of a segment's head by name."""
+    rows = (line.split(separator) for line in text.split("\n") if line.strip())
+    return {row[0].strip(): [value.strip() for value in row[1:]] for row in rows}
+
+
+def _segment(
+    fields: Mapping[str, list[str]],
+    body: str,
+    head: _Head,
+    path: str | Path,
+    lines: Sequence[int],
+) -> _Segment:
+    """Return a record from its head and its rows, which begin at these lines."""
+    first, of_names = lines
+
+    def refused(why: str, line: int = first) -> FormatError:
+        return FormatError(why, path, line)
+
+    def each(name: str, n: int, convert: Callable[[str], _T]) -> list[_T]:
+        given = fields.get(name, [])[:n]
+        if len(given) < n or not all(given):
+            raise refused(
+                f"{name} of this record: expected {n} values, found {sum(map(bool, given))}"
+            )
+        try:
+            return [convert(value) for value in given]
+        except ValueError as error:
+            raise refused(f"{name} of this record: {error}") from error
+
+    (n,) = each("Channels", 1, whole_of)
+    samples = each("Samples", n, whole_of)
+    steps = each("Delta_X", n, lambda text: real_of(text.replace(head.decimal, ".")))
+    if fields.get("X_Dimension") and set(each("X_Dimension", n, str)) != {"Time"}:
+        raise refused(f"X_Dimension {fields['X_Dimension'][0]!r}: no time record")
+    if len(set(samples)) != 1 or len(set(steps)) != 1:
+        raise refused("channels of one record with other Samples or Delta_X")
+    names, _, rows = body.partition("\n")
+    titles = [title.strip() for title in names.split(head.separator)]
+    if titles[:1] != [_NAMES_FROM]:
+        raise refused(f"expected a line of names from {_NAMES_FROM}", of_names)
+    own = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
+    if len(own) != n:
+        raise refused(f"{len(own)} names for {n} channels", of_names)
+    if head.decimal != "." and "." in rows:
+        at = of_names + 1 + rows[: rows.index(".")].count("\n")
+        raise refused(f"a point in numbers with the decimal sign {head.decimal!r}", at)
+    with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
+    blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
+    width = n + with_x
+    table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
+    if len(table) != samples[0]:
+        raise refused(f"Samples says {samples[0]}, found {len(table)} rows")
+    columns = table.T
+    values = columns[1::2] if head.x_columns == "Multi" else columns[with_x:]
+    units = [*fields.get("Y_Unit_Label", []), *[""] * n][:n]
+    return _Segment(first, steps[0], tuple(own), tuple(units), values)

@@ -1,0 +1,1 @@
+"""From time records to frequency response functions: records, their quality, estimation."""

@@ -1,0 +1,187 @@
+"""`Records`: what was recorded in time, by record (a hit, a run) and channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import DataError, suggest
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["Records"]
+
+#: Sizes of the steps in time may differ by this share, as times are written with few digits.
+_EVEN = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Records:
+    """Records of the same channels, all of one length.
+
+    Attributes
+    ----------
+    values : ndarray of float, shape (n_records, n_channels, n_samples)
+        In the units of the channels.
+    step : float
+        Time between two samples, in s.
+    channels : tuple of str
+        Names, each once.
+    units : tuple of str
+        Of the channels, as the file writes them; empty where it does not say.
+    source : str
+        Where the records came from.
+    """
+
+    values: NDArray[np.float64]
+    step: float
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    source: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        values: ArrayLike,
+        step: float,
+        channels: Sequence[str],
+        units: Sequence[str],
+        source: str = "",
+    ) -> Records:
+        """Check records and make them immutable.
+
+        Parameters
+        ----------
+        values : array_like of float, shape (n_records, n_channels, n_samples)
+            In the units of the channels.
+        step : float
+            Time between two samples, in s.
+        channels, units : sequence of str
+            Of each channel; see the class.
+        source : str
+            Where the records came from.
+
+        Raises
+        ------
+        DataError
+            If shapes disagree, a value is not finite, or a name stands twice.
+        """
+        array = np.array(values, dtype=np.float64)
+        if array.ndim != 3 or array.shape[1] != len(channels) or len(units) != len(channels):
+            raise DataError(
+                f"records of shape {array.shape} with {len(channels)} channels and {len(units)}"
+                " units; expected (records, channels, samples)"
+            )
+        if 0 in array.shape or array.shape[2] < 2:
+            raise DataError(f"records of shape {array.shape}: nothing was recorded")
+        if not np.isfinite(array).all():
+            record, channel, sample = np.argwhere(~np.isfinite(array))[0]
+            raise DataError(
+                f"record {record + 1}, channel {channels[channel]!r}, sample {sample + 1} is"
+                f" {array[record, channel, sample]}; expected a number"
+            )
+        if not (np.isfinite(step) and step > 0.0):
+            raise DataError(f"a time of {step} s between samples; expected a positive number")
+        twice = [name for i, name in enumerate(channels) if name in channels[:i]]
+        if twice:
+            raise DataError(f"two channels are called {twice[0]!r}")
+        array.setflags(write=False)
+        return cls(array, float(step), tuple(channels), tuple(units), source)
+
+    @classmethod
+    def from_xarray(cls, given: xarray.DataArray) -> Records:
+        """Return the records of a labelled array.
+
+        Parameters
+        ----------
+        given : xarray.DataArray
+            As `to_xarray` makes it: dimensions ``record``, ``channel``, ``time`` in any order, the
+            coordinates ``channel`` and ``time`` (s), and ``unit`` along ``channel`` if known.
+            Without ``record`` it is one record.
+
+        Raises
+        ------
+        DataError
+            If a dimension or coordinate is missing, or the times are not evenly spaced.
+        """
+        if "record" not in given.dims:
+            given = given.expand_dims("record")
+        for name in ("channel", "time"):
+            if name not in given.dims or name not in given.coords:
+                raise DataError(
+                    f"records with the dimensions {', '.join(map(str, given.dims))}: expected the"
+                    f" dimension {name!r}, with its coordinate"
+                )
+        if len(given.dims) != 3:
+            raise DataError(
+                f"records with the dimensions {', '.join(map(str, given.dims))}: expected record,"
+                " channel, time"
+            )
+        time = np.asarray(given["time"].values, dtype=np.float64)
+        steps = np.diff(time)
+        if len(time) < 2 or not (np.abs(steps - steps.mean()) <= _EVEN * steps.mean()).all():
+            raise DataError("times of the records: expected them to ascend in even steps")
+        channels = [str(name) for name in given["channel"].values]
+        units = [""] * len(channels)
+        if "unit" in given.coords:
+            units = [str(unit) for unit in np.broadcast_to(given["unit"].values, len(channels))]
+        values = given.transpose("record", "channel", "time").values
+        step = (time[-1] - time[0]) / (len(time) - 1)
+        return cls.of(values, step, channels, units, str(given.attrs.get("source", "")))
+
+    def to_xarray(self) -> xarray.DataArray:
+        """Return them as a labelled array.
+
+        Returns
+        -------
+        xarray.DataArray
+            Dimensions ``record`` (from 1), ``channel``, ``time`` (s, from 0 in each record), with
+            ``unit`` along ``channel``.
+        """
+        import xarray
+
+        return xarray.DataArray(
+            self.values,
+            dims=("record", "channel", "time"),
+            coords={
+                "record": np.arange(1, len(self.values) + 1),
+                "channel": list(self.channels),
+                "unit": ("channel", list(self.units)),
+                "time": ("time", self.step * np.arange(self.values.shape[2]), {"units": "s"}),
+            },
+            name="records",
+            attrs={"source": self.source} if self.source else {},
+        )
+
+    def index(self, channel: str) -> int:
+        """Return the place of a channel.
+
+        Parameters
+        ----------
+        channel : str
+            Its name.
+
+        Raises
+        ------
+        DataError
+            If there is none of that name; the nearest is named.
+        """
+        if channel not in self.channels:
+            raise DataError(f"no channel {channel!r}; {suggest(channel, self.channels)}")
+        return self.channels.index(channel)
+
+
+def records_of(given: Any) -> Records:
+    """Return records, given as such or as a labelled array.
+
+    Parameters
+    ----------
+    given : Records or xarray.DataArray
+        The records.
+    """
+    return given if isinstance(given, Records) else Records.from_xarray(given)

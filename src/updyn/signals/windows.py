@@ -1,0 +1,84 @@
+"""Windows on records of hits: on the force a box that ends soon, on all a decay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError
+
+__all__ = ["ImpactWindow"]
+
+#: Share of the force's window at which it falls to zero, as half a cosine.
+_TAPER = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactWindow:
+    """Windows for hits: Halvorsen and Brown (1977).
+
+    Parameters
+    ----------
+    force : float, optional
+        Time in s from the largest force on after which the force counts as zero: what is then left
+        of it is noise. What lies before by as much counts, too.
+    exponential : float, optional
+        Value between 0 and 1 to which exp(-a t) decays at the end of the record. All channels are
+        multiplied by it, so that no response is cut off.
+    remove_damping : bool
+        Whether the damping that the decay adds is taken out of the FRF again.
+
+    Raises
+    ------
+    OptionError
+        If a time is not positive, or a share not between 0 and 1.
+    """
+
+    force: float | None = None
+    exponential: float | None = None
+    remove_damping: bool = True
+
+    def __post_init__(self) -> None:
+        if self.force is not None and not self.force > 0.0:
+            raise OptionError(f"force window of {self.force} s; expected a positive time")
+        if self.exponential is not None and not 0.0 < self.exponential < 1.0:
+            raise OptionError(
+                f"exponential window that decays to {self.exponential}; expected a share between 0"
+                " and 1"
+            )
+
+    def decay(self, duration: float) -> float:
+        """Return a of exp(-a t), in 1/s.
+
+        Parameters
+        ----------
+        duration : float
+            Of the record, in s.
+
+        Returns
+        -------
+        float
+        """
+        return 0.0 if self.exponential is None else -float(np.log(self.exponential)) / duration
+
+    def on_force(self, force: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+        """Return the box about the hit.
+
+        Parameters
+        ----------
+        force : ndarray of float, shape (n_samples,)
+            Without its offset.
+        step : float
+            In s.
+
+        Returns
+        -------
+        ndarray of float, shape (n_samples,)
+        """
+        if self.force is None:
+            return np.ones(len(force))
+        away = np.abs(np.arange(len(force)) - int(np.argmax(np.abs(force)))) * step
+        past = (away - (1.0 - _TAPER) * self.force) / (_TAPER * self.force)
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(past, 0.0, 1.0)))

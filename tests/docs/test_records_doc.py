@@ -1,0 +1,56 @@
+"""What docs/records.md shows, with the file that it speaks of."""
+
+from __future__ import annotations
+
+import inspect
+import lzma
+import re
+
+import numpy as np
+
+import updyn
+from places import DATA, ROOT
+from updyn.signals import quality
+
+PAGE = (ROOT / "docs" / "records.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(python|text)\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_first_example_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    packed = (DATA / "cases" / "impact.lvm.xz").read_bytes()
+    (tmp_path / "impact.lvm").write_bytes(lzma.decompress(packed))
+    (_, example), (_, printed) = BLOCKS[:2]
+    seen: dict[str, object] = {}
+    exec(example, seen)
+    assert capsys.readouterr().out == printed
+    frf = updyn.read_frf(tmp_path / "test.nc")
+    said = re.search(r"is ([\d.]+) with the first hit and ([\d.]+) without it", PAGE)
+    assert said is not None
+    assert f"{np.median(frf.coherence):.3f}" == said[2]
+    whole = updyn.estimate_frf(
+        seen["records"],
+        {"Force (Trigger)": "1:Z"},
+        responses={"Acceleration (Trigger)": "2:Z"},
+        band=(100, 5000),
+    )
+    assert f"{np.median(whole.coherence):.3f}" == said[1]
+
+
+def test_arrays_of_ones_own_are_records():
+    seen: dict[str, object] = {}
+    exec(BLOCKS[2][1], seen)
+    records = seen["records"]
+    rng = np.random.default_rng(0)
+    records.values[:, 0, 5] = 1.0
+    records.values[:] += 1e-3 * rng.standard_normal(records.shape)
+    frf = updyn.estimate_frf(records, "3:-Z")
+    assert (str(frf.references[0]), str(frf.responses[0])) == ("3:-Z", "7:Z")
+    assert frf.quantity == "accelerance"
+
+
+def test_every_kind_of_finding_is_in_the_table():
+    source = inspect.getsource(quality)
+    kinds = set(re.findall(r'RecordFinding\(\s*"([a-z-]+)"', source))
+    table = PAGE.split("## What is looked for")[1]
+    assert set(re.findall(r"(?m)^\| `([a-z-]+)` \| ", table)) - {"kind"} == kinds

@@ -1,0 +1,150 @@
+"""LabVIEW measurement files: a real one of five hits, other layouts, and what is refused."""
+
+from __future__ import annotations
+
+import lzma
+
+import numpy as np
+import pytest
+
+import updyn
+from places import DATA
+from updyn.errors import FormatError
+
+FORCE, MOTION = "Force (Trigger)", "Acceleration (Trigger)"
+
+
+@pytest.fixture(scope="module")
+def impact(tmp_path_factory):
+    """Five hits, sample data of pyFRF 1.1.4."""
+    path = tmp_path_factory.mktemp("lvm") / "impact.lvm"
+    path.write_bytes(lzma.decompress((DATA / "cases" / "impact.lvm.xz").read_bytes()))
+    return updyn.read_records(path)
+
+
+def test_a_real_file_of_five_hits(impact):
+    assert impact.dims == ("record", "channel", "time")
+    assert impact.shape == (5, 2, 51200)
+    assert impact["channel"].values.tolist() == [FORCE, MOTION]
+    assert impact["unit"].values.tolist() == ["Newtons", "m/s^2"]
+    # As the file says it: 1.953125E-5 s.
+    assert impact["time"].values[1] == pytest.approx(1.953125e-5, rel=1e-12)
+    assert impact.values[0, :, 0].tolist() == [-0.158373, 0.059175]
+    assert impact.values[0, :, -1].tolist() != impact.values[1, :, 0].tolist()
+    assert impact.values[0, 0].max() == 2000.067121
+
+
+def test_the_overloaded_hit_is_named_and_spoils_the_coherence(impact):
+    found = updyn.check_records(impact, FORCE, band=(100.0, 4500.0))
+    assert [(one.kind, one.record) for one in found] == [("clipped", 1), ("double-hit", 3)]
+    assert "3 samples in a row at 2000.07" in found[0].statement
+    assert "22.8 ms after it" in found[1].statement
+
+    def coherence(reject):
+        frf = updyn.estimate_frf(
+            impact,
+            {FORCE: "1:Z"},
+            responses={MOTION: "2:Z"},
+            reject=reject,
+            band=(100.0, 5000.0),
+        )
+        assert frf.quantity == "accelerance"
+        return np.median(frf.coherence)
+
+    assert coherence({}) == pytest.approx(0.43, abs=0.005)
+    assert coherence({1: "clipped"}) == pytest.approx(0.995, abs=0.001)
+
+
+HEAD = """LabVIEW Measurement
+Separator\t{name}
+Decimal_Separator\t{decimal}
+X_Columns\t{x}
+***End_of_Header***
+
+"""
+SEGMENT = """Channels|2
+Samples|3|3
+Y_Unit_Label|N|g
+X_Dimension|Time|Time
+Delta_X|0.25|0.25
+***End_of_Header***||
+X_Value|force|top|Comment
+{rows}
+"""
+
+
+def written(name="Tab", decimal=".", x="No", segments=1):
+    rows = {
+        "No": "|1.5|-2.0E-1\n|0.0|3.0\n|2.5|4.0",
+        "One": "0.0|1.5|-2.0E-1\n0.25|0.0|3.0\n0.5|2.5|4.0",
+        "Multi": "0.0|1.5|0.0|-2.0E-1\n0.25|0.0|0.25|3.0\n0.5|2.5|0.5|4.0",
+    }[x]
+    text = SEGMENT.format(rows=rows).replace(".", decimal)
+    separator = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}[name]
+    head = HEAD.format(name=name, decimal=decimal, x=x)
+    return head + "".join(text.replace("|", separator) for _ in range(segments))
+
+
+def read(tmp_path, text):
+    path = tmp_path / "a.lvm"
+    path.write_bytes(text.encode())
+    return updyn.read_records(path)
+
+
+@pytest.mark.parametrize("segments", [1, 3])
+@pytest.mark.parametrize("x", ["No", "One", "Multi"])
+@pytest.mark.parametrize(
+    ("name", "decimal"), [("Tab", "."), ("Tab", ","), ("Semicolon", ","), ("Comma", ".")]
+)
+def test_every_layout_holds_the_same_numbers(tmp_path, name, decimal, x, segments):
+    text = written(name, decimal, x, segments)
+    for whole in (text, text.replace("\n", "\r\n")):
+        found = read(tmp_path, whole)
+        assert found.shape == (segments, 2, 3)
+        assert found.values[-1].tolist() == [[1.5, 0.0, 2.5], [-0.2, 3.0, 4.0]]
+        assert found["unit"].values.tolist() == ["N", "g"]
+        assert found["time"].values.tolist() == [0.0, 0.25, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("LabVIEW Measurement\n", "LabVIEW Measuremenz\n", "neither content nor suffix|no head"),
+        ("Samples\t3\t3", "Samples\t4\t4", ":7: Samples says 4, found 3 rows"),
+        ("Samples\t3\t3", "Samples\t3\t4", ":7: channels of one record with other Samples"),
+        ("Samples\t3\t3", "Samples\t3", ":7: Samples of this record: expected 2 values, found 1"),
+        ("Samples\t3\t3", "Samples\t3.5\t3", "'3.5' is not a whole number"),
+        ("\t2.5\t4.0", "\t2.5\tx", ":16: found '2.5 x'; expected 2 numbers"),
+        ("\t2.5\t4.0", "\t2.5\t", ":16: found '2.5'; expected 2 numbers"),
+        ("\t2.5\t4.0", "\t2,5\t4.0", ":16: found '2,5 4.0'; expected 2 numbers"),
+        ("\t2.5\t4.0\n", "\t2.5\t4.0", ":16: the last line does not end|last line"),
+        ("force\ttop", "force", "1 names for 2 channels"),
+        ("Time\tTime", "Frequency\tFrequency", "X_Dimension 'Frequency': no time record"),
+        ("X_Columns\tNo", "X_Columns\tNone", "X_Columns 'None'; "),
+        ("Separator\tTab", "Separator\tTabb", "Separator 'Tabb'; "),
+        ("Delta_X\t0.25\t0.25", "Delta_X\t-1\t-1", "a time of -1.0 s between samples"),
+        ("Channels\t2\n", "", "without the line Channels|Channels of this record"),
+    ],
+)
+def test_what_is_damaged_is_refused_with_its_line(tmp_path, old, new, message):
+    text = written()
+    assert old in text
+    with pytest.raises(FormatError, match=message):
+        read(tmp_path, text.replace(old, new, 1))
+
+
+def test_records_that_differ_are_refused(tmp_path):
+    text = written(segments=2)
+    at = text.rindex("Y_Unit_Label\tN\tg")
+    with pytest.raises(
+        FormatError, match=r":17: this record has units \('N', 'm/s\^2'\), the first one"
+    ):
+        read(
+            tmp_path, text[:at] + "Y_Unit_Label\tN\tm/s^2" + text[at + len("Y_Unit_Label\tN\tg") :]
+        )
+
+
+def test_points_where_commas_are_announced_are_refused(tmp_path):
+    text = written(decimal=",").replace("2,5\t4,0", "2.5\t4,0")
+    with pytest.raises(FormatError, match=":16: a point in numbers with the decimal sign ','"):
+        read(tmp_path, text)

@@ -1,0 +1,86 @@
+"""Faults of records: seeded ones are found and named, sound records are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hits
+import updyn
+
+
+def found(records, **options):
+    return [
+        (one.kind, one.channel, one.record)
+        for one in updyn.check_records(records, "hammer", **options)
+    ]
+
+
+def changed(records, record, channel, change):
+    values = records.values.copy()
+    values[record, channel] = change(values[record, channel])
+    return replace(records, values=values)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+def test_sound_records(seed, noise):
+    assert found(hits.records(noise=noise, seed=seed, seconds=10.0), band=(1.0, 80.0)) == []
+
+
+def test_rounded_peaks_are_no_overload():
+    """A converter of 10 bits: a slow response dwells at its largest value."""
+    sound = hits.records(seconds=10.0)
+    size = np.abs(sound.values).max(axis=2, keepdims=True)
+    rounded = replace(sound, values=np.round(sound.values / size * 512.0) * size / 512.0)
+    assert [one for one in found(rounded) if one[0] == "clipped"] == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_an_overload_of_a_response(seed, share):
+    sound = hits.records(noise=1e-4, seed=seed, seconds=10.0)
+
+    def clipped(channel):
+        limit = share * np.abs(channel).max()
+        return np.clip(channel, -limit, limit)
+
+    assert ("clipped", "2:Z", 3) in found(changed(sound, 2, 2, clipped))
+
+
+def test_an_overload_of_the_force():
+    sound = hits.records(seconds=10.0)
+    force = hits.pulse(sound.values.shape[2], width=12)
+    flat = changed(sound, 1, 0, lambda _: np.minimum(force, 0.6 * force.max()))
+    assert found(flat) == [("clipped", "hammer", 2)]
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
+@pytest.mark.parametrize("after", [12, 80, 700])
+def test_a_second_hit(share, after):
+    sound = hits.records(noise=1e-4, seconds=10.0)
+    twice = changed(sound, 2, 0, lambda force: force + share * np.roll(force, after))
+    (one,) = [f for f in updyn.check_records(twice, "hammer") if f.kind == "double-hit"]
+    assert one.record == 3
+    assert one.value == pytest.approx(share, rel=0.05)
+    assert f"{1e3 * after * hits.STEP:.3g} ms after it" in one.statement
+
+
+def test_a_force_that_does_not_reach_the_band():
+    soft = hits.records(1, seconds=10.0)
+    force = hits.pulse(soft.values.shape[2], width=40)
+    (one,) = updyn.check_records(changed(soft, 0, 0, lambda _: force), "hammer", band=(1.0, 80.0))
+    assert one.kind == "short-force"
+    # Half a sine of length T has its first zero at 1.5 / T: Harris, Shock and Vibration Handbook
+    # (2002), chapter 8. It is down by 20 dB somewhat before.
+    zero = 1.5 / (40 * hits.STEP)
+    assert one.band[0] < zero < one.band[1]
+    assert one.band[0] > 0.7 * zero
+
+
+def test_a_response_that_is_cut_off():
+    assert found(hits.records(seconds=1.0)) == [
+        ("cut-off", name, record) for record in (1, 2, 3, 4) for name in ("1:Z", "2:Z")
+    ]
