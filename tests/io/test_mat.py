@@ -11,6 +11,7 @@ import updyn
 from io_samples import assert_same_frf, assert_same_model, frf, model
 from matlab73 import write_matlab73
 from updyn.errors import FormatError
+from updyn.foreign import box
 from updyn.io.matlab import read_frf, read_model, read_variables, write_frf, write_model
 from updyn.io.named import frf_items, model_items
 from updyn.model import Group, Model
@@ -245,3 +246,22 @@ def test_files_that_matlab_itself_wrote():
     )
     with pytest.raises(FormatError):
         read_variables(data / "corrupted_zlib_data.mat")
+
+
+@pytest.mark.parametrize(
+    ("write", "read", "whole"), [(write_model, read_model, model()), (write_frf, read_frf, frf())]
+)
+def test_a_file_that_ends_after_one_of_its_variables_is_refused(
+    path, monkeypatch, write, read, whole
+):
+    """The format has no end mark: what a reader needs is written last."""
+    here = lambda function, path, *, what, reader: box.load_here(function, path, what=what)  # noqa: E731
+    monkeypatch.setattr(box, "load", here)
+    write(whole, path)
+    raw, end = path.read_bytes(), 128
+    while end < len(raw):
+        path.write_bytes(raw[:end])
+        with pytest.raises(FormatError):
+            read(path)
+        end += 8 + int.from_bytes(raw[end + 4 : end + 8], "little")
+    assert end == len(raw)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -34,6 +35,7 @@ from torture_readers import (
     written,
 )
 from updyn.elements.mesh import read_mesh
+from updyn.io.atomic import write_json
 from updyn.io.items import guarded
 from updyn.io.named import frf_items, model_items
 from updyn.model import Model
@@ -364,6 +366,15 @@ def _manifest() -> Sample:
     entries = {f"{name}.nc": Entry(name * 64, "8d", "run") for name in "ab"}
     files = written(Manifest(MappingProxyType(entries)).write)
     return Sample(files, MANIFEST, lambda folder: leaves(Manifest.read(folder).entries))
+
+
+@sample("plan of a switch")
+def _plan() -> Sample:
+    from updyn.outputs.switch import PLAN, _Plan, _read_plan
+
+    plan = _Plan({"run.nc": ["a" * 64, "b" * 64], "model.h5": [None, "c" * 64]}, {"x.h": "d" * 64})
+    files = written(lambda folder: write_json(asdict(plan), folder / PLAN))
+    return Sample(files, PLAN, lambda folder: leaves(_read_plan(folder)))
 
 
 @sample("true values, TOML")

@@ -589,8 +589,8 @@ def _abaqus_numbers(path: Path, lines: list[str]) -> NDArray[np.int64]:
 
 def _first_number(path: Path, number: int, line: str) -> int:
     try:
-        return int(line.split(",", maxsplit=1)[0])
-    except ValueError as error:
+        return int(np.int64(int(line.split(",", maxsplit=1)[0])))
+    except (ValueError, OverflowError) as error:
         raise FormatError(
             f"{line.strip()[:30]!r}: expected a node number first", path, number
         ) from error

@@ -134,7 +134,7 @@ def write_model(model: Model, path: str | Path) -> None:
             groups[name] = parts
         else:
             groups[f"group_{number}"] = {**parts, "name": name}
-    _save({**items, "groups": groups}, path)
+    _save({**items, "groups": groups}, path, last="groups")
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
@@ -152,18 +152,21 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     FormatError
         If an array is larger than the format allows (2 GB).
     """
-    _save(frf_items(frf), path)
+    _save(frf_items(frf), path, last="quantity")
 
 
-def _save(items: Mapping[str, Any], path: str | Path) -> None:
+def _save(items: Mapping[str, Any], path: str | Path, last: str) -> None:
     from scipy.io import savemat
     from scipy.io.matlab import MatWriteError
 
+    # The format has no end mark: of a file that is cut short, what no reader does without is gone.
+    ordered = {name: value for name, value in items.items() if name != last}
+    ordered[last] = items[last]
     try:
         with atomic_path(path) as temporary:
             savemat(
                 temporary,
-                _storable(items),
+                _storable(ordered),
                 appendmat=False,
                 do_compression=True,
                 long_field_names=True,

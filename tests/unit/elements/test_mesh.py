@@ -225,6 +225,7 @@ def test_what_cannot_be_built_is_named(tmp_path, given, said, capfd):
             "*INCLUDE: only flat decks are read",
         ),
         (" 101, 0., 0.", " abc, 0., 0.", 4, "expected a node number first"),
+        (" 101, 0., 0.", f" {2**63}, 0., 0.", 4, "expected a node number first"),
         ("C3D8, ELSET=upper", "C3D8X, ELSET=upper", None, "not a mesh that can be read"),
     ],
 )
