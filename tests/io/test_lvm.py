@@ -121,6 +121,13 @@ def test_every_layout_holds_the_same_numbers(tmp_path, name, decimal, x, segment
         ("force\ttop", "force", "1 names for 2 channels"),
         ("Time\tTime", "Frequency\tFrequency", "X_Dimension 'Frequency': no time record"),
         ("X_Columns\tNo", "X_Columns\tNone", "X_Columns 'None'; "),
+        (
+            "X_Columns\tNo",
+            "X_Columns No",
+            ":4: found 'X_Columns No'; expected a name and its value",
+        ),
+        ("X_Columns\tNo", "Separator\tTab", ":4: Separator stands twice"),
+        ("Delta_X\t0.25\t0.25", "Samples\t3\t3", ":11: Samples stands twice"),
         ("Separator\tTab", "Separator\tTabb", "Separator 'Tabb'; "),
         ("Delta_X\t0.25\t0.25", "Delta_X\t-1\t-1", "a time of -1.0 s between samples"),
         ("Channels\t2\n", "", "without the line Channels|Channels of this record"),
@@ -148,3 +155,8 @@ def test_points_where_commas_are_announced_are_refused(tmp_path):
     text = written(decimal=",").replace("2,5\t4,0", "2.5\t4,0")
     with pytest.raises(FormatError, match=":16: a point in numbers with the decimal sign ','"):
         read(tmp_path, text)
+
+
+def test_a_head_without_records_is_refused(tmp_path):
+    with pytest.raises(FormatError, match="a head without records"):
+        read(tmp_path, written(segments=0))

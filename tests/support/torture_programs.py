@@ -217,6 +217,24 @@ def _sdynpy() -> Sample:
     return Sample(written(write), "a.npz", lambda f: updyn.read_model(f / "a.npz"), is_text=False)
 
 
+# -- time records ---------------------------------------------------------------------------------
+@sample("LabVIEW, records")
+def _lvm() -> Sample:
+    text = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tOne\n"
+    text += "***End_of_Header***\n\n"
+    for first in (1.5, 2.25):
+        text += "Channels\t2\nSamples\t3\t3\nY_Unit_Label\tN\tg\nX_Dimension\tTime\tTime\n"
+        text += "Delta_X\t0.25\t0.25\n***End_of_Header***\t\t\nX_Value\tforce\ttop\tComment\n"
+        text += f"0.0\t{first}\t-2.0E-1\n0.25\t0.0\t3.125\n0.5\t2.5\t4.0\n"
+
+    def read(folder: Path) -> Content:
+        found = updyn.read_records(folder / "a.lvm")
+        unit = dict(zip(found["channel"].values, found["unit"].values, strict=True))
+        return leaves({"values": found.values, "time": found["time"].values, "unit": unit})
+
+    return Sample({"a.lvm": text.encode()}, "a.lvm", read)
+
+
 # -- what CalculiX and MYSTRAN leave --------------------------------------------------------------
 @sample("CalculiX, matrices")
 def _ccx() -> Sample:

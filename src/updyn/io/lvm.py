@@ -30,6 +30,8 @@ _T = TypeVar("_T")
 _END = re.compile(r"(?m)^\*\*\*End_of_Header\*\*\*[^\n]*\n")
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 _X_COLUMNS = ("No", "One", "Multi")
+#: What is read of the head of a record.
+_ONCE = ("Channels", "Samples", "Delta_X", "X_Dimension", "Y_Unit_Label")
 _NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
 
 
@@ -57,9 +59,9 @@ def read_records(path: str | Path) -> Records:
     if not text.startswith("LabVIEW Measurement") or not ends:
         raise FormatError("no head of a LabVIEW measurement file", path, 1)
     head = _Head.of(text[: ends[0].start()], path)
-    segments = list(_segments(text, ends, head, path))
-    if not segments:
+    if len(ends) < 2:
         raise FormatError("a head without records", path)
+    segments = list(_segments(text, ends, head, path))
     first = segments[0]
     for segment in segments[1:]:
         first.check_alike(segment, path)
@@ -83,9 +85,17 @@ class _Head:
 
     @classmethod
     def of(cls, text: str, path: str | Path) -> _Head:
-        found = dict(
-            _SPLIT.split(line, maxsplit=1) for line in text.split("\n")[1:] if line.strip()
-        )
+        found: dict[str, str] = {}
+        for number, line in enumerate(text.split("\n")[1:], 2):
+            name, *value = _SPLIT.split(line, maxsplit=1)
+            if line.strip() and not value:
+                raise FormatError(
+                    f"found {line.strip()[:40]!r}; expected a name and its value", path, number
+                )
+            if name in found:
+                raise FormatError(f"{name} stands twice", path, number)
+            if value:
+                found[name] = value[0]
         named = found.get("Separator", "Tab").strip()
         decimal = found.get("Decimal_Separator", ".").strip()
         x_columns = found.get("X_Columns", "One").strip()
@@ -145,15 +155,20 @@ def _segments(
         if not begin or not stop:
             at = text.count("\n", 0, end.start()) + 1
             raise FormatError("a head of a record without the line Channels", path, at)
-        fields = _fields(text[begin : end.start()], head.separator)
         lines = [text.count("\n", 0, place) + 1 for place in (begin, end.end())]
+        fields = _fields(text[begin : end.start()], head.separator, path, lines[0])
         yield _segment(fields, text[end.end() : stop], head, path, lines)
 
 
-def _fields(text: str, separator: str) -> Mapping[str, list[str]]:
-    """Return the values of a segment's head by name."""
-    rows = (line.split(separator) for line in text.split("\n") if line.strip())
-    return {row[0].strip(): [value.strip() for value in row[1:]] for row in rows}
+def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[str, list[str]]:
+    """Return the values of a segment's head, which begins at a line, by name."""
+    found: dict[str, list[str]] = {}
+    for number, line in enumerate(text.split("\n"), first):
+        name, *values = [word.strip() for word in line.split(separator)]
+        if name in found and name in _ONCE:
+            raise FormatError(f"{name} stands twice", path, number)
+        found[name] = values
+    return found
 
 
 def _segment(
