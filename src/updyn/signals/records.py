@@ -14,7 +14,7 @@ from updyn.errors import DataError, suggest
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records"]
+__all__ = ["Records", "records_of"]
 
 #: Sizes of the steps in time may differ by this share, as times are written with few digits.
 _EVEN = 1e-3
@@ -166,6 +166,10 @@ class Records:
         channel : str
             Its name.
 
+        Returns
+        -------
+        int
+
         Raises
         ------
         DataError
@@ -183,5 +187,14 @@ def records_of(given: Any) -> Records:
     ----------
     given : Records or xarray.DataArray
         The records.
+
+    Returns
+    -------
+    Records
+
+    Raises
+    ------
+    DataError
+        As `Records.from_xarray`.
     """
     return given if isinstance(given, Records) else Records.from_xarray(given)
