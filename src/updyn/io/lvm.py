@@ -1,7 +1,7 @@
 """Time records of LabVIEW measurement files (.lvm).
 
-The layout is that of National Instruments, "Specification for the LabVIEW Measurement File (.lvm)",
-2023: a head of the file and one of each segment, both of lines ``name TAB value`` that end with
+The layout is that of National Instruments, "Specification for the LabVIEW Measurement File (.lvm)":
+a head of the file and one of each segment, both of lines ``name TAB value`` that end with
 ``***End_of_Header***``; then a line of names, ``X_Value`` first, ``Comment`` last; then rows. A
 segment is a record. Numbers have the decimal sign that the head names.
 """
