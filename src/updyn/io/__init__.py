@@ -162,10 +162,7 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader, name = _function(path, "read_geometry", format)
-    known = _known(reader, name, options, ("format",))
-    with guarded(path, name):
-        return reader(path, **known)  # type: ignore[no-any-return]
+    return _read(path, "read_geometry", format, options)  # type: ignore[no-any-return]
 
 
 def read_records(
@@ -196,10 +193,7 @@ def read_records(
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader, name = _function(path, "read_records", format)
-    known = _known(reader, name, options, ("format",))
-    with guarded(path, name):
-        records: Records = reader(path, **known)
+    records: Records = _read(path, "read_records", format, options)
     return records.to_xarray()
 
 
@@ -228,10 +222,7 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader, name = _function(path, "read_modes", format)
-    known = _known(reader, name, options, ("format",))
-    with guarded(path, name):
-        return reader(path, **known)  # type: ignore[no-any-return]
+    return _read(path, "read_modes", format, options)  # type: ignore[no-any-return]
 
 
 def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:
@@ -279,10 +270,7 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
     OptionError
         If the format has no such option; the nearest is named.
     """
-    reader, name = _function(path, "read_model", format)
-    known = _known(reader, name, options, ("format",))
-    with guarded(path, name):
-        return reader(path, **known)  # type: ignore[no-any-return]
+    return _read(path, "read_model", format, options)  # type: ignore[no-any-return]
 
 
 def write_model(model: Model, path: str | Path, *, format: str | None = None) -> None:
@@ -343,6 +331,14 @@ def write_properties(
     writer, name = _function(deck, "write_properties", format)
     with guarded(deck, name):
         writer(changes, source, target)
+
+
+def _read(path: str | Path, verb: str, format: str | None, options: dict[str, Any]) -> Any:
+    """Return what the reader of the file's format makes of it."""
+    reader, name = _function(path, verb, format)
+    known = _known(reader, name, options, ("format",))
+    with guarded(path, name):
+        return reader(path, **known)
 
 
 def _function(path: str | Path, verb: str, format: str | None) -> tuple[Callable[..., Any], str]:

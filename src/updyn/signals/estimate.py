@@ -147,16 +147,16 @@ def estimate_frf(
         raise OptionError(f"overlap {overlap}; expected 0 to below 1")
     given = records_of(records)
     force, at_force = _one(_labelled([excitation] if isinstance(excitation, str) else excitation))
-    at, others = given.index(force), [name for name in given.channels if name != force]
+    row = given.index(force)
+    others = [name for name in given.channels if name != force]
     labels = _labelled(others if responses is None else responses)
     kept = _without(given, reject or {})
     quantity, scales = _scales(given, force, labels, units or {})
-    step = given.step
-    rows = [at, *(given.index(name) for name in labels)]
+    rows = [row, *(given.index(name) for name in labels)]
     values = kept[:, rows] * scales[:, None]
-    pieces, decay, shape = _pieces(values, step, window, segment, overlap)
+    pieces, decay, shape = _pieces(values, given.step, window, segment, overlap)
     spectra = _averaged(pieces, shape, overlap if segment is not None else 0.0)
-    freq = np.fft.rfftfreq(pieces.shape[2], step)
+    freq = np.fft.rfftfreq(pieces.shape[2], given.step)
     chosen = freq > 0.0
     if band is not None:
         chosen &= (freq >= band[0]) & (freq <= band[1])

@@ -192,9 +192,9 @@ class TrustRegion:
                             x, here = trial, there
                     return Outcome(x, here, "converged")
                 radius = 0.25 * size
-                if length <= self.tolerance and there is None:
-                    return Outcome(x, here, "unsolvable")
                 if length <= self.tolerance:
+                    if there is None:
+                        return Outcome(x, here, "unsolvable")
                     whole = _step(here, x, lower, upper, np.inf, within, noise)[0]
                     near = (
                         fall <= 1e-6 * here.cost
