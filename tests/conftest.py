@@ -36,11 +36,14 @@ settings.load_profile("updyn")
 
 #: Folders whose tests fit, and print or compare what they find.
 _ROUNDED = {"cli", "comparison", "docs", "recovery", "report"}
+#: All methods on the shipped beam take minutes; other tests compare methods under every kernel.
+_ONCE = {"test_compare_doc.py"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if _ROUNDED & set(item.path.relative_to(DATA.parent).parts):
+        parts = set(item.path.relative_to(DATA.parent).parts)
+        if parts & _ROUNDED and not parts & _ONCE:
             item.add_marker("kernels")
 
 
