@@ -53,7 +53,10 @@ from .modal import ModeSet as ModeSet
 from .modal import identify_modes as identify_modes
 from .model import Model as Model
 from .report import write_report as write_report
+from .signals.estimate import FRFEstimate as FRFEstimate
 from .signals.estimate import estimate_frf as estimate_frf
+from .signals.estimate import frf_estimate as frf_estimate
+from .signals.joining import joined_frfs as joined_frfs
 from .signals.quality import RecordFinding as RecordFinding
 from .signals.quality import check_records as check_records
 from .signals.windows import ImpactWindow as ImpactWindow

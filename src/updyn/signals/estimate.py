@@ -4,87 +4,150 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import get_window
 
 from updyn.dofs import Dof
-from updyn.errors import DataError, DofError, OptionError, suggest
+from updyn.errors import DataError, DofError, OptionError, key_path, suggest
 from updyn.frf import FRF
 from updyn.modal.continuation import continued
+from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.records import Records, records_of
-from updyn.signals.units import unit
+from updyn.signals.spectra import Spectra
+from updyn.signals.units import Unit, agreed, unit
 from updyn.signals.windows import ImpactWindow
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["ESTIMATORS", "estimate_frf"]
+__all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: A force below this share of its largest line says nothing of the response.
-_NOTHING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Spectra:
-    """Averaged spectra of a force and of responses.
+class FRFEstimate:
+    """FRFs from records, with what they were estimated from.
 
     Attributes
     ----------
-    ff : ndarray of float, shape (n_f,)
-        Of the force, E F conj(F).
-    xx : ndarray of float, shape (n_f, n_i)
-        Of the responses.
-    xf : ndarray of complex, shape (n_f, n_i)
-        E X conj(F).
-    averages : float
-        Independent segments that they come from.
+    frf : FRF
+        The estimate over all records that were kept.
+    ordinary : ndarray of float, shape (n_f, n_responses, n_references)
+        Ordinary coherence of each response with each force.
+    multiple : ndarray of float, shape (n_f, n_responses)
+        Coherence of each response with all forces together: 1 less the share of it that none of
+        them explains.
+    partial : ndarray of float, shape (n_f, n_responses, n_references)
+        Coherence of each response with each force, the other forces taken out of both.
+    records : tuple of int
+        Numbers of the records that were kept, from 1.
     """
 
-    ff: _Real
-    xx: _Real
-    xf: _Complex
-    averages: float
+    frf: FRF
+    ordinary: _Real
+    multiple: _Real
+    partial: _Real
+    records: tuple[int, ...]
+    _spectra: Spectra
+    _setting: _Setting
 
-    @property
-    def coherence(self) -> _Real:
-        """Ordinary coherence, |S_xf|^2 / (S_xx S_ff); zero where nothing was measured."""
-        power = self.xx * self.ff[:, None]
-        found = np.abs(self.xf) ** 2 / np.where(power > 0.0, power, np.inf)
-        return np.minimum(found, 1.0)  # of rounding
+    def of_record(self, number: int) -> FRF:
+        """Return the FRFs of one record alone.
+
+        Parameters
+        ----------
+        number : int
+            Of `records`.
+
+        Returns
+        -------
+        FRF
+            On the same lines; of a record that is one segment without coherence and variance.
+            `updyn.average` makes the mean of several, with the variance from their scatter.
+
+        Raises
+        ------
+        DataError
+            If the record was not kept, or has fewer segments than there are forces.
+        """
+        if number not in self.records:
+            kept = ", ".join(map(str, self.records))
+            raise DataError(f"record {number!r} is not among those that were kept: {kept}")
+        at, each = self.records.index(number), self._setting.segments
+        if each < len(self.frf.references):
+            raise DataError(
+                f"record {number}: {each} segment for {len(self.frf.references)} forces; FRFs of"
+                " a single record take as many segments as forces"
+            )
+        part = self._spectra.part(slice(at * each, (at + 1) * each), self._setting.independent)
+        source = f"record {number} of {self.frf.source}" if self.frf.source else f"record {number}"
+        return self._setting.frf(part, source)
 
 
-def _h1(spectra: Spectra) -> _Complex:
-    """Noise on the response: least squares of the response on the force."""
-    return np.asarray(spectra.xf / spectra.ff[:, None])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Setting:
+    """How spectra become FRFs, whatever records they come from.
 
-
-def _h2(spectra: Spectra) -> _Complex:
-    """Noise on the force: least squares of the force on the response (Mitchell, 1982)."""
-    across = spectra.xf.conj()
-    return np.asarray(spectra.xx / np.where(across != 0.0, across, np.inf))
-
-
-def _hv(spectra: Spectra) -> _Complex:
-    """Noise on both, in proportion to their levels: the geometric mean of H1 and H2.
-
-    That is total least squares of force and response, each over its level: Rocklin, Crowley and
-    Vold (1985).
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz.
+    forces : dict of str to str
+        Labels of the forces by channel.
+    responses : dict of str to str
+        Labels of the responses by channel.
+    quantity : str
+        Of the FRF.
+    estimator : str
+        Of `ESTIMATORS`.
+    decay : float
+        Of an exponential window whose damping is to be taken out, in 1/s.
+    segments : int
+        Segments of each record.
+    independent : float
+        How many of these are independent.
     """
-    size = np.sqrt(spectra.xx / spectra.ff[:, None])
-    return np.asarray(size * np.exp(1j * np.angle(spectra.xf)))
 
+    freq: _Real
+    forces: dict[str, str]
+    responses: dict[str, str]
+    quantity: str
+    estimator: str
+    decay: float
+    segments: int
+    independent: float
 
-ESTIMATORS = {"H1": _h1, "H2": _h2, "Hv": _hv}
+    def frf(self, spectra: Spectra, source: str) -> FRF:
+        """Return the FRFs that spectra give."""
+        spectra.check_forces(self.freq, tuple(self.forces))
+        H = ESTIMATORS[self.estimator](spectra)
+        averages, n = max(1, int(spectra.averages)), len(self.forces)
+        coherence = variance = None
+        if averages > n:  # else the forces explain anything, and all coherences are 1
+            coherence = spectra.partial
+            variance = _variance(H, coherence, max(spectra.averages - n, 1.0))
+        frf = FRF(
+            self.freq,
+            H,
+            list(self.responses.values()),
+            list(self.forces.values()),
+            self.quantity,
+            coherence=coherence,
+            variance=variance,
+            averages=averages,
+            source=source,
+        )
+        return continued(frf, self.decay) if self.decay else frf
 
 
 def estimate_frf(
     records: xarray.DataArray | Records,
-    excitation: str | Mapping[str, str],
+    excitation: str | Iterable[str] | Mapping[str, str],
     *,
     responses: Iterable[str] | Mapping[str, str] | None = None,
     estimator: str = "H1",
@@ -95,20 +158,20 @@ def estimate_frf(
     band: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> FRF:
-    """Estimate FRFs from records of one force and its responses.
+    """Estimate FRFs from records of forces and their responses.
 
     Parameters
     ----------
     records : xarray.DataArray
         Of `read_records`: dimensions ``record``, ``channel``, ``time`` (s).
-    excitation : str or mapping of str to str
-        The channel of the force; with the DOF at which it acts, ``{"Force": "3:-Z"}``, where the
-        name of the channel is no DOF label itself.
+    excitation : str, iterable of str, or mapping of str to str
+        The channel of the force, or those of several forces that act at once; with the DOFs at
+        which they act, ``{"Force": "3:-Z"}``, where the names of channels are no DOF labels.
     responses : iterable of str, or mapping of str to str, optional
         Channels of the responses, with their DOFs where their names are no DOF labels; by default
-        all but the force.
+        all but the forces.
     estimator : {"H1", "H2", "Hv"}
-        H1 for noise on the responses, H2 for noise on the force, Hv for both.
+        H1 for noise on the responses, H2 for noise on the forces, Hv for both.
     window : str or ImpactWindow, optional
         Name of a window of `scipy.signal.get_window`, or those for hits. By default none on whole
         records, "hann" on segments of them.
@@ -129,124 +192,198 @@ def estimate_frf(
     Returns
     -------
     FRF
-        In SI units, with coherence, number of averages and, of two averages at least, variance:
-        |H|^2 (1 - gamma^2) / (gamma^2 (n - 1)), of H1 the variance of least squares (Bendat and
-        Piersol, Random Data, 4th ed. 2010, eq. 9.90, for n segments less the one unknown).
+        In SI units, with the number of averages and, of more averages than forces, coherence and
+        variance: |H|^2 (1 - gamma^2) / (gamma^2 (n - n_r)) of n averages and n_r forces, for H1
+        that of least squares (Bendat and Piersol, Random Data, 4th ed. 2010, eq. 9.90, for n
+        segments less the unknowns). The coherence is the ordinary one, of several forces the
+        partial one: with the other forces taken out.
 
     Raises
     ------
     DataError
         If a channel is missing or has no unit that is known, responses are of several quantities,
-        no record is left, or the force is zero at a line.
+        no record is left, a force is zero at a line, or forces cannot be told apart.
     OptionError
         If an option has a value that it cannot have.
     """
+    return frf_estimate(
+        records,
+        excitation,
+        responses=responses,
+        estimator=estimator,
+        window=window,
+        segment=segment,
+        overlap=overlap,
+        reject=reject,
+        band=band,
+        units=units,
+    ).frf
+
+
+def frf_estimate(
+    records: xarray.DataArray | Records,
+    excitation: str | Iterable[str] | Mapping[str, str],
+    *,
+    responses: Iterable[str] | Mapping[str, str] | None = None,
+    estimator: str = "H1",
+    window: str | ImpactWindow | None = None,
+    segment: float | None = None,
+    overlap: float = 0.5,
+    reject: Mapping[int, str] | None = None,
+    band: tuple[float, float] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> FRFEstimate:
+    """Estimate FRFs from records, and keep all coherences and the FRFs of each record.
+
+    Parameters
+    ----------
+    records, excitation, responses, estimator, window, segment, overlap, reject, band, units
+        As for `estimate_frf`.
+
+    Returns
+    -------
+    FRFEstimate
+        The FRFs, their ordinary, multiple and partial coherence, and by its `of_record` those of
+        each hit.
+
+    Raises
+    ------
+    DataError, OptionError
+        As `estimate_frf`.
+    """
     if estimator not in ESTIMATORS:
-        raise OptionError(f"estimator {estimator!r}; {suggest(estimator, ESTIMATORS)}")
+        raise OptionError(
+            f"estimator {estimator!r}; {suggest(estimator, ESTIMATORS)}", key=("estimator",)
+        )
     if not 0.0 <= overlap < 1.0:
-        raise OptionError(f"overlap {overlap}; expected 0 to below 1")
+        raise OptionError(f"overlap {overlap}; expected 0 to below 1", key=("overlap",))
     given = records_of(records)
-    force, at_force = _one(_labelled([excitation] if isinstance(excitation, str) else excitation))
-    row = given.index(force)
-    others = [name for name in given.channels if name != force]
-    labels = _labelled(others if responses is None else responses)
-    kept = _without(given, reject or {})
-    quantity, scales = _scales(given, force, labels, units or {})
-    rows = [row, *(given.index(name) for name in labels)]
-    values = kept[:, rows] * scales[:, None]
-    pieces, decay, shape = _pieces(values, given.step, window, segment, overlap)
-    spectra = _averaged(pieces, shape, overlap if segment is not None else 0.0)
-    freq = np.fft.rfftfreq(pieces.shape[2], given.step)
+    named = [excitation] if isinstance(excitation, str) else excitation
+    forces, force_rows = _channels(given, named, "excitation")
+    others = [name for name in given.channels if name not in forces]
+    labels, response_rows = _channels(
+        given, others if responses is None else responses, "responses"
+    )
+    rows = force_rows + response_rows
+    kept = _kept(given, reject or {})
+    quantity, scales = _scales(given, forces, labels, units or {})
+    values = given.values[np.array(kept) - 1][:, rows] * scales[:, None]
+    pieces, decay, shape = _pieces(values, len(forces), given.step, window, segment, overlap)
+    shared = overlap if segment is not None else 0.0
+    freq = np.asarray(np.fft.rfftfreq(pieces.shape[2], given.step), dtype=np.float64)
+    chosen = _in_band(freq, band)
+    F = np.fft.rfft(pieces, axis=2)[:, :, chosen].transpose(0, 2, 1)
+    n = len(forces)
+    spectra = Spectra.of(F[:, :, :n], F[:, :, n:], _independent(len(pieces), shape, shared))
+    each = len(pieces) // len(kept)
+    setting = _Setting(
+        freq[chosen],
+        forces,
+        labels,
+        quantity,
+        estimator,
+        decay,
+        each,
+        _independent(each, shape, shared),
+    )
+    frf = setting.frf(spectra, _source(given, reject or {}))
+    found = (spectra.ordinary, spectra.multiple, spectra.partial)
+    return FRFEstimate(frf, *found, kept, spectra, setting)
+
+
+def _channels(
+    records: Records, given: Iterable[str] | Mapping[str, str], key: str
+) -> tuple[dict[str, str], list[int]]:
+    """Return the DOF labels of channels, and their places in the records."""
+    named = dict(given) if isinstance(given, Mapping) else {name: name for name in given}
+    if not named:
+        raise DataError(f"{key}: no channel", key=(key,))
+    rows = []
+    for name, label in named.items():
+        with key_path(key, name):
+            rows.append(records.index(name))
+            _check_label(name, label)
+    return named, rows
+
+
+def _check_label(name: str, label: str) -> None:
+    """Refuse a channel whose label is none of a DOF."""
+    try:
+        Dof.parse(label)
+    except DofError as error:
+        hint = ""
+        if name == label:
+            hint = f"; name its DOF: {{{name!r}: '1:Z'}}"
+        raise DataError(f"channel {name!r}: {error}{hint}") from error
+
+
+def _kept(records: Records, reject: Mapping[int, str]) -> tuple[int, ...]:
+    """Return the numbers of the records that are not rejected."""
+    n = len(records.values)
+    for number in reject:
+        if number not in range(1, n + 1):
+            raise DataError(
+                f"reject: no record {number!r}; there are {n}, counted from 1", key=("reject",)
+            )
+    kept = tuple(number for number in range(1, n + 1) if number not in reject)
+    if not kept:
+        raise DataError(f"reject: all {n} records", key=("reject",))
+    return kept
+
+
+def _scales(
+    records: Records,
+    forces: Mapping[str, str],
+    labels: Mapping[str, str],
+    units: Mapping[str, str],
+) -> tuple[str, _Real]:
+    """Return the quantity of the FRF, and what makes SI units of the forces and the responses."""
+
+    def of(channel: str) -> Unit:
+        said = records.units[records.index(channel)]
+        with key_path("units", channel):
+            told = units.get(channel)
+            return unit(said if told is None else agreed(told, said, channel), channel)
+
+    for name in units:
+        with key_path("units", name):
+            records.index(name)
+    loads = {name: of(name) for name in forces}
+    for name, load in loads.items():
+        if load.kind != "force":
+            raise DataError(
+                f"channel {name!r} of the force has a unit of motion", key=("excitation", name)
+            )
+    found = {name: of(name) for name in labels}
+    kinds = {one.kind: name for name, one in found.items()}
+    if "force" in kinds:
+        raise DataError(
+            f"channel {kinds['force']!r} of a response has a unit of force",
+            key=("responses", kinds["force"]),
+        )
+    if len(kinds) > 1:
+        said = " and ".join(f"{name!r} of {kind}" for kind, name in kinds.items())
+        raise DataError(
+            f"responses of several quantities ({said}); estimate them one by one",
+            key=("responses",),
+        )
+    factors = [one.factor for one in (*loads.values(), *found.values())]
+    return next(iter(kinds)), np.array(factors)
+
+
+def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:
+    """Return which lines are wanted; never that at 0 Hz."""
     chosen = freq > 0.0
     if band is not None:
         chosen &= (freq >= band[0]) & (freq <= band[1])
     if not chosen.any():
-        raise DataError(f"band {band}: no line in it; lines go to {freq[-1]:g} Hz")
-    spectra = Spectra(spectra.ff[chosen], spectra.xx[chosen], spectra.xf[chosen], spectra.averages)
-    silent = spectra.ff <= _NOTHING**2 * spectra.ff.max()
-    if silent.any():
-        raise DataError(
-            f"channel {force!r}: no force at {freq[chosen][silent][0]:g} Hz; narrow the band"
-        )
-    H, coherence = ESTIMATORS[estimator](spectra), spectra.coherence
-    averages = max(1, int(spectra.averages))
-    frf = FRF(
-        freq[chosen],
-        H[:, :, None],
-        list(labels.values()),
-        [at_force],
-        quantity,
-        coherence=coherence[:, :, None],
-        variance=_variance(H, coherence, spectra.averages)[:, :, None] if averages > 1 else None,
-        averages=averages,
-        source=_source(given, reject or {}),
-    )
-    return continued(frf, decay) if decay else frf
-
-
-def _labelled(channels: Iterable[str] | Mapping[str, str]) -> dict[str, str]:
-    """Return the DOF labels of channels."""
-    named = dict(channels) if isinstance(channels, Mapping) else {name: name for name in channels}
-    for name, label in named.items():
-        try:
-            Dof.parse(label)
-        except DofError as error:
-            hint = ""
-            if name == label:
-                hint = f"; name its DOF: {{{name!r}: '1:Z'}}"
-            raise DataError(f"channel {name!r}: {error}{hint}") from error
-    if not named:
-        raise DataError("no channel of a response")
-    return named
-
-
-def _one(named: Mapping[str, str]) -> tuple[str, str]:
-    """Return the only channel of a force and its label."""
-    if len(named) != 1:
-        raise DataError(f"{len(named)} channels of a force; expected one")
-    return next(iter(named.items()))
-
-
-def _without(records: Records, reject: Mapping[int, str]) -> _Real:
-    """Return the records that are not rejected."""
-    n = len(records.values)
-    for number in reject:
-        if number not in range(1, n + 1):
-            raise DataError(f"reject: no record {number!r}; there are {n}, counted from 1")
-    kept = [i for i in range(n) if i + 1 not in reject]
-    if not kept:
-        raise DataError(f"reject: all {n} records")
-    return records.values[kept]
-
-
-def _scales(
-    records: Records, force: str, labels: Mapping[str, str], units: Mapping[str, str]
-) -> tuple[str, _Real]:
-    """Return the quantity of the FRF, and what makes SI units of the force and the responses."""
-    for name in units:
-        records.index(name)
-
-    def of(channel: str) -> Any:
-        said, told = records.units[records.index(channel)], units.get(channel)
-        if told is not None and said and unit(said, channel) != unit(told, channel):
-            raise DataError(f"channel {channel!r}: unit {told!r} given, the records say {said!r}")
-        return unit(told or said, channel)
-
-    loading = of(force)
-    if loading.kind != "force":
-        raise DataError(f"channel {force!r} of the force has a unit of motion")
-    found = {name: of(name) for name in labels}
-    kinds = {one.kind: name for name, one in found.items()}
-    if "force" in kinds:
-        raise DataError(f"channel {kinds['force']!r} of a response has a unit of force")
-    if len(kinds) > 1:
-        said = " and ".join(f"{name!r} of {kind}" for kind, name in kinds.items())
-        raise DataError(f"responses of several quantities ({said}); estimate them one by one")
-    return next(iter(kinds)), np.array([loading.factor, *(one.factor for one in found.values())])
+        raise DataError(f"band {band}: no line in it; lines go to {freq[-1]:g} Hz", key=("band",))
+    return chosen
 
 
 def _pieces(
     values: _Real,
+    n_forces: int,
     step: float,
     window: str | ImpactWindow | None,
     segment: float | None,
@@ -257,38 +394,48 @@ def _pieces(
     if segment is None:
         values = values - np.median(values, axis=2, keepdims=True)
         if isinstance(window, ImpactWindow):
-            decay = window.decay(n_samples * step)
-            values = values.copy()
-            for record in values:
-                record[0] *= window.on_force(record[0], step)
-            falling = np.exp(-decay * step * np.arange(n_samples))
-            return values * falling, decay if window.remove_damping else 0.0, falling
-        shape = np.ones(n_samples) if window is None else get_window(window, n_samples)
+            return _hits(values, n_forces, step, window)
+        shape = np.ones(n_samples) if window is None else _window(window, n_samples)
         return values * shape, 0.0, shape
     if isinstance(window, ImpactWindow):
-        raise OptionError("windows for hits take whole records; leave segment out")
+        raise OptionError("windows for hits take whole records; leave segment out", key=("window",))
     size = round(segment / step)
     if not 2 <= size <= n_samples:
         raise OptionError(
-            f"segment {segment} s; expected {2 * step:g} to {n_samples * step:g} s, a record"
+            f"segment {segment} s; expected {2 * step:g} to {n_samples * step:g} s, a record",
+            key=("segment",),
         )
-    shape = get_window(window or "hann", size)
+    shape = _window(window or "hann", size)
     every = max(1, size - int(overlap * size))
     cut = np.lib.stride_tricks.sliding_window_view(values, size, axis=2)[:, :, ::every]
     cut = np.moveaxis(cut, 2, 1).reshape(-1, values.shape[1], size)
     return (cut - cut.mean(axis=2, keepdims=True)) * shape, 0.0, shape
 
 
-def _averaged(pieces: _Real, shape: _Real, overlap: float) -> Spectra:
-    """Return the spectra, the force being the first channel."""
-    F = np.fft.rfft(pieces, axis=2).transpose(0, 2, 1)
-    force, motion = F[:, :, 0], F[:, :, 1:]
-    return Spectra(
-        np.mean(np.abs(force) ** 2, axis=0),
-        np.mean(np.abs(motion) ** 2, axis=0),
-        np.mean(motion * force.conj()[:, :, None], axis=0),
-        _independent(len(pieces), shape, overlap),
-    )
+def _hits(
+    values: _Real, n_forces: int, step: float, window: ImpactWindow
+) -> tuple[_Real, float, _Real]:
+    """Return records of hits under their windows; as `_pieces`."""
+    n_samples = values.shape[2]
+    decay = window.decay(n_samples * step)
+    values = values.copy()
+    for record in values:
+        for force in record[:n_forces]:
+            force *= window.on_force(force, step)
+    falling = np.exp(-decay * step * np.arange(n_samples))
+    return values * falling, decay if window.remove_damping else 0.0, falling
+
+
+def _window(name: str, size: int) -> _Real:
+    """Return a window of scipy by its name."""
+    try:
+        return np.asarray(get_window(name, size), dtype=np.float64)
+    except ValueError as error:
+        raise OptionError(
+            f"window {name!r}: {error}; expected one of scipy.signal.get_window that takes no"
+            " parameter, such as 'hann' or 'flattop'",
+            key=("window",),
+        ) from error
 
 
 def _independent(n: int, shape: _Real, overlap: float) -> float:
@@ -305,10 +452,10 @@ def _independent(n: int, shape: _Real, overlap: float) -> float:
     return n / out
 
 
-def _variance(H: _Complex, coherence: _Real, averages: float) -> _Real:
-    """Return E|dH|^2."""
+def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
+    """Return E|dH|^2 of so many averages less unknowns."""
     least = np.maximum(coherence, np.finfo(float).eps)
-    return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * max(averages - 1.0, 1.0)))
+    return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
 
 
 def _source(records: Records, reject: Mapping[int, str]) -> str:

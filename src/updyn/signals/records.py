@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.errors import DataError, suggest
+from updyn.errors import DataError, key_path, suggest
+from updyn.signals.units import agreed
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "records_of"]
+__all__ = ["Records", "chained", "records_of"]
 
+#: Steps of several files are one where they differ by this share at most.
+_SAME_STEP = 1e-9
 #: Sizes of the steps in time may differ by this share, as times are written with few digits.
 _EVEN = 1e-3
 
@@ -158,6 +161,48 @@ class Records:
             attrs={"source": self.source} if self.source else {},
         )
 
+    def calibrated(
+        self,
+        units: Mapping[str, str] | None = None,
+        factors: Mapping[str, float] | None = None,
+    ) -> Records:
+        """Return the records in units that are stated, their values multiplied by factors.
+
+        Parameters
+        ----------
+        units : mapping of str to str, optional
+            Unit by channel, after the factor. Without a factor, one that contradicts the records is
+            an error.
+        factors : mapping of str to float, optional
+            What the values of a channel are multiplied by: the inverse of a sensitivity.
+
+        Returns
+        -------
+        Records
+
+        Raises
+        ------
+        DataError
+            If there is no such channel, a factor is zero or not finite, or units contradict.
+        """
+        told, multiplied = dict(units or {}), dict(factors or {})
+        values, names = self.values, list(self.units)
+        for name, factor in multiplied.items():
+            with key_path("factors", name):
+                at = self.index(name)
+                if not np.isfinite(factor) or factor == 0.0:
+                    raise DataError(f"channel {name!r}: factor {factor}; expected a number, not 0")
+            scale = np.ones(len(self.channels))
+            scale[at] = factor
+            values = values * scale[:, None]
+            names[at] = ""  # what the file says is the unit before the factor
+        for name, told_unit in told.items():
+            with key_path("units", name):
+                at = self.index(name)
+                names[at] = agreed(told_unit, names[at], name)
+        values.setflags(write=False)
+        return replace(self, values=values, units=tuple(names))
+
     def index(self, channel: str) -> int:
         """Return the place of a channel.
 
@@ -198,3 +243,42 @@ def records_of(given: Any) -> Records:
         As `Records.from_xarray`.
     """
     return given if isinstance(given, Records) else Records.from_xarray(given)
+
+
+def chained(parts: Sequence[Records]) -> Records:
+    """Return records of several files as those of one, in their order.
+
+    Parameters
+    ----------
+    parts : sequence of Records
+        With their sources.
+
+    Returns
+    -------
+    Records
+
+    Raises
+    ------
+    DataError
+        If channels, units, steps or lengths of two differ; both sources are named.
+    """
+    first = parts[0]
+    for other in parts[1:]:
+        for what, mine, its in (
+            ("channels", first.channels, other.channels),
+            ("units", first.units, other.units),
+            ("samples", first.values.shape[2], other.values.shape[2]),
+        ):
+            if mine != its:
+                raise DataError(
+                    f"{other.source} has {what} {its!r}, {first.source} {mine!r}; records of one"
+                    " setup have to be alike"
+                )
+        if abs(other.step - first.step) > _SAME_STEP * first.step:
+            raise DataError(
+                f"{other.source} has {other.step:g} s between samples, {first.source}"
+                f" {first.step:g} s; records of one setup have to be alike"
+            )
+    values = np.concatenate([part.values for part in parts])
+    values.setflags(write=False)
+    return replace(first, values=values, source=", ".join(part.source for part in parts))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from updyn.errors import DataError, suggest
 
-__all__ = ["Unit", "unit"]
+__all__ = ["Unit", "agreed", "unit"]
 
 #: Standard acceleration of gravity, in m/s^2: 3rd CGPM (1901).
 _G = 9.80665
@@ -76,3 +76,26 @@ def unit(text: str, channel: str) -> Unit:
             f"channel {channel!r}: {said}; {suggest(text.strip().lower(), sorted(_UNITS))}"
         )
     return found
+
+
+def agreed(told: str, said: str, channel: str) -> str:
+    """Return the unit of a channel that a user states, where its file says none or the same.
+
+    Parameters
+    ----------
+    told : str
+        By the user.
+    said : str
+        By the file; empty where it does not say.
+    channel : str
+        Whose unit it is, for the message.
+
+    Raises
+    ------
+    DataError
+        If the unit is not known, or the file says another.
+    """
+    if said and unit(said, channel) != unit(told, channel):
+        raise DataError(f"channel {channel!r}: unit {told!r} given, the records say {said!r}")
+    unit(told, channel)
+    return told

@@ -1,0 +1,187 @@
+"""`Spectra`: averaged spectra of forces and responses, and the coherences between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+
+__all__ = ["Spectra"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+#: A force below this share of its largest line says nothing of the response.
+_NOTHING = 1e-12
+#: Forces are combinations of one another where the smallest eigenvalue of their coherence matrix,
+#: which is rounding then, is below this.
+_DEPENDENT = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectra:
+    """Spectra of segments, and their averages.
+
+    Attributes
+    ----------
+    force : ndarray of complex, shape (n, n_f, n_r)
+        Of each segment.
+    motion : ndarray of complex, shape (n, n_f, n_i)
+        Of each segment.
+    averages : float
+        How many of the segments are independent.
+    ff : ndarray of complex, shape (n_f, n_r, n_r)
+        E F F^H.
+    xx : ndarray of float, shape (n_f, n_i)
+        E |X|^2.
+    xf : ndarray of complex, shape (n_f, n_i, n_r)
+        E X F^H.
+    """
+
+    force: _Complex
+    motion: _Complex
+    averages: float
+    ff: _Complex
+    xx: _Real
+    xf: _Complex
+
+    @classmethod
+    def of(cls, force: _Complex, motion: _Complex, averages: float) -> Spectra:
+        """Average the spectra of segments.
+
+        Parameters
+        ----------
+        force, motion, averages
+            As of the class.
+        """
+        n = len(force)
+        ff = np.einsum("nfr,nfs->frs", force, force.conj()) / n
+        xf = np.einsum("nfi,nfr->fir", motion, force.conj()) / n
+        return cls(force, motion, averages, ff, np.mean(np.abs(motion) ** 2, axis=0), xf)
+
+    @property
+    def power(self) -> _Real:
+        """Spectra of the forces, E |F|^2, shape (n_f, n_r)."""
+        return np.asarray(np.einsum("frr->fr", self.ff).real)
+
+    @property
+    def ordinary(self) -> _Real:
+        """Ordinary coherence |S_xf|^2 / (S_xx S_ff), shape (n_f, n_i, n_r).
+
+        Bendat and Piersol, Random Data (4th ed. 2010), section 6.1.
+        """
+        return _share(np.abs(self.xf) ** 2, self.xx[:, :, None] * self.power[:, None, :])
+
+    @property
+    def multiple(self) -> _Real:
+        """Multiple coherence S_xf S_ff^-1 S_fx / S_xx, shape (n_f, n_i).
+
+        Bendat and Piersol (2010), sections 7.2 and 7.3. Of one force it is the ordinary one.
+        """
+        if self.ff.shape[1] == 1:
+            return self.ordinary[:, :, 0]
+        return _share(self._explained, self.xx)
+
+    @property
+    def partial(self) -> _Real:
+        """Partial coherence of a response and a force, the other forces taken out of both.
+
+        Shape (n_f, n_i, n_r). It is |H|^2 / (|H|^2 + N S_ff^-1) with H1 and the spectrum N of what
+        no force explains: the squared partial correlation by the coefficients of a regression, and
+        the conditioned spectra of Bendat and Piersol (2010), section 7.3, in one step. Of one force
+        it is the ordinary one.
+        """
+        if self.ff.shape[1] == 1:
+            return self.ordinary
+        size = np.abs(self.least_squares) ** 2
+        return _share(size, size + self.spread)
+
+    @property
+    def least_squares(self) -> _Complex:
+        """H1 = S_xf S_ff^-1, shape (n_f, n_i, n_r)."""
+        if self.ff.shape[1] == 1:
+            return np.asarray(self.xf / self.ff)
+        # H S_ff = S_xf with S_ff Hermitian: the transpose has S_ff^T = conj(S_ff).
+        right = self.xf.transpose(0, 2, 1)
+        return np.asarray(np.linalg.solve(self.ff.conj(), right).transpose(0, 2, 1))
+
+    @property
+    def spread(self) -> _Real:
+        """Spectrum of what no force explains times diag(S_ff^-1), shape (n_f, n_i, n_r).
+
+        Over the number of averages, less that of the forces, it is the variance of H1.
+        """
+        left = np.maximum(self.xx * (1.0 - self.multiple), 0.0)
+        if self.ff.shape[1] == 1:
+            return np.asarray(left[:, :, None] / self.power[:, None, :])
+        identity = np.broadcast_to(np.eye(self.ff.shape[1]), self.ff.shape)
+        inverse = np.einsum("frr->fr", np.linalg.solve(self.ff, identity)).real
+        return np.asarray(left[:, :, None] * inverse[:, None, :])
+
+    @property
+    def _explained(self) -> _Real:
+        """Spectra of what the forces explain, shape (n_f, n_i)."""
+        return np.asarray(np.einsum("fir,fir->fi", self.least_squares, self.xf.conj()).real)
+
+    def check_forces(self, freq: _Real, names: tuple[str, ...]) -> None:
+        """Refuse lines at which a force is zero, or forces cannot be told apart.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz, for the message.
+        names : tuple of str
+            Channels of the forces, for the message.
+
+        Raises
+        ------
+        DataError
+            If there is such a line.
+        """
+        power = self.power
+        for name, column in zip(names, power.T, strict=True):
+            silent = column <= _NOTHING**2 * column.max()
+            if silent.any():
+                raise DataError(
+                    f"channel {name!r}: no force at {freq[silent][0]:g} Hz; narrow the band",
+                    key=("band",),
+                )
+        if len(names) == 1:
+            return
+        if len(self.force) < len(names):
+            raise DataError(
+                f"{len(names)} forces and {len(self.force)} records or segments; expected at least"
+                " as many as forces, better several times that",
+                key=("excitation",),
+            )
+        size = np.sqrt(power)
+        coherent = self.ff / (size[:, :, None] * size[:, None, :])
+        least = np.linalg.eigvalsh(coherent)[:, 0]
+        if (least < _DEPENDENT).any():
+            at = freq[least < _DEPENDENT][0]
+            raise DataError(
+                f"the forces {' and '.join(map(repr, names))} cannot be told apart at {at:g} Hz:"
+                " one is a fixed combination of the others in all records; expected forces that"
+                " are independent",
+                key=("excitation",),
+            )
+
+    def part(self, chosen: slice | NDArray[np.bool_], averages: float) -> Spectra:
+        """Return the average of some of the segments.
+
+        Parameters
+        ----------
+        chosen : slice or ndarray of bool, shape (n,)
+            Which.
+        averages : float
+            How many of them are independent.
+        """
+        return Spectra.of(self.force[chosen], self.motion[chosen], averages)
+
+
+def _share(part: _Real, whole: _Real) -> _Real:
+    """Return a share of 0 to 1; zero where nothing was measured, and no more than 1 by rounding."""
+    found = part / np.where(whole > 0.0, whole, np.inf)
+    return np.asarray(np.clip(found, 0.0, 1.0))
