@@ -36,9 +36,12 @@ def _h2(spectra: Spectra) -> _Complex:
             f"H2 of {n_r} forces takes at least {n_r} responses, found {n_i}; use H1",
             key=("estimator",),
         )
-    back = np.linalg.pinv(spectra.xf.conj().transpose(0, 2, 1))
-    seen = np.einsum("nfi,fir->nfr", spectra.motion.conj(), back)
-    return np.asarray(np.einsum("nfi,nfr->fir", spectra.motion, seen) / len(spectra.motion))
+    # S_xf = Q R: the pseudo-inverse of S_fx = R^H Q^H is Q R^-H.
+    Q, R = np.linalg.qr(spectra.xf)
+    seen = np.einsum("nfi,fir->nfr", spectra.motion.conj(), Q)
+    xx_Q = np.einsum("nfi,nfr->fir", spectra.motion, seen) / len(spectra.motion)
+    back = np.linalg.solve(R, xx_Q.conj().transpose(0, 2, 1))
+    return np.asarray(back.conj().transpose(0, 2, 1))
 
 
 def _hv(spectra: Spectra) -> _Complex:
