@@ -38,7 +38,7 @@ ORDER = (
     ("updating.fit",),
     ("updating.judge",),
     ("updating",),
-    ("comparison", "uncertainty"),
+    ("comparison", "planning", "uncertainty"),
     ("store",),
     ("report", "viewer"),
     ("job",),

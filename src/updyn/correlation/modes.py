@@ -319,14 +319,50 @@ def model_modes(model: Model, highest: float) -> Modes:
     ModelError, SolverError
         As `updyn.modes`.
     """
+    found = _undamped(model, highest)
+    if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
+        found = _damped(model, found)
+    return _elastic(found, highest)
+
+
+def undamped_modes(model: Model, highest: float) -> Modes:
+    """Compute the undamped modes of a model up to a frequency, rigid-body modes left out.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    highest : float
+        In Hz.
+
+    Returns
+    -------
+    Modes
+        Real ones; at most 400.
+
+    Raises
+    ------
+    DataError
+        If there is no mode up to `highest`.
+    ModelError, SolverError
+        As `updyn.modes`.
+    """
+    return _elastic(_undamped(model, highest), highest)
+
+
+def _undamped(model: Model, highest: float) -> Modes:
+    """Return the lowest undamped modes, at least one of them above a frequency if there is one."""
     most = min(eigen.mass_rank(model.mass), _MOST)
     wanted = min(20, most)
     found = modes(model, wanted)
     while found.frequency[-1] <= highest and wanted < most:
         wanted = min(2 * wanted, most)
         found = modes(model, wanted)
-    if found.loss_factor.any() and model.n_dofs <= _COMPLEX_UP_TO:
-        found = _damped(model, found)
+    return found
+
+
+def _elastic(found: Modes, highest: float) -> Modes:
+    """Return the modes above 0 and up to a frequency."""
     kept = (found.frequency > 0) & (found.frequency <= highest)
     if not kept.any():
         raise DataError(f"the model has no mode above 0 and up to {highest:g} Hz")

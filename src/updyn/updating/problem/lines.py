@@ -10,8 +10,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.errors import OptionError, suggest
+from updyn.errors import OptionError, key_path, suggest
 from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.optimal_design import (
+    AOptimal,
+    DOptimal,
+    exchanged,
+    greedy,
+    initial,
+    scaled,
+)
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
@@ -19,16 +27,13 @@ __all__ = [
     "a_optimal",
     "choose_lines",
     "d_optimal",
+    "named_unknowns",
     "on_lines",
 ]
 
 _RELATIVE_FLOOR = 1e-2
 #: Lines are exchanged where they are at most this many times the unknowns.
 _FEW = 2
-#: Largest number of exchanges.
-_EXCHANGES = 20
-#: Least increase of log det for an exchange.
-_RISE = 1e-6
 
 
 def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
@@ -69,8 +74,16 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
                 f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from",
                 key=("lines",),
             )
-        wanted = _wanted(lines, found[3], part.coordinates.parameters.names)
-        return d_optimal(part, count) if found[1] == "d" else a_optimal(part, count, wanted)
+        if found[1] == "d":
+            return d_optimal(part, count)
+        wanted = None
+        if found[3]:
+            patterns = [pattern.strip() for pattern in found[3].split(",")]
+            with key_path(otherwise=("lines",)):
+                wanted = named_unknowns(
+                    f"lines {lines!r}", patterns, part.coordinates.parameters.names
+                )
+        return a_optimal(part, count, wanted)
     return frf.find_lines(lines)
 
 
@@ -138,19 +151,28 @@ def a_optimal(part: Part, count: int, wanted: Sequence[int] | None = None) -> ND
     )
 
 
-def _wanted(lines: str, names: str | None, known: Sequence[str]) -> list[int] | None:
-    """Return the positions of the unknowns that fit the globs."""
-    if names is None:
-        return None
+def named_unknowns(what: str, patterns: Sequence[str], known: Sequence[str]) -> list[int]:
+    """Return the positions of the unknowns that fit globs.
+
+    Parameters
+    ----------
+    what : str
+        Where the globs stand, for messages.
+    patterns : sequence of str
+        The globs.
+    known : sequence of str
+        Names of all unknowns.
+
+    Raises
+    ------
+    OptionError
+        If a glob fits none; the message names the nearest.
+    """
     at: set[int] = set()
-    for text in names.split(","):
-        pattern = text.strip()
+    for pattern in patterns:
         fits = [i for i, name in enumerate(known) if fnmatch.fnmatchcase(name, pattern)]
         if not fits:
-            raise OptionError(
-                f"lines {lines!r}: no unknown {pattern!r}; {suggest(pattern, known)}",
-                key=("lines",),
-            )
+            raise OptionError(f"{what}: no unknown {pattern!r}; {suggest(pattern, known)}")
         at.update(fits)
     return sorted(at)
 
@@ -170,68 +192,22 @@ def _chosen(
 
 
 def _most_telling(information: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    information, total = _scaled(information)
-    chosen: list[int] = []
-    left = np.ones(len(information), dtype=np.bool_)
-    for _ in range(count):
-        gain = np.linalg.slogdet(total + information)[1]
-        gain[~left] = -np.inf
-        best = int(np.argmax(gain))
-        chosen.append(best)
-        left[best] = False
-        total = total + information[best]
-    if count <= _FEW * information.shape[1]:
-        chosen = _exchanged(information, total, chosen)
+    information, _ = scaled(information)
+    n = information.shape[1]
+    chosen, total = greedy(information, initial(n), count, DOptimal())
+    if count <= _FEW * n:
+        chosen = exchanged(information, total, chosen, DOptimal())
     return np.sort(np.array(chosen, dtype=np.intp))
-
-
-def _exchanged(
-    information: NDArray[np.float64], total: NDArray[np.float64], chosen: list[int]
-) -> list[int]:
-    """Exchange chosen lines for others, the best pair first, as long as log det increases."""
-    chosen = list(chosen)
-    for _ in range(_EXCHANGES):
-        others = np.setdiff1d(np.arange(len(information)), chosen)
-        if not others.size:
-            break
-        now = np.linalg.slogdet(total)[1]
-        rises = [
-            np.linalg.slogdet(total - information[c] + information[others])[1] - now for c in chosen
-        ]
-        out, into = np.unravel_index(int(np.argmax(rises)), (len(chosen), len(others)))
-        if rises[out][into] < _RISE:
-            break
-        total = total - information[chosen[out]] + information[others[into]]
-        chosen[out] = int(others[into])
-    return chosen
 
 
 def _least_uncertain(
     information: NDArray[np.float64], count: int, wanted: list[int]
 ) -> NDArray[np.intp]:
-    information, total = _scaled(information)
-    unit = np.broadcast_to(np.eye(len(total)), information.shape)
-
-    def variances(of: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.einsum("fpp->fp", np.linalg.solve(of, unit[: len(of)]))[:, wanted])
-
-    least = variances((total + information.sum(axis=0))[None])[0]
-    chosen: list[int] = []
-    left = np.ones(len(information), dtype=np.bool_)
-    for _ in range(count):
-        cost = (variances(total + information) / least).mean(axis=1)
-        cost[~left] = np.inf
-        best = int(np.argmin(cost))
-        chosen.append(best)
-        left[best] = False
-        total = total + information[best]
+    information, _ = scaled(information)
+    none = initial(information.shape[1])
+    criterion = AOptimal.of(none + information.sum(axis=0), wanted)
+    chosen, _ = greedy(information, none, count, criterion)
     return np.sort(np.array(chosen, dtype=np.intp))
-
-
-def _scaled(information: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the information scaled by that of all lines, and the initial one of each unknown."""
-    scale = np.sqrt(np.maximum(np.einsum("fpp->p", information), np.finfo(float).tiny))
-    return information / scale[:, None] / scale, 1e-9 * np.eye(len(scale))
 
 
 def _start(part: Part) -> NDArray[np.float64]:

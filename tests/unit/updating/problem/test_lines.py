@@ -7,9 +7,10 @@ import pytest
 
 import updyn
 from updyn.errors import DataError, OptionError
-from updyn.updating.problem import lines
+from updyn.updating.problem import lines, optimal_design
 from updyn.updating.problem.lines import a_optimal, choose_lines, d_optimal
 from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.optimal_design import DOptimal, exchanged
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import OutputError
 
@@ -123,7 +124,7 @@ def test_the_exchange_reaches_the_best_of_all_sets():
     """Two unknowns, five lines: greedy takes the line along the diagonal first; the best pair is the two axes."""
     directions = np.array([[1.0, 0.0], [0.0, 1.0], [0.8, 0.8], [0.5, 0.1], [0.2, 0.6]])
     information = np.einsum("fp,fq->fpq", directions, directions)
-    scaled = lines._scaled(information)[0]
+    scaled = optimal_design.scaled(information)[0]
     best = max(
         itertools.combinations(range(5), 2),
         key=lambda c: np.linalg.slogdet(1e-9 * np.eye(2) + scaled[list(c)].sum(0))[1],
@@ -131,7 +132,7 @@ def test_the_exchange_reaches_the_best_of_all_sets():
     assert best == (0, 1)
     assert list(lines._most_telling(information, 2)) == [0, 1]
     total = 1e-9 * np.eye(2) + scaled[[2, 1]].sum(axis=0)
-    assert sorted(lines._exchanged(scaled, total, [2, 1])) == [0, 1]
+    assert sorted(exchanged(scaled, total, [2, 1], DOptimal())) == [0, 1]
 
 
 def test_a_optimal_lines_leave_less_variance_than_d_optimal_ones(problem):

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dofs import DofSet
 from updyn.errors import OptionError
 from updyn.frf import FRF
 
@@ -23,8 +24,10 @@ __all__ = [
     "Variance",
     "Wrapping",
     "level_by_unit",
+    "level_of_units",
     "steady",
     "two_part",
+    "unit_kinds",
 ]
 
 _Real = NDArray[np.float64]
@@ -150,13 +153,36 @@ class Wrapping(NoiseModel):
 
 def level_by_unit(frf: FRF) -> _Real:
     """Return the rms of |H_X| over all data of one unit, shape (1, n_i, n_j)."""
-    rows, columns = frf.responses.axes >= 3, frf.references.axes >= 3
-    kind = 2 * rows[:, None] + columns[None, :]
     squared = np.mean(np.abs(frf.values) ** 2, axis=0)
+    return level_of_units(squared, frf.responses, frf.references)[None]
+
+
+def unit_kinds(responses: DofSet, references: DofSet) -> NDArray[np.intp]:
+    """Return a number that tells the units of channels apart, shape (n_i, n_j)."""
+    rows, columns = responses.axes >= 3, references.axes >= 3
+    return np.asarray(2 * rows[:, None] + columns[None, :], dtype=np.intp)
+
+
+def level_of_units(squared: _Real, responses: DofSet, references: DofSet) -> _Real:
+    """Return the rms over all channels of one unit from the mean square of each.
+
+    Parameters
+    ----------
+    squared : ndarray of float, shape (n_i, n_j)
+        Mean of |H|^2 over the lines.
+    responses, references : DofSet
+        The channels.
+
+    Returns
+    -------
+    ndarray of float, shape (n_i, n_j)
+        Above 0.
+    """
+    kind = unit_kinds(responses, references)
     level = np.zeros(kind.shape)
     for k in np.unique(kind):
         level[kind == k] = np.sqrt(np.mean(squared[kind == k]))
-    return np.asarray(np.maximum(level, np.finfo(float).tiny ** 0.25)[None])
+    return np.asarray(np.maximum(level, np.finfo(float).tiny ** 0.25))
 
 
 def two_part(relative: float | _Real, floor: float | _Real, H: _Complex, level: _Real) -> _Real:

@@ -1,0 +1,151 @@
+"""`Choice`: the layout that a criterion has chosen in a band, in the order of gains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import DataError
+from updyn.planning.criteria import CRITERIA, Criterion, Planning, volume_score
+from updyn.planning.layout import Layout
+from updyn.planning.options import Band
+from updyn.planning.result import Rival, Worth
+from updyn.updating.problem.optimal_design import DesignScore, greedy
+
+__all__ = ["Choice"]
+
+_Real = NDArray[np.float64]
+
+#: Further sensors and forces whose gain is stated.
+_FURTHER = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """The layout that a criterion has chosen in a band.
+
+    Attributes
+    ----------
+    band : (float, float)
+        In Hz.
+    planning : Planning
+        Candidates and their information.
+    score : DesignScore
+        By which gains are stated.
+    rows, columns : list of int
+        Candidates that are chosen, largest gain first.
+    row_gain, column_gain : tuple of float
+        Their gains.
+    """
+
+    band: Band
+    planning: Planning
+    score: DesignScore
+    rows: list[int]
+    columns: list[int]
+    row_gain: tuple[float, ...]
+    column_gain: tuple[float, ...]
+
+    @classmethod
+    def ordered(cls, band: Band, planning: Planning, layout: Layout, rule: Criterion) -> Choice:
+        """Bring a layout into the order of gains."""
+        information, score = planning.information, rule.score(planning)
+        before = np.broadcast_to(information.before, information.points_shape)
+        rows, row_gain = _in_order(
+            information.of_responses(layout.columns), before, layout.rows, score
+        )
+        columns, column_gain = _in_order(
+            information.of_references(layout.rows), before, layout.columns, score
+        )
+        return cls(band, planning, score, rows, columns, row_gain, column_gain)
+
+    @property
+    def total(self) -> _Real:
+        """Information of the layout, shape (n_points, n, n)."""
+        return self.planning.information.of_layout(self.rows, self.columns)
+
+    @property
+    def radius(self) -> float:
+        """Geometric mean of the semi-axes of its confidence ellipsoid (`Plan.radius`)."""
+        return self._radius_of(self.total)
+
+    def _radius_of(self, information: _Real) -> float:
+        score = float(volume_score(self.planning).score(information))
+        scale = self.planning.information.scale[list(self.planning.wanted)]
+        return float(np.exp(-0.5 * score - np.mean(np.log(scale))))
+
+    def gain(self, more: _Real, less: _Real) -> float:
+        """Return by what share all standard deviations fall with more information.
+
+        Parameters
+        ----------
+        more, less : ndarray of float, shape (n_points, n, n)
+            Information of two designs.
+        """
+        return _gain(self.score, more, less)
+
+    def further_responses(self) -> tuple[Worth, ...]:
+        """Return the next best responses."""
+        items = self.planning.information.of_responses(self.columns)
+        return self._further(items, self.rows, self.planning.candidates.responses)
+
+    def further_references(self) -> tuple[Worth, ...]:
+        """Return the next best references."""
+        items = self.planning.information.of_references(self.rows)
+        return self._further(items, self.columns, self.planning.candidates.references)
+
+    def _further(self, items: _Real, chosen: Sequence[int], names: DofSet) -> tuple[Worth, ...]:
+        left = np.setdiff1d(np.arange(len(items)), chosen)
+        count = min(_FURTHER, len(left))
+        order, _ = greedy(items[left], self.total, count, self.score)
+        gains = _gains(items[left[order]], self.total, self.score)
+        labels = names[left[order]].labels
+        return tuple(Worth(label, gain) for label, gain in zip(labels, gains, strict=True))
+
+    def rivals(self, criterion: str) -> Iterator[Rival]:
+        """Yield the layouts of the criteria besides one.
+
+        Parameters
+        ----------
+        criterion : str
+            Name of that one.
+        """
+        information, candidates = self.planning.information, self.planning.candidates
+        for name in CRITERIA:
+            if name == criterion:
+                continue
+            rule = CRITERIA[name]()
+            try:
+                layout = rule.choose(self.planning, len(self.rows), len(self.columns))
+            except DataError as error:
+                yield Rival(name, (), (), float("nan"), str(error))
+                continue
+            radius = self._radius_of(information.of_layout(layout.rows, layout.columns))
+            responses = candidates.responses[list(layout.rows)].labels
+            references = candidates.references[list(layout.columns)].labels
+            yield Rival(name, tuple(responses), tuple(references), radius / self.radius)
+
+
+def _in_order(
+    items: _Real, before: _Real, chosen: Sequence[int], score: DesignScore
+) -> tuple[list[int], tuple[float, ...]]:
+    """Return chosen items in the order of gains, and the gains."""
+    at = np.array(chosen, dtype=np.intp)
+    order, _ = greedy(items[at], before, len(at), score)
+    return at[order].tolist(), tuple(_gains(items[at[order]], before, score))
+
+
+def _gains(items: _Real, total: _Real, score: DesignScore) -> Iterator[float]:
+    """Yield the gain of each item after those before it."""
+    for item in items:
+        yield _gain(score, total + item, total)
+        total = total + item
+
+
+def _gain(score: DesignScore, more: _Real, less: _Real) -> float:
+    rise = float(score.score(more) - score.score(less))
+    return float(-np.expm1(-0.5 * rise))

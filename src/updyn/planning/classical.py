@@ -1,0 +1,164 @@
+"""Classical criteria, which look at mode shapes and not at unknowns, for comparison.
+
+They choose responses for the modes in the band. References are those with the largest driving-point
+residues.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.planning.criteria import Criterion, Planning
+from updyn.planning.layout import Layout
+from updyn.updating.problem.optimal_design import DesignScore, exchanged, greedy
+
+__all__ = [
+    "DrivingPointResidue",
+    "EffectiveIndependence",
+    "LeastMac",
+    "driving_point_residues",
+    "effective_independence",
+    "least_mac",
+]
+
+_Real = NDArray[np.float64]
+
+
+class EffectiveIndependence(Criterion):
+    """Responses that keep the mode shapes linearly independent (Kammer 1991)."""
+
+    source = "Kammer, J. Guidance, Control and Dynamics 14 (1991) 251-259"
+
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose responses by effective independence."""
+        rows = effective_independence(planning.response_shapes, n_responses)
+        return Layout(tuple(rows), _references(planning, n_references))
+
+
+class LeastMac(Criterion):
+    """Responses with the smallest MAC between different modes."""
+
+    source = "Carne & Dohrmann, Proc. IMAC XIII (1995) 927-933"
+
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose responses by the largest MAC off the diagonal."""
+        rows = least_mac(planning.response_shapes, n_responses)
+        return Layout(tuple(rows), _references(planning, n_references))
+
+
+class DrivingPointResidue(Criterion):
+    """Responses with the largest mean driving-point residue: where the modes move most."""
+
+    source = "Kientzy, Richardson & Blakely, Sound and Vibration 23 (6) (1989) 16-23"
+
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose responses by driving-point residue."""
+        residue = driving_point_residues(planning.response_shapes, planning.modes.frequency)
+        return Layout(_largest(residue, n_responses), _references(planning, n_references))
+
+
+def _references(planning: Planning, count: int) -> tuple[int, ...]:
+    residue = driving_point_residues(planning.reference_shapes, planning.modes.frequency)
+    return _largest(residue, count)
+
+
+def _largest(values: _Real, count: int) -> tuple[int, ...]:
+    return tuple(np.argsort(-values, kind="stable")[:count].tolist())
+
+
+def driving_point_residues(shapes: _Real, frequency: _Real) -> _Real:
+    """Return the sum over modes of the driving-point residue of the receptance, phi^2 / (2 omega).
+
+    Parameters
+    ----------
+    shapes : ndarray of float, shape (n, n_modes)
+        Mode shapes normalised by mass, in 1/sqrt(kg).
+    frequency : ndarray of float, shape (n_modes,)
+        In Hz.
+
+    Returns
+    -------
+    ndarray of float, shape (n,)
+        In s/kg.
+    """
+    return np.asarray((shapes**2 / (4.0 * np.pi * frequency)).sum(axis=1))
+
+
+def effective_independence(shapes: _Real, count: int) -> list[int]:
+    """Choose DOFs by deleting those that contribute least to the rank of the shapes, one by one.
+
+    Parameters
+    ----------
+    shapes : ndarray of float, shape (n, n_modes)
+        Mode shapes at the candidates. Of more modes than DOFs to keep, the first are taken.
+    count : int
+        DOFs to keep.
+
+    Returns
+    -------
+    list of int
+        Positions, ascending.
+
+    Notes
+    -----
+    The contribution of a DOF is its diagonal entry of phi (phi^T phi)^-1 phi^T (Kammer 1991, eq.
+    15), here from orthonormal columns of phi.
+    """
+    phi = shapes[:, : min(count, shapes.shape[1])]
+    left = np.arange(len(phi))
+    while len(left) > count:
+        basis = np.linalg.qr(phi[left])[0]
+        left = np.delete(left, int(np.argmin((basis**2).sum(axis=1))))
+    return [int(i) for i in left]
+
+
+@dataclass(frozen=True, slots=True)
+class _LargestMac(DesignScore):
+    """Minus the largest MAC between different modes, from the sum of phi_i phi_i^T over DOFs."""
+
+    def score(self, information: _Real) -> _Real:
+        n = information.shape[-1]
+        size = np.einsum("...pp->...p", information)
+        both = np.maximum(size[..., :, None] * size[..., None, :], np.finfo(float).tiny)
+        mac = information**2 / both
+        return np.asarray(-mac[..., ~np.eye(n, dtype=np.bool_)].max(axis=-1))
+
+
+def least_mac(shapes: _Real, count: int) -> list[int]:
+    """Choose DOFs with the smallest largest MAC between different modes.
+
+    Parameters
+    ----------
+    shapes : ndarray of float, shape (n, n_modes)
+        Mode shapes at the candidates.
+    count : int
+        How many.
+
+    Returns
+    -------
+    list of int
+        Positions, ascending: greedily from the best pair, then by exchange.
+
+    Raises
+    ------
+    DataError
+        If there are fewer than two modes.
+    """
+    if shapes.shape[1] < 2:
+        raise DataError("MAC needs two modes in the band or more, and there is one")
+    unit = shapes / np.linalg.norm(shapes, axis=0)
+    items = unit[:, :, None] * unit[:, None, :]
+    criterion = _LargestMac()
+    if count == 1 or len(items) == 1:
+        return [int(np.argmax(criterion.score(items)))]
+    best = [criterion.score(item + items) for item in items]
+    first, second = np.unravel_index(int(np.argmax(best)), (len(items), len(items)))
+    pair = [int(first), int(second)]
+    left = np.setdiff1d(np.arange(len(items)), pair)
+    further, total = greedy(items[left], items[pair].sum(axis=0), count - 2, criterion)
+    chosen = [*pair, *left[further].tolist()]
+    return sorted(exchanged(items, total, chosen, criterion))

@@ -1,0 +1,184 @@
+"""`Criterion`: what a layout is chosen by, and the registry of the criteria."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation.modes import undamped_modes
+from updyn.dynamics.modes import Modes
+from updyn.planning.information import Candidates, PairInformation
+from updyn.planning.layout import Layout, OverPoints, best_layout
+from updyn.registry import Registry
+from updyn.updating.problem.optimal_design import AOptimal, DesignScore, DOptimal
+
+__all__ = ["CRITERIA", "Criterion", "Planning", "volume_score"]
+
+_Real = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Planning:
+    """What a criterion may look at.
+
+    Attributes
+    ----------
+    candidates : Candidates
+        Model, candidate responses and references, and lines of the band.
+    information : PairInformation
+        Fisher information of every pair, at the start of the unknowns and at further points.
+    wanted : tuple of int
+        Positions of the unknowns that count.
+    """
+
+    candidates: Candidates
+    information: PairInformation
+    wanted: tuple[int, ...]
+
+    @cached_property
+    def modes(self) -> Modes:
+        """Undamped modes in the band, without rigid-body modes: the target modes.
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
+        freq = self.candidates.freq
+        found = undamped_modes(self.candidates.model, float(freq[-1]))
+        inside = found.frequency >= freq[0]
+        return found.select(inside) if inside.any() else found
+
+    @property
+    def response_shapes(self) -> _Real:
+        """Target modes at the candidate responses, shape (n_i, n_modes), in 1/sqrt(kg)."""
+        return np.asarray(self.modes.at(self.candidates.responses))
+
+    @property
+    def reference_shapes(self) -> _Real:
+        """Target modes at the candidate references, shape (n_j, n_modes), in 1/sqrt(kg)."""
+        return np.asarray(self.modes.at(self.candidates.references))
+
+
+class Criterion(ABC):
+    """Chooses a layout out of candidates; derive from it, and state its `source`."""
+
+    #: Where it comes from: author, journal, year.
+    source: ClassVar[str]
+
+    @abstractmethod
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose responses and references.
+
+        Parameters
+        ----------
+        planning : Planning
+            Candidates and what is known of them.
+        n_responses, n_references : int
+            How many; not more than there are candidates.
+
+        Returns
+        -------
+        Layout
+
+        Raises
+        ------
+        DataError
+            If the criterion says nothing for this model and band.
+        """
+
+    def score(self, planning: Planning) -> DesignScore:
+        """Return the score by which gains are stated; by default that of the volume.
+
+        Parameters
+        ----------
+        planning : Planning
+            Candidates and what is known of them.
+
+        Returns
+        -------
+        DesignScore
+        """
+        return volume_score(planning)
+
+
+def volume_score(planning: Planning) -> DesignScore:
+    """Return the score of the volume of the confidence ellipsoid.
+
+    Parameters
+    ----------
+    planning : Planning
+        Candidates; its unknowns that count are those of the ellipsoid.
+
+    Returns
+    -------
+    DesignScore
+        Minus twice the logarithm of the geometric mean of its semi-axes (at one standard
+        deviation), averaged over the points of the unknowns, up to a constant.
+    """
+    n = len(planning.information.scale)
+    others = tuple(i for i in range(n) if i not in planning.wanted)
+    return OverPoints(_PerUnknown(DOptimal(others), len(planning.wanted)))
+
+
+@dataclass(frozen=True, slots=True)
+class _PerUnknown(DesignScore):
+    """A score over the number of unknowns that it counts."""
+
+    base: DesignScore
+    n: int
+
+    def score(self, information: _Real) -> _Real:
+        return np.asarray(self.base.score(information) / self.n)
+
+
+class DOptimalLayout(Criterion):
+    """Smallest volume of the confidence ellipsoid of the unknowns that count."""
+
+    source = "Fedorov, Theory of Optimal Experiments, 1972, chapters 2 and 3"
+
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose by greedy choice and exchange."""
+        score = self.score(planning)
+        return best_layout(planning.information, n_responses, n_references, score)
+
+
+class AOptimalLayout(Criterion):
+    """Smallest mean variance of the unknowns that count, each relative to its least.
+
+    The least is the variance with all candidates at the start of the unknowns.
+    """
+
+    source = "Fedorov, Theory of Optimal Experiments, 1972, chapter 2"
+
+    def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
+        """Choose by greedy choice and exchange."""
+        score = self.score(planning)
+        return best_layout(planning.information, n_responses, n_references, score)
+
+    def score(self, planning: Planning) -> DesignScore:
+        """Return the score of the mean variance."""
+        information = planning.information
+        rows, columns = map(range, information.shape)
+        whole = information.of_layout(rows, columns)[0]
+        return OverPoints(AOptimal.of(whole, planning.wanted))
+
+
+#: The criteria by name. One of another package is registered by a call of `CRITERIA.register`, or
+#: by an entry point: a class derived from `Criterion`.
+CRITERIA: Registry[type[Criterion]] = Registry(
+    "planning criterion",
+    "updyn.plan_criteria",
+    {
+        "d-optimal": DOptimalLayout,
+        "a-optimal": AOptimalLayout,
+        "effective-independence": "updyn.planning.classical:EffectiveIndependence",
+        "mac": "updyn.planning.classical:LeastMac",
+        "driving-point-residue": "updyn.planning.classical:DrivingPointResidue",
+    },
+)

@@ -1,0 +1,156 @@
+"""What a test with a chosen layout is expected to tell, by the exact Jacobian of its data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import ParameterError
+from updyn.frf import FRF
+from updyn.planning.choice import Choice
+from updyn.planning.information import Candidates
+from updyn.planning.result import BandWorth
+from updyn.updating.judge.assessment import local_at_start
+from updyn.updating.judge.identifiability import Analysis, analyse
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.problem import Part, Problem
+
+__all__ = ["Expected"]
+
+_Real = NDArray[np.float64]
+
+#: Parts of the band whose gain is stated.
+_PARTS = 10
+#: Unknowns that a message names.
+_NAMED = 3
+#: Variance of a channel that is rounding: it is measured as zero, and has no say.
+_BOUNDLESS = np.finfo(np.float64).max ** 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """The data that are expected of a layout, and what they determine.
+
+    Attributes
+    ----------
+    choice : Choice
+        The layout.
+    layout : Candidates
+        Its responses and references.
+    part : Part
+        As of an update with the expected data.
+    """
+
+    choice: Choice
+    layout: Candidates
+    part: Part
+
+    @classmethod
+    def of(cls, choice: Choice) -> Expected:
+        """Compute the data that are expected of a layout."""
+        layout = choice.planning.candidates.only(choice.rows, choice.columns)
+        return cls(choice, layout, _measured(layout))
+
+    @property
+    def variance(self) -> _Real:
+        """E|dH|^2 of the data, shape (n_f, n_responses, n_references)."""
+        assert self.part.frf.variance is not None
+        return self.part.frf.variance
+
+    def std(self) -> dict[str, float]:
+        """Return the standard deviation of each unknown by the Cramer-Rao bound, priors included.
+
+        Raises
+        ------
+        ParameterError
+            If some are undetermined, whatever the noise; the message names them.
+        """
+        coordinates = self.part.coordinates
+        noise = choose_noise("variance", self.part.frf)
+        local, _ = local_at_start(Problem.of([self.part]), [noise])
+        names = coordinates.parameters.names
+        analysis = analyse(np.vstack([local.R, np.diag(coordinates.prior[1])]), names)
+        if not np.isfinite(analysis.report.condition):
+            raise self._undetermined(analysis)
+        std = np.sqrt(np.diag(analysis.covariance)) * coordinates.slope(coordinates.home)
+        return dict(zip(names, std.tolist(), strict=True))
+
+    def _undetermined(self, analysis: Analysis) -> ParameterError:
+        names = self.part.coordinates.parameters.names
+        lost = [names[i] for i in np.flatnonzero(analysis.involved)]
+        shown = ", ".join(lost[:_NAMED])
+        if len(lost) > _NAMED:
+            shown += f" and {len(lost) - _NAMED} more"
+        frf = self.part.frf
+        return ParameterError(
+            f"plan: sensors {', '.join(frf.responses.labels)} with forces"
+            f" {', '.join(frf.references.labels)} leave undetermined, whatever the noise: {shown}."
+            " Leave one of them out, state a prior_std for it, or plan for more sensors, forces or"
+            " a wider band",
+            key=("parameters",),
+        )
+
+    def std_range(self) -> dict[str, tuple[float, float]]:
+        """Return the least and largest standard deviation of each unknown over the drawn starts."""
+        total, coordinates = self.choice.total, self.part.coordinates
+        if len(total) == 1:
+            return {}
+        unit = np.broadcast_to(np.eye(self.part.n), total.shape)
+        variances = np.einsum("dpp->dp", np.linalg.solve(total, unit))
+        by_value = coordinates.slope(coordinates.home) / self.choice.planning.information.scale
+        std = np.sqrt(variances) * by_value
+        ends = zip(std.min(axis=0).tolist(), std.max(axis=0).tolist(), strict=True)
+        return dict(zip(coordinates.parameters.names, ends, strict=True))
+
+    def parts_of_band(self) -> tuple[BandWorth, ...]:
+        """Return what each part of the band adds to the others, at the start of the unknowns."""
+        each = self._of_each_line()
+        total = each.sum(axis=0) + self.choice.planning.information.before
+        edges = np.linspace(*self.choice.band, _PARTS + 1)
+        which = np.searchsorted(edges, self.layout.freq, side="right") - 1
+        which = np.clip(which, 0, _PARTS - 1)
+        out = []
+        for i in range(_PARTS):
+            others = total - each[which == i].sum(axis=0)
+            gain = self.choice.gain(total[None], others[None])
+            out.append(BandWorth(float(edges[i]), float(edges[i + 1]), gain))
+        return tuple(out)
+
+    def doubled(self) -> dict[str, float]:
+        """Return the gains of twice the lines and of twice the averages."""
+        before = self.choice.planning.information.before
+        own = self._of_each_line().sum(axis=0)
+        now = (own + before)[None]
+        out = {}
+        freq = self.layout.freq
+        if len(freq) > 1:
+            between = self.layout.at_lines(0.5 * (freq[1:] + freq[:-1]))
+            also = Expected(self.choice, between, _measured(between))._of_each_line()
+            out["lines"] = self.choice.gain(now + also.sum(axis=0), now)
+        out["averages"] = self.choice.gain(now + own, now)
+        return out
+
+    def _of_each_line(self) -> _Real:
+        """Return the scaled information of each line at the start, shape (n_f, n, n)."""
+        scale = self.choice.planning.information.scale
+        out = []
+        for block in self.part.blocks(self.part.coordinates.home):
+            assert block.dH is not None
+            weight = np.sqrt(2.0 / self.variance[block.lines])
+            J = (block.dH * weight).reshape(self.part.n, len(block.H), -1)
+            J /= scale[:, None, None]
+            out.append(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
+        return np.concatenate(out)
+
+
+def _measured(layout: Candidates) -> Part:
+    """Return the part of an update with the expected data of a layout, without noise."""
+    coordinates = layout.part.coordinates
+    nothing = np.zeros((len(layout.freq), len(layout.responses), len(layout.references)))
+    data = FRF(layout.freq, nothing, layout.responses, layout.references, layout.quantity)
+    H = layout.part.with_data(data).responses(coordinates.home)
+    variance = layout.variance(H)
+    variance = np.where(np.isfinite(variance), variance, _BOUNDLESS)
+    return layout.part.with_data(replace(data, values=H, variance=variance))

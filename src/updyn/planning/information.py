@@ -1,0 +1,316 @@
+"""Fisher information of every pair of a response and a reference, for all candidates at once.
+
+Each line is factorised once. The fields for unit forces on all candidates give H and, by
+reciprocity, the derivatives of every pair (`updyn.sensitivity`). Noise is independent from channel
+to channel, so that the information of a layout is the sum over its pairs of
+
+    I_ij = sum over lines of  2 / E|dH_ij|^2  Re(dH_ij/dx^H dH_ij/dx),
+
+by the optimiser's coordinates x (logarithm of a factor, loss factor): Pintelon & Schoukens, System
+Identification, 2nd ed. 2012, section 9.11, for circular complex noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.dynamics.fields import line_blocks
+from updyn.errors import OptionError
+from updyn.frf import FRF, QUANTITIES
+from updyn.linalg.threads import alone
+from updyn.model import Model
+from updyn.sensitivity import contract
+from updyn.updating.problem.noise.known import Stated, level_of_units, two_part, unit_kinds
+from updyn.updating.problem.optimal_design import initial
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Part
+
+__all__ = ["Candidates", "PairInformation"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Bytes that the information of all pairs may take.
+_MOST_BYTES = 2**30
+#: Bytes of the derivatives that are worked on at a time.
+_CHUNK_BYTES = 32 * 2**20
+#: Channels below this share of the loudest of their unit are rounding, and say nothing.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """The model at candidate responses and references, at the lines of a band.
+
+    Attributes
+    ----------
+    model : Model
+        The structure.
+    part : Part
+        Model and unknowns compiled; its data are placeholders.
+    responses, references : DofSet
+        Candidates, n_i and n_j of them.
+    noise : Stated
+        Expected noise.
+    level : ndarray of float, shape (n_i, n_j)
+        The rms of all candidate channels of the same unit, at the start of the unknowns: the floor
+        of the noise is a share of it. Infinite for channels that are rounding.
+    """
+
+    model: Model
+    part: Part
+    responses: DofSet
+    references: DofSet
+    noise: Stated
+    level: _Real
+
+    @classmethod
+    def build(
+        cls,
+        model: Model,
+        parameters: ParameterSet,
+        responses: DofSet,
+        references: DofSet,
+        freq: _Real,
+        quantity: str,
+        noise: Stated,
+    ) -> Candidates:
+        """Compile a model for its candidates, and compute the level of the noise.
+
+        Raises
+        ------
+        DataError
+            If the quantity or the lines are not usable.
+        SolverError
+            If the model cannot be solved at a line.
+        """
+        nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
+        data = FRF(freq, nothing, responses[:1], references[:1], quantity)
+        part = Part.build(model, data, parameters)
+        level = np.zeros((len(responses), len(references)))
+        made = cls(model, part, responses, references, noise, level)
+        return replace(made, level=_levels(made))
+
+    @property
+    def freq(self) -> _Real:
+        """The lines in Hz, shape (n_f,)."""
+        return self.part.frf.freq
+
+    @property
+    def quantity(self) -> str:
+        """What is measured."""
+        return self.part.frf.quantity
+
+    def at_lines(self, freq: _Real) -> Candidates:
+        """Return the candidates at other lines, with the same level of the noise."""
+        nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
+        data = FRF(freq, nothing, self.responses[:1], self.references[:1], self.quantity)
+        return replace(self, part=self.part.with_data(data))
+
+    def only(self, rows: Sequence[int], columns: Sequence[int]) -> Candidates:
+        """Return some of the candidates, by position, with the same level of the noise."""
+        at = np.ix_(rows, columns)
+        responses, references = self.responses[list(rows)], self.references[list(columns)]
+        return replace(self, responses=responses, references=references, level=self.level[at])
+
+    def variance(self, H: _Complex) -> _Real:
+        """Return E|dH|^2, shape (n_f, n_i, n_j), of a model's H of that shape."""
+        return two_part(self.noise.relative, self.noise.floor, H, self.level)
+
+
+def _levels(candidates: Candidates) -> _Real:
+    """Return the rms over the channels of each unit; infinite for channels that are rounding."""
+    responses, references = candidates.responses, candidates.references
+    squared = np.zeros((len(responses), len(references)))
+    for block in _blocks(candidates, candidates.part.coordinates.home):
+        squared += np.sum(np.abs(block.H) ** 2, axis=0) / len(candidates.freq)
+    kinds, loudest = unit_kinds(responses, references), np.zeros(squared.shape)
+    for kind in np.unique(kinds):
+        loudest[kinds == kind] = squared[kinds == kind].max()
+    level = level_of_units(squared, responses, references)
+    return np.where(squared <= _ROUNDING**2 * loudest, np.inf, level)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Fields for unit forces on all candidates at a block of lines.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        The lines in Hz.
+    V, U : ndarray of complex, shape (N, n_f, n_i) and (N, n_f, n_j)
+        Fields for unit forces on the responses and the references, in m/N.
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        In the measured quantity, but for the phase of its factor.
+    """
+
+    freq: _Real
+    V: _Complex
+    U: _Complex
+    H: _Complex
+
+
+def _blocks(candidates: Candidates, x: _Real) -> Iterator[_Block]:
+    """Yield the fields block by block of lines; each line is factorised once."""
+    solver = candidates.part.solver
+    dofs = candidates.model.dofs
+    rows = dofs.match(candidates.responses).index
+    columns = dofs.match(candidates.references).index
+    loads, place = np.unique(np.concatenate([rows, columns]), return_inverse=True)
+    state = candidates.part.state(x)
+    for lines in line_blocks(len(candidates.freq), solver.block_size(len(loads))):
+        freq = candidates.freq[lines]
+        omega = 2.0 * np.pi * freq
+        X = solver.solve(solver.system.coefficients(state, omega), loads, freq)
+        U = X[:, :, place[len(rows) :]]
+        factor = omega ** QUANTITIES[candidates.quantity]
+        H = solver.at(U, rows).transpose(1, 0, 2) * factor[:, None, None]
+        yield _Block(freq, X[:, :, place[: len(rows)]], U, H)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairInformation:
+    """Fisher information of every pair of candidates, at one or more points of the unknowns.
+
+    Attributes
+    ----------
+    packed : ndarray of float, shape (n_i, n_j, n_points, n (n + 1) / 2)
+        Lower triangles, scaled.
+    before : ndarray of float, shape (n, n)
+        Information of the priors, scaled, and a little besides: layouts that determine nothing
+        have a determinant, too.
+    scale : ndarray of float, shape (n,)
+        Square root of the information of all pairs and the priors at the first point, by which rows
+        and columns are divided.
+    """
+
+    packed: _Real
+    before: _Real
+    scale: _Real
+
+    @classmethod
+    def compute(cls, candidates: Candidates, points: Sequence[_Real]) -> PairInformation:
+        """Compute the information of every pair.
+
+        Parameters
+        ----------
+        candidates : Candidates
+            Model and candidates.
+        points : sequence of ndarray of float, shape (n,)
+            Where, in the optimiser's coordinates.
+
+        Raises
+        ------
+        OptionError
+            If there are too many pairs for the memory; the message says how many there may be.
+        SolverError
+            If the model cannot be solved at a line.
+        """
+        n = candidates.part.n
+        shape = (len(candidates.responses), len(candidates.references), len(points))
+        _check_size(shape, n)
+        packed = np.zeros((*shape, n * (n + 1) // 2))
+        for at, x in enumerate(points):
+            _add(candidates, x, packed[:, :, at])
+        weight = candidates.part.coordinates.prior[1]
+        lower = np.tril_indices(n)
+        diagonal = packed[:, :, 0, lower[0] == lower[1]].sum(axis=(0, 1)) + weight**2
+        scale = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        packed /= scale[lower[0]] * scale[lower[1]]
+        return cls(packed, initial(n) + np.diag((weight / scale) ** 2), scale)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of candidate responses and references."""
+        return self.packed.shape[0], self.packed.shape[1]
+
+    @property
+    def points_shape(self) -> tuple[int, int, int]:
+        """Number of points, and of unknowns twice."""
+        return self.packed.shape[2], len(self.scale), len(self.scale)
+
+    def of_responses(self, columns: Sequence[int]) -> _Real:
+        """Return the information of each response with some references together.
+
+        Parameters
+        ----------
+        columns : sequence of int
+            Positions of the references.
+
+        Returns
+        -------
+        ndarray of float, shape (n_i, n_points, n, n)
+            Without the prior.
+        """
+        return self._unpacked(self.packed[:, list(columns)].sum(axis=1))
+
+    def of_references(self, rows: Sequence[int]) -> _Real:
+        """Return the information of each reference with some responses together.
+
+        Parameters
+        ----------
+        rows : sequence of int
+            Positions of the responses.
+
+        Returns
+        -------
+        ndarray of float, shape (n_j, n_points, n, n)
+            Without the prior.
+        """
+        return self._unpacked(self.packed[list(rows)].sum(axis=0))
+
+    def of_layout(self, rows: Sequence[int], columns: Sequence[int]) -> _Real:
+        """Return the information of a layout with the prior, shape (n_points, n, n)."""
+        total = self.packed[np.ix_(list(rows), list(columns))].sum(axis=(0, 1))
+        return self._unpacked(total) + self.before
+
+    def _unpacked(self, packed: _Real) -> _Real:
+        n = len(self.scale)
+        place = np.zeros((n, n), dtype=np.intp)
+        lower = np.tril_indices(n)
+        place[lower] = np.arange(len(lower[0]))
+        return np.asarray(packed[..., np.maximum(place, place.T)])
+
+
+def _check_size(shape: tuple[int, int, int], n: int) -> None:
+    rows, columns, points = shape
+    one = 8 * points * (n * (n + 1) // 2)
+    if rows * columns * one <= _MOST_BYTES:
+        return
+    raise OptionError(
+        f"{rows} candidate responses with {columns} candidate references and {n} unknowns need"
+        f" {rows * columns * one / 2**30:.3g} GiB, more than {_MOST_BYTES / 2**30:g}; name fewer:"
+        f" with all of the responses, at most {max(_MOST_BYTES // (rows * one), 1)} candidate"
+        " references",
+        key=("reference_candidates",),
+    )
+
+
+@alone
+def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
+    """Add the information at one point to that of each pair, shape (n_i, n_j, n (n + 1) / 2)."""
+    part = candidates.part
+    system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
+    state, lower = part.state(x), np.tril_indices(part.n)
+    by_coordinate = part.coordinates.slope(x)[unknowns.owner]
+    n_i, n_j = len(candidates.responses), len(candidates.references)
+    for block in _blocks(candidates, x):
+        omega = 2.0 * np.pi * block.freq
+        factor = omega ** QUANTITIES[candidates.quantity]
+        slopes = unknowns.slopes(system, state, values, omega) * by_coordinate[:, None] * factor
+        weight = np.sqrt(2.0 / candidates.variance(block.H))
+        step = max(1, _CHUNK_BYTES // (16 * part.n * len(omega) * n_i))
+        for first in range(0, n_j, step):
+            some = slice(first, first + step)
+            # The sign of the derivatives does not matter.
+            J = contract(system, unknowns, slopes, block.V, block.U[:, :, some])
+            J *= weight[:, :, some]
+            rows = np.ascontiguousarray(J.transpose(2, 3, 0, 1)).view(np.float64)
+            gram = rows @ rows.transpose(0, 1, 3, 2)
+            packed[:, some] += gram[..., lower[0], lower[1]]

@@ -1,0 +1,261 @@
+"""The arguments of `plan` as checked objects: noise, bands, lines, draws of the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.errors import OptionError, ParameterError, key_path, suggest
+from updyn.frf import FRF, QUANTITIES
+from updyn.group import is_number
+from updyn.model import Model
+from updyn.updating.problem.lines import named_unknowns
+from updyn.updating.problem.noise import ASSUMED, Stated, choose_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Coordinates
+
+__all__ = [
+    "Band",
+    "Draws",
+    "check_quantity",
+    "check_unknowns",
+    "find_bands",
+    "find_lines",
+    "find_noise",
+    "find_wanted",
+]
+
+_Real = NDArray[np.float64]
+
+Band = tuple[float, float]
+
+
+def check_unknowns(unknowns: ParameterSet, model: Model) -> None:
+    """Check that all unknowns are of the model.
+
+    Parameters
+    ----------
+    unknowns : ParameterSet
+        The unknowns.
+    model : Model
+        The structure.
+
+    Raises
+    ------
+    ParameterError
+        If one is a calibration factor, or acts on what the model lacks.
+    """
+    for p in unknowns:
+        if p.is_channel:
+            raise ParameterError(
+                f"plan: {p.name!r} is a calibration factor of a sensor, and the sensors are not"
+                " chosen yet; leave it out",
+                key=("parameters",),
+            )
+        for drive in p.acts_on:
+            group = model.groups.get(drive.group)
+            if group is None or not group.has(drive.quantity):
+                raise ParameterError(
+                    f"plan: unknown {p.name!r}: the model has no group {drive.group!r} with"
+                    f" {drive.quantity}; {suggest(drive.group, model.groups)}",
+                    key=("parameters",),
+                )
+
+
+def check_quantity(quantity: str) -> None:
+    """Check the name of a measured quantity.
+
+    Parameters
+    ----------
+    quantity : str
+        Its name.
+
+    Raises
+    ------
+    OptionError
+        If it is not known.
+    """
+    if quantity not in QUANTITIES:
+        raise OptionError(
+            f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}", key=("quantity",)
+        )
+
+
+def find_wanted(interest: str | Iterable[str] | None, unknowns: ParameterSet) -> tuple[int, ...]:
+    """Return the positions of the unknowns that count.
+
+    Parameters
+    ----------
+    interest : None, str or iterable of str
+        Names or globs; None: all.
+    unknowns : ParameterSet
+        All unknowns.
+
+    Raises
+    ------
+    OptionError
+        If a glob fits none.
+    """
+    if interest is None:
+        return tuple(range(len(unknowns)))
+    patterns = [interest] if isinstance(interest, str) else list(interest)
+    if not patterns:
+        raise OptionError("interest: no unknown is named; leave it out for all", key=("interest",))
+    with key_path("interest"):
+        return tuple(named_unknowns("interest", patterns, unknowns.names))
+
+
+def find_noise(given: Mapping[str, float] | None) -> Stated:
+    """Return the noise that is expected.
+
+    Parameters
+    ----------
+    given : None or mapping
+        ``relative`` and/or ``floor``; None: noise of ordinary size.
+
+    Raises
+    ------
+    OptionError
+        If it states something else, or a number is not usable.
+    """
+    if given is None:
+        return Stated(**ASSUMED)
+    if not isinstance(given, Mapping) or not given or set(given) - set(ASSUMED):
+        raise OptionError(
+            f"noise: expected a mapping with relative and/or floor, found {given!r}", key=("noise",)
+        )
+    any_data = FRF([1.0], np.ones((1, 1, 1)), ["1:X"], ["1:X"], "receptance")
+    made = choose_noise(given, any_data)
+    assert isinstance(made, Stated)
+    return made
+
+
+def find_bands(given: Band | Sequence[Band]) -> list[Band]:
+    """Return the bands to choose from.
+
+    Parameters
+    ----------
+    given : (float, float), or sequence of (float, float)
+        In Hz.
+
+    Raises
+    ------
+    OptionError
+        If one is not two frequencies, the lower first.
+    """
+    try:
+        table = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        table = np.empty(0)
+    if table.ndim == 1:
+        table = table[None]
+    is_table = table.ndim == 2 and len(table) > 0 and table.shape[1] == 2
+    if not is_table or not np.isfinite(table).all():
+        raise OptionError(
+            f"band = {given!r}: expected (low, high) in Hz, or several such pairs to choose from",
+            key=("band",),
+        )
+    for low, high in table.tolist():
+        if not 0.0 <= low < high:
+            raise OptionError(
+                f"band {low:g} to {high:g} Hz: expected 0 or more, and the lower end first",
+                key=("band",),
+            )
+    return [(low, high) for low, high in table.tolist()]
+
+
+def find_lines(given: int | ArrayLike, band: Band) -> _Real:
+    """Return the lines of a band in Hz, ascending.
+
+    Parameters
+    ----------
+    given : int or array_like of float
+        How many, evenly spaced with both ends; or lines in Hz, of which those in the band count.
+    band : (float, float)
+        In Hz.
+
+    Raises
+    ------
+    OptionError
+        If it is neither, or no line lies in the band.
+    """
+    low, high = band
+    if isinstance(given, int | np.integer) and not isinstance(given, bool):
+        if given < 2:
+            raise OptionError(f"lines = {given}: expected at least 2", key=("lines",))
+        return np.linspace(low, high, int(given))
+    try:
+        freq = np.unique(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        freq = np.empty(0)
+    if not freq.size or not np.isfinite(freq).all() or freq[0] < 0.0:
+        raise OptionError(
+            f"lines = {given!r}: expected a number of lines, or lines in Hz of 0 or more",
+            key=("lines",),
+        )
+    inside = freq[(freq >= low) & (freq <= high)]
+    if not inside.size:
+        raise OptionError(
+            f"lines: none of them lies in the band {low:g} to {high:g} Hz; they run from"
+            f" {freq[0]:g} to {freq[-1]:g} Hz",
+            key=("lines",),
+        )
+    return inside
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """Draws of the start of the unknowns, to plan for.
+
+    Parameters
+    ----------
+    robust : int
+        How many.
+    off : float
+        Standard deviation of the logarithm of each unknown.
+    seed : int
+        Of the random numbers.
+
+    Raises
+    ------
+    OptionError
+        If a number is not usable.
+    """
+
+    robust: int
+    off: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        for name in ("robust", "seed"):
+            value = getattr(self, name)
+            is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+            if not is_whole or value < 0:
+                raise OptionError(
+                    f"{name} = {value!r}: expected a whole number of at least 0", key=(name,)
+                )
+        if not is_number(self.off) or not 0.0 < self.off <= 1.0:
+            raise OptionError(
+                f"off = {self.off!r}: expected a share above 0 and up to 1, such as 0.2",
+                key=("off",),
+            )
+
+    def points(self, coordinates: Coordinates) -> list[_Real]:
+        """Return the start of the unknowns and the draws, each shape (n,).
+
+        Parameters
+        ----------
+        coordinates : Coordinates
+            In which they are returned; draws stay within the bounds.
+        """
+        home, rng = coordinates.home, np.random.default_rng(self.seed)
+        is_factor = coordinates.parameters.is_factor
+        out = [home]
+        for _ in range(self.robust):
+            step = self.off * rng.standard_normal(len(home))
+            x = np.where(is_factor, home + step, home * np.exp(step))
+            out.append(np.clip(x, *coordinates.bounds))
+        return out
