@@ -30,6 +30,7 @@ from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.records_table import RecordsTable, SetupTable, WindowTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -78,6 +79,9 @@ TABLES = tables()
         ("Top level", Job),
         ("[model]", ModelTable),
         ("[test]", TestTable),
+        ("[records]", RecordsTable),
+        ("[[records.setup]]", SetupTable),
+        ("[records.impact]", WindowTable),
         ("[match]", MatchTable),
         ("[[parameter]]", ParameterTable),
         ("[[damping]]", DampingTable),
@@ -195,7 +199,8 @@ def test_the_example_runs(folder: Path) -> None:
     job.write_text(blocks()[0], encoding="utf-8")
     loaded = load_job(job)
     stated = {table for table in tomllib.loads(blocks()[0]) if table != "title"}
-    assert stated == {*Job.model_fields, *JOB_TABLES} - {"title"}
+    # The demo's measurement is a file of FRFs.
+    assert stated == {*Job.model_fields, *JOB_TABLES} - {"title", "records"}
     result = run_job(
         loaded,
         folder / "out",

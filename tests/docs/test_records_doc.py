@@ -5,26 +5,44 @@ from __future__ import annotations
 import inspect
 import lzma
 import re
+import shlex
 
 import numpy as np
+import pytest
 
 import updyn
 from places import DATA, ROOT
+from updyn.cli import main
 from updyn.signals import quality
 
 PAGE = (ROOT / "docs" / "records.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```(python|text)\n(.*?)```", PAGE, re.DOTALL)
+BLOCKS = re.findall(r"```(python|text|toml|console)\n(.*?)```", PAGE, re.DOTALL)
 
 
-def test_the_first_example_prints_what_it_says(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return the current folder, with the records in it."""
     monkeypatch.chdir(tmp_path)
     packed = (DATA / "cases" / "impact.lvm.xz").read_bytes()
     (tmp_path / "impact.lvm").write_bytes(lzma.decompress(packed))
+    return tmp_path
+
+
+def test_the_command_prints_what_it_says(folder, capsys):
+    at = next(i for i, (language, _) in enumerate(BLOCKS) if language == "toml")
+    (_, job), (_, command), (_, printed) = BLOCKS[at : at + 3]
+    (folder / "job.toml").write_text(job, encoding="utf-8")
+    assert main(shlex.split(command)[1:]) == 0
+    assert capsys.readouterr().out == printed
+    assert updyn.read_frf(folder / "test.nc").responses.labels == ["2:Z"]
+
+
+def test_the_first_example_prints_what_it_says(folder, capsys):
     (_, example), (_, printed) = BLOCKS[:2]
     seen: dict[str, object] = {}
     exec(example, seen)
     assert capsys.readouterr().out == printed
-    frf = updyn.read_frf(tmp_path / "test.nc")
+    frf = updyn.read_frf(folder / "test.nc")
     said = re.search(r"is ([\d.]+) with the first hit and ([\d.]+) without it", PAGE)
     assert said is not None
     assert f"{np.median(frf.coherence):.3f}" == said[2]

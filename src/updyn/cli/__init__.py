@@ -43,6 +43,7 @@ COMMANDS: Registry[Any] = Registry(
         "run": "updyn.cli.commands:run",
         "check": "updyn.cli.commands:check",
         "demo": "updyn.cli.commands:demo",
+        "frf": "updyn.cli.frf:frf",
         "convert": "updyn.cli.commands:convert",
         "info": "updyn.cli.commands:info",
         "correlate": "updyn.cli.commands:correlate",

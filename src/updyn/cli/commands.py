@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from updyn.cli.describe import describe_frf, describe_model
+from updyn.cli.new_file import check_free, write_new
 from updyn.cli.progress import Stage, show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
 from updyn.cli.sections import CHECK, CORRELATE, RUN, Checked, Compared, Ran, joined, overview
@@ -24,7 +23,7 @@ from updyn.cli.terminal import (
     print_text,
     stderr,
 )
-from updyn.errors import FormatError, InputError, OptionError
+from updyn.errors import InputError, OptionError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -269,7 +268,7 @@ def convert(
 
     if target.exists() and target.resolve() == source.resolve():
         raise InputError(f"{target}: is the file to read")
-    _check_free([target], force=force)
+    check_free([target], force=force)
     of_frf = {
         "quantity": quantity,
         "duplicates": duplicates,
@@ -281,47 +280,9 @@ def convert(
         options = {kind: {"format": from_, **stated} for kind, stated in options.items()}
     kind, content = read_anything(source, kinds, options)
     write = write_frf if kind == "frf" else write_model
-    _write_new(target, lambda path: write(content, path, format=to), force=force)
+    write_new(target, lambda path: write(content, path, format=to), force=force)
     print_text(f"{target}: {content!r}")
     return DONE
-
-
-def _write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
-    """Write a file and those that its format puts beside it; over none, except by force.
-
-    Parameters
-    ----------
-    target : Path
-        The file.
-    write : callable
-        Takes a path and writes there.
-    force : bool
-        Whether existing files are replaced.
-    """
-    if not target.parent.is_dir():
-        raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
-    # The names of further files are known when they are written.
-    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=target.parent) as folder:
-        staged = Path(folder, target.name)
-        try:
-            write(staged)
-        except FormatError as error:
-            raise FormatError(str(error).replace(str(staged.parent), str(target.parent))) from error
-        made = sorted(Path(folder).iterdir())
-        _check_free([target.parent / path.name for path in made], force=force)
-        for path in made:
-            final = target.parent / path.name
-            if final.exists():
-                path.chmod(final.stat().st_mode & 0o777)
-            path.replace(final)
-
-
-def _check_free(files: Iterable[Path], *, force: bool) -> None:
-    """Refuse to write over files, except by force."""
-    for path in files:
-        if path.is_dir() or (not force and os.path.lexists(path)):
-            what = "is a folder" if path.is_dir() else "exists already; --force writes over it"
-            raise InputError(f"{path}: {what}")
 
 
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:

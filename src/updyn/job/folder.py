@@ -146,11 +146,17 @@ def _inputs(job: Job) -> dict[Path, str]:
     """Return what a job reads, and the word for it."""
     found = {job.path: "job file"}
     for part in job.parts:
-        files = [part.test.file, *(part.test.repeats or ())]
+        files = [*(part.test.repeats or ())]
+        if part.test.file is not None:
+            files.append(part.test.file)
         if part.test.modes is not None:
             files.append(part.test.modes)
         for file in files:
             found[job.beside(file)] = "measurement"
+    if job.records is not None:
+        for setup in job.records.setups:
+            for file in setup.file or ():
+                found[job.beside(file)] = "records"
     if job.model.file is not None:
         found[job.beside(job.model.file)] = "model"
     return found
@@ -238,6 +244,9 @@ def resolved_job(job: Job, out: Path) -> str:
     content["test"] = tests if len(tests) > 1 else tests[0]
     _rename_files(content["model"], "file", job, out)
     _rename_files(content["match"], "geometry", job, out)
+    records = content.get("records", {})
+    for table in (records, *records.get("setup", ())):
+        _rename_files(table, "file", job, out)
     for test in tests:
         for key in ("file", "repeats", "modes"):
             _rename_files(test, key, job, out)

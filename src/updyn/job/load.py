@@ -13,13 +13,18 @@ from pydantic import BaseModel, ValidationError
 from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, key_path, suggest
 from updyn.io.items import is_file, is_folder
+from updyn.job.base import Document
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.records_table import RecordsJob, RecordsTable
 from updyn.job.schema import Job, MethodTable, ModelTable, Table
 from updyn.job.toml_lines import Place, line_of, read_toml
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 from updyn.updating.fit.regularisation import check_regularise
 
-__all__ = ["load_job"]
+__all__ = ["load_job", "load_records_job"]
+
+#: Tables of which a job that updates a model has all.
+_OF_AN_UPDATE = ("model", "test", "parameter")
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
@@ -67,11 +72,7 @@ def load_job(path: str | Path) -> Job:
         The message has one line for each complaint, each with its line in the file.
     """
     path = Path(path)
-    text = _text(path)
-    try:
-        document, lines = read_toml(text)
-    except tomllib.TOMLDecodeError as error:
-        raise _not_toml(error, text, path) from error
+    document, lines = _parsed(path)
     tables, wrong = _further_tables(document, lines)
     jobs = []
     for one, own in _each_test(document, lines):
@@ -86,10 +87,55 @@ def load_job(path: str | Path) -> Job:
         _check_model(job.model)
         _check_method(job.method)
     _check_test_names(job)
+    _check_tests(job)
     with job.located():
         for name in job.tables:
             JOB_TABLES[name].check_text(job)
     return job
+
+
+def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
+    """Read a job file that has ``[records]``, alone or beside what an update needs.
+
+    Parameters
+    ----------
+    path : path
+        The TOML file.
+
+    Returns
+    -------
+    job : Document
+        The job, checked as far as its text goes.
+    records : RecordsTable
+        Its ``[records]``.
+
+    Raises
+    ------
+    JobError
+        As `load_job`, or if there is no such table.
+    """
+    path = Path(path)
+    document, lines = _parsed(path)
+    job: Job | RecordsJob
+    if any(name in document for name in _OF_AN_UPDATE):
+        job = load_job(path)
+    else:
+        try:
+            job = RecordsJob.model_validate(document).at(path, lines)
+        except ValidationError as error:
+            raise _joined(sorted(_complaints(error, lines, RecordsJob)), path) from error
+    if job.records is None:
+        raise JobError("no table [records]: it says which files become FRFs", path)
+    return job, job.records
+
+
+def _parsed(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+    """Return the content of a job file, and the line of each key."""
+    text = _text(path)
+    try:
+        return read_toml(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _not_toml(error, text, path) from error
 
 
 def _text(path: Path) -> str:
@@ -177,6 +223,32 @@ def _check_test_names(job: Job) -> None:
             if name.casefold() in seen:
                 raise JobError(f"test.name = {name!r}: another test has that name", key=("name",))
         seen.add(name.casefold())
+
+
+def _check_tests(job: Job) -> None:
+    """Check that each test has a file, or the FRFs of ``[records]`` and no option of a file."""
+    for part in job.parts:
+        test = part.test
+        with part.located(), key_path("test"):
+            if test.file is None and job.records is None:
+                raise JobError("missing key 'file' in [test], and no [records] in its place")
+            if test.file is not None:
+                continue
+            for key in test.reader_options:
+                if key not in ("responses", "references"):
+                    raise JobError(
+                        f"test.{key} belongs to a file of FRFs; those of this test come from"
+                        " [records]",
+                        key=(key,),
+                    )
+    used = {None, None if job.records is None else job.records.output}
+    if job.records is not None and not used & {part.test.file for part in job.parts}:
+        with job.located():
+            raise JobError(
+                "[records] are used by no test: leave test.file out, or give it the file that"
+                " records.output names",
+                key=("records",),
+            )
 
 
 def _check_model(table: ModelTable) -> None:

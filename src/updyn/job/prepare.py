@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,15 +13,24 @@ import numpy as np
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.fields import TIERS
 from updyn.elements import MODEL_KINDS
-from updyn.errors import DataError, DofError, JobError, OptionError, key_path, suggest
+from updyn.errors import (
+    DataError,
+    DofError,
+    JobError,
+    OptionError,
+    UpdynWarning,
+    key_path,
+    suggest,
+)
 from updyn.frf import FRF
 from updyn.io import read_frf, read_geometry, read_model, read_modes
 from updyn.io.formats import find_format
-from updyn.io.items import is_file, is_folder
 from updyn.job.configuration import configured, damped
+from updyn.job.files import existing_file
 from updyn.job.folder import RESERVED, outputs
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.prepared import Prepared, PreparedTest
+from updyn.job.recorded import recorded
 from updyn.job.schema import Job
 from updyn.job.unknowns import unknowns_of
 from updyn.linalg.solver import check_backend
@@ -106,7 +116,7 @@ def _model(job: Job) -> Model:
         with key_path("model"):
             return MODEL_KINDS[table.kind](table.keys)
     assert table.file is not None
-    path = _existing(job, table.file, "model", "file")
+    path = existing_file(job, table.file, "model", "file")
     with key_path("model", otherwise=("file",)):
         return read_model(path, format=table.format, **table.keys)
 
@@ -131,7 +141,7 @@ def _check_properties(job: Job) -> None:
 def _measurement(job: Job) -> FRF:
     """Return the measurement of a test in its band, the mean of its repeats where there are any."""
     table = job.test
-    frf = _read(job, table.file, "file")
+    frf = _recorded(job) if table.file is None else _read(job, table.file, "file")
     if table.repeats is not None:
         if table.averages is not None:
             text = "test.averages: with repeats the variance comes from them; leave it out"
@@ -142,8 +152,8 @@ def _measurement(job: Job) -> FRF:
     if table.averages is not None:
         if frf.averages not in (None, table.averages):
             text = (
-                f"test.averages = {table.averages}, but {table.file} says {frf.averages}; leave it"
-                " out"
+                f"test.averages = {table.averages}, but {table.measured} says {frf.averages};"
+                " leave it out"
             )
             raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
@@ -151,9 +161,24 @@ def _measurement(job: Job) -> FRF:
         return frf.select(band=table.band)
 
 
+def _recorded(job: Job) -> FRF:
+    """Return the FRFs of ``[records]``, with a warning for each fault of the records."""
+    assert job.records is not None
+    found = recorded(job, job.records)
+    for setup in found.setups:
+        for one in setup.open_findings:
+            text = f"{setup.name}: {one.statement} {one.remedy}"
+            warnings.warn(text, UpdynWarning, stacklevel=2)
+    with key_path("test"):
+        return found.frf.select(
+            responses=job.test.responses,
+            references=job.test.references,
+        )
+
+
 def _read(job: Job, file: str, key: str) -> FRF:
     """Return the measurement in a file that a key of ``[test]`` names."""
-    path = _existing(job, file, "test", key)
+    path = existing_file(job, file, "test", key)
     with key_path("test", otherwise=(key,)):
         return read_frf(path, **job.test.reader_options)
 
@@ -163,28 +188,12 @@ def _modes(job: Job, matching: Matching) -> ModeSet | None:
     table = job.test
     if table.modes is None:
         return None
-    path = _existing(job, table.modes, "test", "modes")
+    path = existing_file(job, table.modes, "test", "modes")
     with key_path("test", "modes"):
         modes = matched_modes(matching, read_modes(path))
         if table.band is None:
             return modes
         return modes.select(band=table.band)
-
-
-def _existing(job: Job, file: str, table: str, key: str) -> Path:
-    """Return the path of a file that a key names, or name the nearest file."""
-    path = job.beside(file)
-    if is_file(path):
-        return path
-    if is_folder(path):
-        raise OptionError(f"{table}.{key} = {file!r} is a folder ({path})", key=(table, key))
-    siblings = []
-    if is_folder(path.parent):
-        siblings = [sibling.name for sibling in path.parent.iterdir() if sibling.is_file()]
-    hint = f"the folder {str(path.parent)!r} is empty or does not exist"
-    if siblings:
-        hint = suggest(path.name, siblings)
-    raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))
 
 
 # -- what is fitted --------------------------------------------------------------------------------
@@ -254,7 +263,7 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
     table = job.match
     geometry = None
     if table.geometry is not None:
-        path = _existing(job, table.geometry, "match", "geometry")
+        path = existing_file(job, table.geometry, "match", "geometry")
         with key_path("match", "geometry"):
             geometry = read_geometry(path)
     alignment = table.alignment
@@ -345,7 +354,7 @@ def _sensor_names(frf: FRF) -> set[str]:
 
 def _in_terms_of_the_job(job: Job, error: MatchError) -> JobError:
     """Return an error of `match` with the words and the key of the job."""
-    text = str(error).replace("the measurement", job.test.file)
+    text = str(error).replace("the measurement", job.test.measured)
     text = text.replace(" in table", " in [match.table]")
     if error.lost:
         text += (

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    Strict,
-    model_validator,
-)
+from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr, Strict, model_validator
 
-from updyn.errors import InputError, JobError
-from updyn.job.toml_lines import Place, line_of
+from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
+from updyn.job.records_table import RecordsTable
+from updyn.job.toml_lines import Place
 
 __all__ = [
     "CalibrationTable",
@@ -40,9 +32,6 @@ __all__ = [
     "is_number",
     "tables_of",
 ]
-
-Pair = Annotated[tuple[float, float], Strict(False)]
-Texts = Annotated[tuple[str, ...], Strict(False)]
 
 
 def _groups(given: Any) -> Any:
@@ -66,34 +55,12 @@ def _driven(given: Any) -> Any:
     )
 
 
-def tables_of(name: str) -> Callable[[Any], Any]:
-    """Return a check that an array of tables of this name is one, not a single table."""
-
-    def several(given: Any) -> Any:
-        if isinstance(given, dict):
-            raise ValueError(f"one table, [{name}]; write [[{name}]], as there may be several")  # noqa: TRY004
-        return given
-
-    return several
-
-
 def _sensors(given: Any) -> Any:
     if given == "all":
         return given
     if isinstance(given, list | tuple) and all(isinstance(x, str) for x in given):
         return tuple(given)
     raise ValueError("expected 'all' or labels, such as ['5:Z', '7:Z']")
-
-
-def is_number(given: Any) -> bool:
-    """Whether something is a number, truth values left out."""
-    return isinstance(given, int | float) and not isinstance(given, bool)
-
-
-class Table(BaseModel):
-    """Base of all tables: unknown keys and values of another type are errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class ParameterTable(Table):
@@ -353,7 +320,7 @@ class TestTable(Table):
 
     __test__ = False  # not a test, whatever its name suggests to pytest
 
-    file: str
+    file: str | None = None  # by default the FRFs of [records]
     repeats: Texts | None = Field(
         default=None, min_length=1
     )  # further files of the same test, averaged
@@ -388,6 +355,11 @@ class TestTable(Table):
     # Instead of those of [method].
     noise: Noise = None
     validation: HeldOut = None
+
+    @property
+    def measured(self) -> str:
+        """Where the FRFs come from, for messages."""
+        return "[records]" if self.file is None else self.file
 
     @property
     def reader_options(self) -> dict[str, Any]:
@@ -438,11 +410,12 @@ class OutputTable(Table):
     properties: str | None = None
 
 
-class Job(Table):
+class Job(Document):
     """A job file, read by `load_job`: its title and tables, with the line of each key."""
 
     title: str = ""
     model: ModelTable
+    records: RecordsTable | None = None
     test: TestTable
     match: MatchTable = MatchTable()
     parameter: Annotated[
@@ -458,15 +431,8 @@ class Job(Table):
     method: MethodTable = MethodTable()
     output: OutputTable = OutputTable()
 
-    _path: Path = PrivateAttr(default=Path("job.toml"))
-    _lines: dict[Place, int] = PrivateAttr(default_factory=dict)
     _tables: dict[str, Table] = PrivateAttr(default_factory=dict)
     _others: tuple[Job, ...] = PrivateAttr(default=())
-
-    @property
-    def path(self) -> Path:
-        """Where the job was read."""
-        return self._path
 
     @property
     def parts(self) -> tuple[Job, ...]:
@@ -525,51 +491,6 @@ class Job(Table):
         """
         return "method" if getattr(self.test, key) is None else "test"
 
-    def place(self, *place: str | int) -> int | None:
-        """Return where something stands in the file.
-
-        Parameters
-        ----------
-        *place : str or int
-            Keys and positions in arrays, from the root.
-
-        Returns
-        -------
-        int or None
-            The line of it, or of the nearest thing around it that is there.
-        """
-        return line_of(place, self._lines)
-
-    def beside(self, file: str) -> Path:
-        """Return the path of a file that the job names.
-
-        Parameters
-        ----------
-        file : str
-            As the job says it, relative to the job file.
-
-        Returns
-        -------
-        Path
-        """
-        return self.path.parent / file
-
-    @contextmanager
-    def located(self) -> Iterator[None]:
-        """Give an `InputError` that is raised inside the file, and the line of its key.
-
-        Raises
-        ------
-        JobError
-            In its place; one that has a file already stays as it is.
-        """
-        try:
-            yield
-        except InputError as error:
-            if isinstance(error, JobError) and error.path is not None:
-                raise
-            raise JobError(str(error), self.path, self.place(*error.key)) from error
-
     def with_source(self, path: Path, lines: dict[Place, int], tables: dict[str, Table]) -> Job:
         """Return this job with its place and its further tables.
 
@@ -587,8 +508,8 @@ class Job(Table):
         Job
             A copy.
         """
-        out = self.model_copy()
-        out._path, out._lines, out._tables = path, lines, tables
+        out = self.at(path, lines)
+        out._tables = tables
         return out
 
     def with_others(self, others: tuple[Job, ...]) -> Job:

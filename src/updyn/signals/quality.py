@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError
+from updyn.errors import DataError, key_path
 from updyn.signals.records import Records, records_of
 
 if TYPE_CHECKING:
@@ -65,20 +65,23 @@ class RecordFinding:
 
 def check_records(
     records: xarray.DataArray | Records,
-    excitation: str,
+    excitation: str | Iterable[str],
     *,
     band: tuple[float, float] | None = None,
+    segment: float | None = None,
 ) -> tuple[RecordFinding, ...]:
-    """Look for faults of records of hits.
+    """Look for faults of records.
 
     Parameters
     ----------
     records : xarray.DataArray
         Of `read_records`.
-    excitation : str
-        The channel of the force.
+    excitation : str or iterable of str
+        The channel of the force, or those of several.
     band : (float, float), optional
         Lines in Hz that are wanted; the force is looked at up to there.
+    segment : float, optional
+        As of `estimate_frf`, in s: the force lasts, and faults of hits are not looked for.
 
     Returns
     -------
@@ -92,19 +95,25 @@ def check_records(
         If there is no such channel, or it is zero throughout.
     """
     given = records_of(records)
-    force = given.index(excitation)
-    if not given.values[:, force].any():
-        raise DataError(f"channel {excitation!r}: the force is zero throughout")
+    forces = [excitation] if isinstance(excitation, str) else list(excitation)
+    rows = []
+    for name in forces:
+        with key_path("excitation", name):
+            rows.append(given.index(name))
+            if not given.values[:, rows[-1]].any():
+                raise DataError(f"channel {name!r}: the force is zero throughout")
     found: list[RecordFinding] = []
     for number, record in enumerate(given.values, 1):
         for name, channel in zip(given.channels, record, strict=True):
             found += _clipped(channel, name, number)
-            if name == excitation:
+            if segment is not None:
+                continue
+            if name in forces:
                 found += _second_hits(channel, given.step, name, number)
                 if band is not None:
                     found += _short_force(channel, given.step, band, name, number)
             else:
-                found += _cut_off(channel, record[force], name, number)
+                found += _cut_off(channel, record[rows[0]], name, number)
     return tuple(found)
 
 

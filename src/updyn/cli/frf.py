@@ -1,0 +1,143 @@
+"""`frf`: the command that makes FRFs from time records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from updyn.cli.describe import describe_frf
+from updyn.cli.new_file import check_free, write_new
+from updyn.cli.terminal import DONE, print_text
+from updyn.errors import JobError, key_path
+from updyn.frf import FRF
+from updyn.io import write_frf
+from updyn.io.formats import find_format
+from updyn.job.base import Document
+from updyn.job.load import load_records_job
+from updyn.job.recorded import Recorded, RecordedSetup, recorded
+from updyn.job.records_table import RecordsTable
+from updyn.text_table import text_table
+
+__all__ = ["describe_recorded", "frf"]
+
+#: Rows of the table of coherences; the lowest come first.
+_ROWS = 20
+#: Lines with less coherence than this are counted.
+_LOW = 0.9
+
+
+def frf(
+    job: Path,
+    /,
+    *,
+    out: Path | None = None,
+    force: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Estimate FRFs from the time records that a job names in [records], and write them.
+
+    Prints what is wrong with the records and the coherence of each pair. Nothing is left out but
+    what the job rejects.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML), with a table [records]; it may have those of an update, too.
+    out
+        File to write; by default that of the key output. Its suffix decides the format.
+    force
+        Write over the file where it exists.
+    """
+    loaded, table = load_records_job(job)
+    target = _target(loaded, table, out)
+    with loaded.located():
+        with key_path("records", "output"):
+            check_free([target], force=force)
+            find_format(target, "write_frf")
+        found = recorded(loaded, table)
+    write_new(target, lambda path: write_frf(found.frf, path), force=force)
+    print_text(f"{describe_recorded(found)}\n\n{target}: {found.frf!r}")
+    return DONE
+
+
+def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
+    """Return the file to write, which is none that is read."""
+    if out is None and table.output is None:
+        with job.located():
+            raise JobError("[records] names no output; add one, or --out FILE", key=("records",))
+    target = out if out is not None else job.beside(str(table.output))
+    inputs = [job.path]
+    for setup in table.setups:
+        inputs += [job.beside(file) for file in setup.file or ()]
+    for path in inputs:
+        if path.resolve() == target.resolve():
+            with job.located():
+                raise JobError(f"{target}: is a file to read", key=("records", "output"))
+    return target
+
+
+def describe_recorded(found: Recorded) -> str:
+    """Return what was found in records, and the coherence of their FRFs, as text.
+
+    Parameters
+    ----------
+    found : Recorded
+        The FRFs and their records.
+
+    Returns
+    -------
+    str
+    """
+    texts = [_setup_text(setup) for setup in found.setups]
+    texts.append(describe_frf(found.frf))
+    if found.frf.coherence is not None:
+        texts.append(_coherence_table(found.frf))
+    return "\n\n".join(texts)
+
+
+def _setup_text(setup: RecordedSetup) -> str:
+    """Return what was found in the records of a setup."""
+    records = setup.records
+    n, channels, samples = records.values.shape
+    texts = [
+        f"{setup.name}: {n} records of {channels} channels, {samples} samples in"
+        f" {samples * records.step:g} s"
+    ]
+    for number, why in sorted(setup.rejected.items()):
+        texts.append(f"  record {number} is left out: {why}")
+    for one in setup.findings:
+        texts.append(f"  {one.statement}")
+        if one.record not in setup.rejected:
+            texts.append(f"    {one.remedy}")
+    if not setup.findings:
+        texts.append("  nothing found that is wrong with them")
+    return "\n".join(texts)
+
+
+def _coherence_table(frf: FRF) -> str:
+    """Return the coherence of each pair, the lowest first."""
+    assert frf.coherence is not None
+    n_lines, _, n_references = frf.coherence.shape
+    flat = frf.coherence.reshape(n_lines, -1)
+    order = np.argsort(np.median(flat, axis=0), kind="stable")
+    rows = []
+    for at in order[:_ROWS]:
+        column = flat[:, at]
+        lowest = int(np.argmin(column))
+        response, reference = divmod(int(at), n_references)
+        rows.append(
+            [
+                str(frf.responses[response]),
+                str(frf.references[reference]),
+                f"{np.median(column):.3f}",
+                f"{column[lowest]:.3f} at {frf.freq[lowest]:g} Hz",
+                f"{100.0 * np.mean(column < _LOW):.1f} %",
+            ]
+        )
+    header = ("response", "reference", "median coherence", "lowest", f"lines below {_LOW:g}")
+    table = text_table(header, rows, left=(0, 1))
+    if len(order) > _ROWS:
+        table += f"\n... {len(order) - _ROWS} more pairs, of higher median coherence"
+    return table

@@ -1,0 +1,57 @@
+"""Files that a command writes: whole, and over none except by force."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from updyn.errors import FormatError, InputError
+
+__all__ = ["check_free", "write_new"]
+
+
+def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
+    """Write a file and those that its format puts beside it; over none, except by force.
+
+    Parameters
+    ----------
+    target : Path
+        The file.
+    write : callable
+        Takes a path and writes there.
+    force : bool
+        Whether existing files are replaced.
+    """
+    if not target.parent.is_dir():
+        raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
+    # The names of further files are known when they are written.
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=target.parent) as folder:
+        staged = Path(folder, target.name)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                write(staged)
+            except FormatError as error:
+                text = str(error).replace(str(staged.parent), str(target.parent))
+                raise FormatError(text) from error
+        for one in told:
+            text = str(one.message).replace(str(staged), str(target))
+            warnings.warn(text, one.category, stacklevel=2)
+        made = sorted(Path(folder).iterdir())
+        check_free([target.parent / path.name for path in made], force=force)
+        for path in made:
+            final = target.parent / path.name
+            if final.exists():
+                path.chmod(final.stat().st_mode & 0o777)
+            path.replace(final)
+
+
+def check_free(files: Iterable[Path], *, force: bool) -> None:
+    """Refuse to write over files, except by force."""
+    for path in files:
+        if path.is_dir() or (not force and os.path.lexists(path)):
+            what = "is a folder" if path.is_dir() else "exists already; --force writes over it"
+            raise InputError(f"{path}: {what}")

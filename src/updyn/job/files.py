@@ -1,0 +1,46 @@
+"""Files that a job names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from updyn.errors import OptionError, suggest
+from updyn.io.items import is_file, is_folder
+from updyn.job.base import Document
+
+__all__ = ["existing_file"]
+
+
+def existing_file(job: Document, file: str, table: str, key: str) -> Path:
+    """Return the path of a file that a key names.
+
+    Parameters
+    ----------
+    job : Document
+        The job.
+    file : str
+        As the job names it.
+    table, key : str
+        Where it does.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OptionError
+        If it is not there, the nearest one is named, or it is a folder.
+    """
+    path = job.beside(file)
+    if is_file(path):
+        return path
+    if is_folder(path):
+        raise OptionError(f"{table}.{key} = {file!r} is a folder ({path})", key=(table, key))
+    siblings = []
+    if is_folder(path.parent):
+        siblings = [sibling.name for sibling in path.parent.iterdir() if sibling.is_file()]
+    hint = f"the folder {str(path.parent)!r} is empty or does not exist"
+    if siblings:
+        hint = suggest(path.name, siblings)
+    raise OptionError(f"{table}.{key} = {file!r}: no such file; {hint}", key=(table, key))

@@ -1,0 +1,163 @@
+"""`recorded`: the FRFs of ``[records]``, and what was found in the records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from updyn.errors import InputError, key_path
+from updyn.frf import FRF
+from updyn.io import read_records
+from updyn.job.base import Document
+from updyn.job.files import existing_file
+from updyn.job.records_table import RecordsTable, SetupTable
+from updyn.signals.estimate import estimate_frf
+from updyn.signals.joining import joined_frfs
+from updyn.signals.quality import RecordFinding, check_records
+from updyn.signals.records import Records, chained, records_of
+from updyn.signals.windows import ImpactWindow
+
+__all__ = ["Recorded", "RecordedSetup", "recorded"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedSetup:
+    """The records of one setup.
+
+    Attributes
+    ----------
+    files : tuple of str
+        As the job names them.
+    records : Records
+        All of them.
+    rejected : mapping of int to str
+        Which are left out, from 1, and why.
+    findings : tuple of RecordFinding
+        What is wrong with them, those left out included.
+    """
+
+    files: tuple[str, ...]
+    records: Records
+    rejected: Mapping[int, str]
+    findings: tuple[RecordFinding, ...]
+
+    @property
+    def name(self) -> str:
+        """Its files, for messages."""
+        return ", ".join(self.files)
+
+    @property
+    def open_findings(self) -> tuple[RecordFinding, ...]:
+        """Findings of records that are not left out."""
+        return tuple(one for one in self.findings if one.record not in self.rejected)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """FRFs of time records.
+
+    Attributes
+    ----------
+    frf : FRF
+        Of all setups.
+    setups : tuple of RecordedSetup
+        In the order of the job.
+    """
+
+    frf: FRF
+    setups: tuple[RecordedSetup, ...]
+
+
+def recorded(job: Document, table: RecordsTable) -> Recorded:
+    """Read the records of a job, look for their faults, and estimate FRFs.
+
+    Parameters
+    ----------
+    job : Document
+        The job, for the place of its files.
+    table : RecordsTable
+        Its ``[records]``.
+
+    Returns
+    -------
+    Recorded
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, a channel is not in it, a pair of DOFs was measured twice, or the
+        like; its key is that of the job.
+    """
+    setups: list[RecordedSetup] = []
+    frfs: list[FRF] = []
+    for number, setup in enumerate(table.setups):
+        with _place_in_job(table, number):
+            one = _setup(job, table, setup)
+            frfs.append(_estimate(table, setup, one))
+            setups.append(one)
+    with key_path("records"):
+        frf = joined_frfs(frfs, [one.name for one in setups])
+    return Recorded(frf, tuple(setups))
+
+
+def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSetup:
+    """Read the records of a setup and look for their faults."""
+    assert setup.file is not None
+    parts = []
+    for file in setup.file:
+        path = existing_file(job, file, "records", "file")
+        with key_path("reader"):
+            found = read_records(path, **_reader_options(setup))
+        parts.append(records_of(found).calibrated(setup.units, setup.factors))
+    records = chained(parts)
+    findings = check_records(
+        records, list(_names(setup.excitation)), band=table.band, segment=table.segment
+    )
+    return RecordedSetup(setup.file, records, setup.reject or {}, findings)
+
+
+def _reader_options(setup: SetupTable) -> dict[str, Any]:
+    stated = dict(setup.reader or {})
+    if setup.format is not None:
+        stated["format"] = setup.format
+    return stated
+
+
+def _names(channels: Mapping[str, str] | tuple[str, ...] | None) -> tuple[str, ...]:
+    return tuple(channels or ())
+
+
+def _estimate(table: RecordsTable, setup: SetupTable, one: RecordedSetup) -> FRF:
+    """Return the FRFs of a setup."""
+    window: str | ImpactWindow | None = table.window
+    if table.impact is not None:
+        window = ImpactWindow(**table.impact.model_dump())
+    assert setup.excitation is not None
+    return estimate_frf(
+        one.records,
+        setup.excitation,
+        responses=setup.responses,
+        estimator=table.estimator,
+        window=window,
+        segment=table.segment,
+        overlap=table.overlap,
+        reject=one.rejected,
+        band=table.band,
+    )
+
+
+@contextmanager
+def _place_in_job(table: RecordsTable, number: int) -> Iterator[None]:
+    """Give an error the place of the key that it is about: in its setup, or common to all."""
+    try:
+        yield
+    except InputError as error:
+        key = error.key or ("file",)
+        if key[0] in ("reader", "records"):
+            # Of an error that states no option, or of one that is a key of its own here.
+            rest = key[1:] or ("file",)
+            key = rest if rest[0] in ("file", "format") else key
+        error.key = (*table.place(number, str(key[0])), *key[1:])
+        raise

@@ -1,0 +1,158 @@
+"""``[records]`` of a job file: the schema of what becomes FRFs, and a job of that table alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, Strict, model_validator
+
+from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
+
+__all__ = ["RecordsJob", "RecordsTable", "SetupTable", "WindowTable"]
+
+
+def _files(given: Any) -> Any:
+    files = [given] if isinstance(given, str) else given
+    if not isinstance(files, list | tuple) or not files:
+        raise ValueError("expected a file, or an array of files with hits of the same channels")
+    if not all(isinstance(file, str) and file for file in files):
+        raise ValueError("expected the names of files")
+    return tuple(files)
+
+
+def _channels(given: Any) -> Any:
+    if isinstance(given, str):
+        return (given,)
+    if isinstance(given, Mapping) and given and all(isinstance(v, str) for v in given.values()):
+        return dict(given)
+    if isinstance(given, list | tuple) and given and all(isinstance(v, str) for v in given):
+        return tuple(given)
+    raise ValueError(
+        'expected channels with their DOFs, such as { Force = "3:-Z" }, or channels that are called'
+        " by their DOFs"
+    )
+
+
+def _rejected(given: Any) -> Any:
+    if not isinstance(given, Mapping):
+        raise ValueError('expected records and why, such as { 1 = "clipped" }')  # noqa: TRY004
+    found: dict[int, str] = {}
+    for number, why in given.items():
+        if not (str(number).isdecimal() and int(number) >= 1):
+            raise ValueError(f"record {number!r}; expected whole numbers from 1")
+        if not isinstance(why, str) or not why.strip():
+            raise ValueError(f"record {number}: expected why it is left out, as a text")
+        found[int(number)] = why
+    return found
+
+
+def _factors(given: Any) -> Any:
+    if not isinstance(given, Mapping) or not all(is_number(v) for v in given.values()):
+        raise ValueError("expected channels with numbers, such as { Force = 22.5 }")
+    return {name: float(factor) for name, factor in given.items()}
+
+
+_Channels = Annotated[dict[str, str] | Texts | None, BeforeValidator(_channels)]
+
+
+class WindowTable(Table):
+    """``[records.impact]``: windows for hits."""
+
+    force: float | None = Field(default=None, gt=0)
+    exponential: float | None = Field(default=None, gt=0, lt=1)
+    remove_damping: bool = True
+
+
+class SetupTable(Table):
+    """``[[records.setup]]``: files with records of the same channels."""
+
+    file: Annotated[tuple[str, ...] | None, BeforeValidator(_files)] = None
+    format: str | None = None
+    reader: dict[str, Any] | None = None
+    excitation: _Channels = None
+    responses: _Channels = None
+    units: dict[str, str] | None = None
+    factors: Annotated[dict[str, float] | None, BeforeValidator(_factors)] = None
+    reject: Annotated[dict[int, str] | None, BeforeValidator(_rejected)] = None
+
+
+class RecordsTable(SetupTable):
+    """``[records]``: time records, and how FRFs are estimated from them.
+
+    What stands here holds for every setup that does not state it itself.
+    """
+
+    setup: Annotated[
+        tuple[SetupTable, ...], BeforeValidator(tables_of("records.setup")), Strict(False)
+    ] = ()
+    estimator: Literal["H1", "H2", "Hv"] = "H1"
+    window: str | None = None
+    impact: WindowTable | None = None
+    segment: float | None = Field(default=None, gt=0)
+    overlap: float = Field(default=0.5, ge=0, lt=1)
+    band: Pair | None = None
+    output: str | None = None
+
+    @model_validator(mode="after")
+    def _one_or_several(self) -> RecordsTable:
+        if self.setup and self.file is not None:
+            raise ValueError("file and [[records.setup]]; expected one of the two")
+        if self.setup and self.reject is not None:
+            raise ValueError("reject: say in which [[records.setup]] the record stands")
+        if not self.setup and self.file is None:
+            raise ValueError("missing key 'file', or [[records.setup]] with files")
+        for number, setup in enumerate(self.setup, 1):
+            if setup.file is None:
+                raise ValueError(f"missing key 'file' in [[records.setup]] {number}")
+        if self.impact is not None and (self.window, self.segment) != (None, None):
+            raise ValueError(
+                "impact: windows for hits take whole records; leave window and segment out"
+            )
+        for setup in self.setups:
+            if setup.excitation is None:
+                raise ValueError("missing key 'excitation': the channel of the force, with its DOF")
+        return self
+
+    @property
+    def setups(self) -> tuple[SetupTable, ...]:
+        """The setups, each with all that holds for it."""
+        common = {name: getattr(self, name) for name in SetupTable.model_fields}
+        if not self.setup:
+            return (SetupTable.model_construct(**common),)
+        whole = []
+        for setup in self.setup:
+            own = {name: getattr(setup, name) for name in SetupTable.model_fields}
+            own |= {name: common[name] for name in own if own[name] is None}
+            whole.append(SetupTable.model_construct(**own))
+        return tuple(whole)
+
+    def place(self, number: int, key: str) -> tuple[str | int, ...]:
+        """Return where a key stands that holds for a setup.
+
+        Parameters
+        ----------
+        number : int
+            Of the setup, from 0.
+        key : str
+            The key.
+
+        Returns
+        -------
+        tuple of str or int
+            From the root of the job.
+        """
+        if key not in SetupTable.model_fields:
+            return ("records", key)
+        if self.setup and getattr(self.setup[number], key) is not None:
+            return ("records", "setup", number, key)
+        if getattr(self, key) is None and self.setup:
+            return ("records", "setup", number)
+        return ("records", key)
+
+
+class RecordsJob(Document):
+    """A job file of records alone, which ``updyn frf`` makes FRFs from."""
+
+    title: str = ""
+    records: RecordsTable

@@ -1,0 +1,243 @@
+"""`updyn frf`: records of one file and of several, what is written, what is refused and where."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hits
+import updyn
+from updyn.cli import main
+from updyn.errors import UpdynWarning
+
+SECONDS, BAND = 2.0, (3.0, 80.0)
+JOB = """\
+[records]
+file = "a.lvm"
+excitation = { hammer = "1:Z" }
+responses = { "1:Z" = "1:Z", "2:Z" = "2:Z" }
+impact = { exponential = 0.02, remove_damping = false }
+band = [3, 80]
+output = "test.nc"
+"""
+
+
+def lvm(records) -> str:
+    """Return records as a LabVIEW measurement file, numbers exact."""
+    text = "LabVIEW Measurement\nX_Columns\tNo\n***End_of_Header***\n\n"
+    n = len(records.channels)
+    for values in records.values:
+        text += f"Channels\t{n}\n" + "\t".join(["Samples", *[str(values.shape[1])] * n]) + "\n"
+        text += "\t".join(["Y_Unit_Label", *records.units]) + "\n"
+        text += "\t".join(["Delta_X", *[repr(records.step)] * n]) + "\n***End_of_Header***\n"
+        text += "\t".join(["X_Value", *records.channels, "Comment"]) + "\n"
+        text += "".join("\t" + "\t".join(map(repr, row)) + "\n" for row in values.T.tolist())
+    return text
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    return {
+        name: lvm(hits.records(3, seconds=SECONDS, noise=1e-3, seed=seed))
+        for seed, name in enumerate(("a.lvm", "b.lvm"))
+    }
+
+
+@pytest.fixture
+def folder(written: dict[str, str], tmp_path: Path) -> Path:
+    for name, text in written.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def put(folder: Path, text: str) -> str:
+    path = folder / "job.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def estimated(folder: Path, name: str, force: str = "1:Z", **options) -> updyn.FRF:
+    return updyn.estimate_frf(
+        updyn.read_records(folder / name),
+        {"hammer": force},
+        window=updyn.ImpactWindow(exponential=0.02, remove_damping=False),
+        band=BAND,
+        **options,
+    )
+
+
+def test_it_writes_what_the_library_estimates(folder, capsys):
+    assert main(["frf", put(folder, JOB + 'reject = { 2 = "late" }\nestimator = "Hv"\n')]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert (
+        "a.lvm: 3 records of 3 channels, 1024 samples in 2 s\n  record 2 is left out: late" in out
+    )
+    found = updyn.read_frf(folder / "test.nc")
+    wanted = estimated(folder, "a.lvm", reject={2: "late"}, estimator="Hv")
+    np.testing.assert_array_equal(found.values, wanted.values)
+    np.testing.assert_array_equal(found.variance, wanted.variance)
+    assert found.source == wanted.source == "a.lvm; record 2 left out: late"
+    lowest = f"{wanted.coherence[:, 0, 0].min():.3f}"
+    assert any(line.startswith("1:Z") and lowest in line for line in out.splitlines())
+
+
+def test_what_a_format_has_no_place_for_is_told_with_the_name_of_the_file(folder, capsys):
+    assert main(["frf", put(folder, JOB.replace("test.nc", "test.uff"))]) == 0
+    assert f"note: {folder / 'test.uff'}: universal files have no place for variance" in (
+        capsys.readouterr().err
+    )
+
+
+def test_hits_in_several_files_are_counted_on(folder):
+    text = JOB.replace('"a.lvm"', '["a.lvm", "b.lvm"]') + 'reject = { 4 = "first of b" }\n'
+    assert main(["frf", put(folder, text)]) == 0
+    found = updyn.read_frf(folder / "test.nc")
+    assert found.averages == 5
+    assert found.source == "a.lvm, b.lvm; record 4 left out: first of b"
+
+
+def test_a_hammer_that_roves_over_files(folder):
+    text = JOB.replace('file = "a.lvm"\nexcitation = { hammer = "1:Z" }\n', "") + (
+        '[[records.setup]]\nfile = "a.lvm"\nexcitation = { hammer = "1:Z" }\n'
+        '[[records.setup]]\nfile = "b.lvm"\nexcitation = { hammer = "7:-Z" }\nreject = { 1 = "x" }\n'
+    )
+    assert main(["frf", put(folder, text), "--out", str(folder / "roved.npz")]) == 0
+    found = updyn.read_frf(folder / "roved.npz")
+    assert found.references.labels == ["1:Z", "7:-Z"]
+    np.testing.assert_array_equal(found.values[:, :, 0], estimated(folder, "a.lvm").values[:, :, 0])
+    other = estimated(folder, "b.lvm", "7:-Z", reject={1: "x"})
+    np.testing.assert_array_equal(found.values[:, :, 1], other.values[:, :, 0])
+    assert found.averages is None  # three and two
+
+
+def test_factors_and_units(folder):
+    text = JOB + 'factors = { hammer = 2.0 }\nunits = { hammer = "kN" }\n'
+    assert main(["frf", put(folder, text)]) == 0
+    found = updyn.read_frf(folder / "test.nc")
+    assert found.values == pytest.approx(estimated(folder, "a.lvm").values / 2000.0, rel=1e-12)
+
+
+def test_nothing_is_written_over_except_by_force(folder, capsys):
+    job = put(folder, JOB)
+    (folder / "test.nc").write_text("mine", encoding="utf-8")
+    assert main(["frf", job]) == 2
+    assert "test.nc: exists already; --force writes over it" in capsys.readouterr().err
+    assert (folder / "test.nc").read_text(encoding="utf-8") == "mine"
+    assert main(["frf", job, "--force"]) == 0
+    assert len(updyn.read_frf(folder / "test.nc").responses) == 2
+
+
+SETUPS = """\
+[[records.setup]]
+file = "a.lvm"
+[[records.setup]]
+file = "b.lvm"
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("excitation", "exitation", 3, "unknown key 'exitation' in [records]; did you mean"),
+        ("exponential", "exponent", 5, "unknown key 'exponent' in [records.impact]"),
+        ("a.lvm", "c.lvm", 2, "records.file = 'c.lvm': no such file; did you mean"),
+        ("hammer =", "hamer =", 3, "no channel 'hamer'; did you mean 'hammer'?"),
+        ('"2:Z" = "2:Z"', '"2:Z" = "2:Q"', 4, "channel '2:Z': DOF '2:Q'"),
+        ("[3, 80]", "[300, 800]", 6, "no line in it; lines go to 256 Hz"),
+        ('"test.nc"', '"test.doc"', 7, "neither content nor suffix '.doc'"),
+        ('"test.nc"', '"a.lvm"', 7, "a.lvm: is a file to read"),
+        ("output", "out", 7, "unknown key 'out' in [records]; did you mean 'output'?"),
+        ('output = "test.nc"', "", 1, "[records] names no output; add one, or --out FILE"),
+        ("band", 'reject = { 9 = "x" }\nband', 6, "reject: no record 9; there are 3"),
+        ("band", 'reject = { one = "x" }\nband', 6, "record 'one'; expected whole numbers"),
+        ("band", 'units = { hammer = "m" }\nband', 6, "unit 'm' given, the records say 'N'"),
+        ("band", "factors = { hamer = 2 }\nband", 6, "no channel 'hamer'"),
+        ("band", "segment = 0.5\nband", 1, "windows for hits take whole records"),
+        ("band", "reader = { rate = 3 }\nband", 6, "has no option 'rate'"),
+        ("band", 'format = "lvn"\nband', 6, "format 'lvn' cannot read_records; did you mean 'lvm'"),
+        ("band", 'estimator = "H4"\nband', 6, "records.estimator = 'H4': valid: 'H1', 'H2', 'Hv'"),
+        ("[records]", "[record]", 1, "unknown key 'record'; did you mean 'records'?"),
+        ('file = "a.lvm"\n', "", 1, "missing key 'file', or [[records.setup]] with files"),
+        ('file = "a.lvm"\n', 'file = "job.toml"\n', 2, "is of a format that can read_records"),
+        (
+            JOB,
+            JOB.replace('file = "a.lvm"\n', "") + SETUPS,
+            9,
+            "response 1:Z to reference 1:Z was measured twice: in a.lvm and in b.lvm",
+        ),
+        (JOB, JOB + SETUPS, 1, "file and [[records.setup]]; expected one of the two"),
+    ],
+)
+def test_bad_jobs_are_refused_with_their_line(folder, capsys, old, new, line, message):
+    assert old in JOB
+    job = put(folder, JOB.replace(old, new, 1))
+    before = {p.name for p in folder.iterdir()}
+    assert main(["frf", job]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"error: {job}:{line}: "), err
+    assert message in err
+    assert {p.name for p in folder.iterdir()} == before
+
+
+# -- an update of FRFs that come straight from records ------------------------------------------------
+UPDATE = """\
+[model]
+file = "model.h5"
+[test]
+responses = ["1:Z"]
+[[parameter]]
+groups = "all"
+quantity = "stiffness"
+[output]
+report = false
+"""
+
+
+@pytest.fixture
+def with_model(folder: Path) -> Path:
+    """A single mass on a spring beside the records; only that it runs is looked at."""
+    group = updyn.Group(stiffness=[[(2 * np.pi * 12.0) ** 2 * 2.0]], mass=[[2.0]], loss_factor=0.04)
+    updyn.write_model(updyn.Model.from_groups({"all of it": group}, ["1:Z"]), folder / "model.h5")
+    return folder
+
+
+def test_a_test_without_a_file_takes_the_records(with_model, capsys):
+    text = JOB.replace('output = "test.nc"\n', "").replace("[3, 80]", "[8, 16]") + UPDATE
+    job = put(with_model, text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UpdynWarning)
+        main(["run", job])
+    record = json.loads((with_model / "job" / "result.json").read_text(encoding="utf-8"))
+    (found,) = record["parameters"]
+    assert found["value"] == pytest.approx(1.0, abs=0.2)
+    err = capsys.readouterr().err
+    assert "note: a.lvm: Record 1, 1:Z: at its end" in err
+    # The resolved job names the records as seen from its folder, and runs again.
+    again = (with_model / "job" / "job.toml").read_text(encoding="utf-8")
+    assert 'file = ["../a.lvm"]' in again
+    assert main(["check", str(with_model / "job" / "job.toml")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (UPDATE, ":3: missing key 'file' in [test], and no [records] in its place"),
+        (
+            JOB + UPDATE.replace("[test]\n", '[test]\nfile = "b.lvm"\n'),
+            ":1: [records] are used by no test",
+        ),
+        (
+            JOB + UPDATE.replace("[test]\n", '[test]\nquantity = "mobility"\n'),
+            ":11: test.quantity belongs to a file of FRFs",
+        ),
+    ],
+)
+def test_a_test_has_a_file_or_records(with_model, capsys, text, message):
+    assert main(["check", put(with_model, text)]) == 2
+    assert message in capsys.readouterr().err
