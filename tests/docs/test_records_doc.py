@@ -55,9 +55,25 @@ def test_the_first_example_prints_what_it_says(folder, capsys):
     assert f"{np.median(whole.coherence):.3f}" == said[1]
 
 
+def test_a_table_of_ones_own_with_units_and_factors(tmp_path, monkeypatch):
+    formats = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    table = re.search(r"```text\n(time,hammer.*?)```", formats, re.DOTALL)
+    assert table is not None
+    (tmp_path / "hit.csv").write_text(table[1].replace(" [N]", ""), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    seen: dict[str, object] = {"updyn": updyn}
+    exec(next(text for _, text in BLOCKS if "factors=" in text), seen)
+    records = seen["records"]
+    assert records["unit"].values.tolist() == ["N", "g"]
+    assert records.values[0].tolist() == [
+        [22.5 * f for f in (0.1, 35.2, 28.9)],
+        [-0.02, 0.31, 0.87],
+    ]
+
+
 def test_arrays_of_ones_own_are_records():
     seen: dict[str, object] = {}
-    exec(BLOCKS[2][1], seen)
+    exec(next(text for _, text in BLOCKS if "xarray.DataArray(" in text), seen)
     records = seen["records"]
     rng = np.random.default_rng(0)
     records.values[:, 0, 5] = 1.0

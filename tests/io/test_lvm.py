@@ -106,6 +106,37 @@ def test_every_layout_holds_the_same_numbers(tmp_path, name, decimal, x, segment
         assert found["time"].values.tolist() == [0.0, 0.25, 0.5]
 
 
+def test_tags_of_a_head_stand_in_any_order(tmp_path):
+    """As the specification has them: each is unique, and none has to be the first."""
+    text = written(segments=3)
+    tags = "Channels\t2\nSamples\t3\t3\n"
+    for new in (
+        "Test_Name\tbeam\nNotes\tsoft tip\n" + tags,
+        "Samples\t3\t3\nChannels\t2\n",
+        "\nUUT_S/N\t17\n" + tags + "Date\t2024/05/06\t2024/05/06\n",
+    ):
+        found = read(tmp_path, text.replace(tags, new))
+        assert found.shape == (3, 2, 3)
+        assert found.values[2].tolist() == [[1.5, 0.0, 2.5], [-0.2, 3.0, 4.0]]
+
+
+@pytest.mark.parametrize("x", ["No", "One", "Multi"])
+def test_comments_are_no_numbers(tmp_path, x):
+    text = written(x=x, decimal=",")
+    comment = text.replace("-2,0E-1\n", "-2,0E-1\tfirst hit, 3.5 N\n")
+    assert comment != text
+    assert read(tmp_path, comment).values.tolist() == read(tmp_path, text).values.tolist()
+
+
+def test_special_blocks_are_left_out_and_lines_counted_all_the_same(tmp_path):
+    block = "***Start_Special***\nDevice 7\tsome\nmore\n***End_Special***\n"
+    text = written(segments=2)
+    special = text.replace("Channels\t2\n", block + "Channels\t2\n")
+    assert read(tmp_path, special).values.tolist() == read(tmp_path, text).values.tolist()
+    with pytest.raises(FormatError, match=r":20: found '2.5 x'; expected 2 numbers"):
+        read(tmp_path, special.replace("2.5\t4.0", "2.5\tx", 1))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -286,7 +286,7 @@ def convert(
 
 
 def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None) -> int:
-    """Print what a file holds: a measurement, a model, a run, modes, a geometry or a plant.
+    """Print what a file holds: a measurement, a model, a run, records, modes, a geometry, a plant.
 
     Parameters
     ----------

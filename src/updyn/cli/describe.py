@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +14,13 @@ from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
 from updyn.model import Group, Matrix, Model
+from updyn.signals.records import records_of
 from updyn.text_table import text_table
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = [
     "describe_frf",
@@ -24,6 +29,7 @@ __all__ = [
     "describe_model",
     "describe_modes",
     "describe_parameters",
+    "describe_records",
 ]
 
 #: Size in DOFs up to which natural frequencies are computed.
@@ -149,6 +155,22 @@ def describe_geometry(geometry: Geometry) -> str:
     return (
         f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
     )
+
+
+def describe_records(given: xarray.DataArray) -> str:
+    """Return number, length and channels of time records, as text."""
+    records = records_of(given)
+    n, _, samples = records.values.shape
+    rows = []
+    for at, (name, unit) in enumerate(zip(records.channels, records.units, strict=True)):
+        values = records.values[:, at]
+        rows.append([name, unit or "-", f"{values.min():.4g}", f"{values.max():.4g}"])
+    texts = [
+        f"Time records: {n}, of {samples} samples in {samples * records.step:g} s"
+        f" ({1.0 / records.step:g} a second)",
+        text_table(("channel", "unit", "lowest", "highest"), rows, left=(0, 1)),
+    ]
+    return "\n".join(texts)
 
 
 def describe_parameters(parameters: ParameterSet) -> str:

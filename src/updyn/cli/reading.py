@@ -7,9 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from updyn.cli.describe import describe_frf, describe_geometry, describe_model, describe_modes
+from updyn.cli.describe import (
+    describe_frf,
+    describe_geometry,
+    describe_model,
+    describe_modes,
+    describe_records,
+)
 from updyn.errors import AbsentError, FormatError, InputError
-from updyn.io import read_frf, read_geometry, read_model, read_modes
+from updyn.io import read_frf, read_geometry, read_model, read_modes, read_records
 from updyn.io.formats import find_format
 from updyn.io.items import is_file
 from updyn.registry import Registry
@@ -61,6 +67,14 @@ def _has_format(verb: str) -> Callable[[Path], bool]:
     return fits
 
 
+def _is_of_records(path: Path) -> bool:
+    """Return whether the format of a file holds nothing but time records."""
+    try:
+        return find_format(path, "read_records").can == ("read_records",)
+    except FormatError:
+        return False
+
+
 #: Kinds of content by name, in the order in which a file is tried. A room or another package adds
 #: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
 FILE_KINDS: Registry[FileKind] = Registry(
@@ -70,6 +84,9 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
+        "records": FileKind(
+            "time records", read_records, describe_records, _is_of_records, is_beside=True
+        ),
         "modes": FileKind(
             "modes", read_modes, describe_modes, _has_format("read_modes"), is_beside=True
         ),

@@ -166,18 +166,29 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
 
 
 def read_records(
-    path: str | Path, *, format: str | None = None, **options: Any
+    path: str | Path,
+    *,
+    format: str | None = None,
+    units: Mapping[str, str] | None = None,
+    factors: Mapping[str, float] | None = None,
+    **options: Any,
 ) -> xarray.DataArray:
     """Read time records.
 
     Parameters
     ----------
     path : path
-        A LabVIEW measurement file (.lvm).
+        A LabVIEW measurement file (.lvm), a universal file (58, 58b), WAV, MATLAB, netCDF-4, HDF5
+        or a table in text.
     format : str, optional
-        Format name, to force it: "lvm".
+        Format name, to force it: "lvm", "uff", "wav", "mat", "netcdf", "csv".
+    units : mapping of str to str, optional
+        Unit by channel, where the file does not say; a contradiction is an error.
+    factors : mapping of str to float, optional
+        What the values of a channel are multiplied by, such as the inverse of a sensitivity; its
+        unit is then that of `units`.
     **options
-        What the reader of that format takes, checked by name.
+        What the reader of that format takes, checked by name: docs/formats.md.
 
     Returns
     -------
@@ -194,7 +205,8 @@ def read_records(
         If the format has no such option; the nearest is named.
     """
     records: Records = _read(path, "read_records", format, options)
-    return records.to_xarray()
+    with placed(path):
+        return records.calibrated(units, factors).to_xarray()
 
 
 def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -> ModeSet:

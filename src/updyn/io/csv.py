@@ -11,7 +11,8 @@ Columns are separated by commas, semicolons or tabs; decimals have a point. The 
 ``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
 and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
 (variance), for every pair of response and reference. Lines that start with ``#`` may stand before
-the header; ``quantity:``, ``averages:`` and ``source:`` in them are read.
+the header; ``quantity:``, ``averages:`` and ``source:`` in them are read. Time records stand in a
+table of their own: `updyn.io.csv_records`.
 """
 
 from __future__ import annotations
@@ -28,11 +29,12 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.csv_records import read_records
 from updyn.io.dof_table import read_geometry
 from updyn.io.items import placed, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
 
-__all__ = ["read_frf", "read_geometry", "write_frf"]
+__all__ = ["read_frf", "read_geometry", "read_records", "write_frf"]
 
 _COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+(\S+)")
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")

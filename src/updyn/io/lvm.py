@@ -2,8 +2,9 @@
 
 The layout is that of National Instruments, "Specification for the LabVIEW Measurement File (.lvm)":
 a head of the file and one of each segment, both of lines ``name TAB value`` that end with
-``***End_of_Header***``; then a line of names, ``X_Value`` first, ``Comment`` last; then rows. A
-segment is a record. Numbers have the decimal sign that the head names.
+``***End_of_Header***``, the lines of a head in any order; then a line of names, ``X_Value`` first,
+``Comment`` last; then rows, whose comments are left out, as are special blocks. A segment is a
+record. Numbers have the decimal sign that the head names.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ __all__ = ["read_records"]
 _T = TypeVar("_T")
 
 _END = re.compile(r"(?m)^\*\*\*End_of_Header\*\*\*[^\n]*\n")
+_SPECIAL = re.compile(
+    r"(?ms)^\*\*\*Start_Special\*\*\*[^\n]*\n.*?^\*\*\*End_Special\*\*\*[^\n]*(?:\n|\Z)"
+)
+_TAG = re.compile(r"(?m)^[A-Za-z]")
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 _X_COLUMNS = ("No", "One", "Multi")
 #: What is read of the head of a record.
@@ -54,7 +59,7 @@ def read_records(path: str | Path) -> Records:
         If the content is not valid, or its segments have other channels, lengths or steps than the
         first.
     """
-    text = utf8_text(existing(path)).replace("\r\n", "\n")
+    text = _without_special(utf8_text(existing(path)).replace("\r\n", "\n"))
     ends = list(_END.finditer(text))
     if not text.startswith("LabVIEW Measurement") or not ends:
         raise FormatError("no head of a LabVIEW measurement file", path, 1)
@@ -147,17 +152,31 @@ def _segments(
     text: str, ends: list[re.Match[str]], head: _Head, path: str | Path
 ) -> Iterator[_Segment]:
     """Yield the records: from each head's beginning to the next one's."""
-    begins = [
-        text.rfind("\nChannels", before.end() - 1, end.start()) + 1
-        for before, end in pairwise(ends)
-    ]
+    begins = [ends[0].end()]
+    for before, end in pairwise(ends[1:]):
+        # The rows before hold numbers; the tags of a head begin with a letter, in any order.
+        of_rows = text.index("\n", before.end()) + 1 if before.end() < len(text) else before.end()
+        tag = _TAG.search(text, of_rows, end.start())
+        begins.append(end.start() if tag is None else tag.start())
     for begin, end, stop in zip(begins, ends[1:], [*begins[1:], len(text)], strict=True):
-        if not begin or not stop:
-            at = text.count("\n", 0, end.start()) + 1
-            raise FormatError("a head of a record without the line Channels", path, at)
+        skipped = len(text[begin : end.start()]) - len(text[begin : end.start()].lstrip("\n"))
+        begin += skipped
         lines = [text.count("\n", 0, place) + 1 for place in (begin, end.end())]
         fields = _fields(text[begin : end.start()], head.separator, path, lines[0])
         yield _segment(fields, text[end.end() : stop], head, path, lines)
+
+
+def _without_special(text: str) -> str:
+    """Return a text without the special blocks, which other programs put in; lines stay."""
+    return _SPECIAL.sub(lambda found: "\n" * found[0].count("\n"), text)
+
+
+def _without_comments(rows: str, titles: list[str], width: int, separator: str) -> str:
+    """Return rows without the column of comments, the last one."""
+    if titles[-1:] != [_NAMES_TO]:
+        return rows
+    kept = [separator.join(row.split(separator)[:width]) for row in rows.split("\n")]
+    return "\n".join(kept)
 
 
 def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[str, list[str]]:
@@ -209,10 +228,12 @@ def _segment(
     own = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
     if len(own) != n:
         raise refused(f"{len(own)} names for {n} channels", of_names)
+    with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
+    # Without times there is a blank column in their place.
+    rows = _without_comments(rows, titles, n + max(with_x, 1), head.separator)
     if head.decimal != "." and "." in rows:
         at = of_names + 1 + rows[: rows.index(".")].count("\n")
         raise refused(f"a point in numbers with the decimal sign {head.decimal!r}", at)
-    with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
     blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
     width = n + with_x
     table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)

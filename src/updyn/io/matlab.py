@@ -1,6 +1,7 @@
-"""MATLAB ``.mat`` files of a model or of FRFs: versions 5 to 7.3 are read, version 5 is written.
+"""MATLAB ``.mat`` files: versions 5 to 7.3 are read, version 5 is written.
 
-Variables, or the fields of the one struct that the file holds, are named as in `updyn.io.named`::
+Of a model or of FRFs, variables, or the fields of the one struct that the file holds, are named as
+in `updyn.io.named`; of time records, as the user says::
 
     K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
     groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where NAME cannot be the name
@@ -30,11 +31,14 @@ from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.items import compressed
 from updyn.io.named import build_frf, build_model, frf_items, model_items
+from updyn.io.record_arrays import build_records
 from updyn.model import Model
+from updyn.signals.records import Records
 
 __all__ = [
     "read_frf",
     "read_model",
+    "read_records",
     "read_variables",
     "write_frf",
     "write_model",
@@ -97,6 +101,51 @@ def read_frf(
         response_labels=response_labels,
         reference_labels=reference_labels,
         order=order,
+    )
+
+
+def read_records(
+    path: str | Path,
+    *,
+    values: str | Sequence[str] | Mapping[str, str] | None = None,
+    channels: Sequence[str] | None = None,
+    order: Sequence[str] | None = None,
+    time: str | None = None,
+    rate: float | str | None = None,
+) -> Records:
+    """Read time records from variables of the user's choice, or fields of structs (``data.force``).
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    values : mapping of str to str, sequence of str, or str
+        Variable by channel; or those that are called as their channels; or one of all channels.
+    channels : sequence of str, optional
+        Names of the channels of one variable.
+    order : sequence of str, optional
+        What the axes of a variable are, of "record", "channel", "time"; a single row or column
+        holds times.
+    time : str, optional
+        Variable of the times in s, evenly spaced.
+    rate : float or str, optional
+        Samples a second, or the variable that says it, where there are no times.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or a variable is missing or of another shape.
+    OptionError
+        If the options do not say what is needed.
+    """
+    return build_records(
+        read_variables(path),
+        path,
+        values=values,
+        channels=channels,
+        order=order,
+        time=time,
+        rate=rate,
     )
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +27,16 @@ from updyn.frf import FRF
 from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import library, placed
 from updyn.io.native import load_native, write_native
+from updyn.io.record_arrays import build_records
+from updyn.signals.records import Records
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["Loaded", "load_netcdf", "read_frf", "write_frf"]
+#: What `updyn.read_records` calls the array that it returns.
+_RECORDS = "records"
+
+__all__ = ["Loaded", "load_netcdf", "read_frf", "read_records", "write_frf"]
 
 
 def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str = "raise") -> FRF:
@@ -75,6 +80,74 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         raise FormatError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
     with library(path, "netCDF-4 file"), placed(path):
         return FRF.from_xarray(_joined(found.data(), path), quantity=quantity)
+
+
+def read_records(
+    path: str | Path,
+    *,
+    values: str | Sequence[str] | Mapping[str, str] | None = None,
+    channels: Sequence[str] | None = None,
+    order: Sequence[str] | None = None,
+    time: str | None = None,
+    rate: float | str | None = None,
+) -> Records:
+    """Read time records: those of `updyn.read_records` that xarray wrote, or any arrays of HDF5.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    values : mapping of str to str, sequence of str, or str, optional
+        Dataset by channel, those in groups with dots (``run1.force``); or datasets that are called
+        as their channels; or one of all channels. By default the file is one that xarray wrote,
+        with a variable ``records``.
+    channels, order, time, rate
+        As for `updyn.io.matlab.read_records`, of datasets.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or a dataset is missing or of another shape.
+    OptionError
+        If the options do not say what is needed.
+    """
+    if values is not None:
+        root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
+        return build_records(
+            _plain(root["members"]),
+            path,
+            values=values,
+            channels=channels,
+            order=order,
+            time=time,
+            rate=rate,
+        )
+    for name, given in (("channels", channels), ("order", order), ("time", time), ("rate", rate)):
+        if given is not None:
+            raise OptionError(f"{name} without values: which dataset is it about?", key=(name,))
+    found = load_netcdf(path, "records", "netCDF-4 file", wanted=(_RECORDS,))
+    if _RECORDS not in found.variables:
+        held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
+        raise FormatError(
+            f"holds no variable {_RECORDS!r}; it holds: {held}; values = {{ CHANNEL = DATASET }}"
+            " says which datasets are records",
+            path,
+            key=("values",),
+        )
+    with library(path, "netCDF-4 file"), placed(path):
+        data = found.data()
+        # netCDF lists coordinates that are no dimensions in an attribute, which is not read here.
+        data = data.set_coords([name for name in ("unit",) if name in data])
+        records = Records.from_xarray(data[_RECORDS])
+        return replace(records, source=Path(path).name)
+
+
+def _plain(members: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the members of a group, those of its groups nested."""
+    out: dict[str, Any] = {}
+    for name, item in members.items():
+        out[name] = _plain(item["members"]) if isinstance(item, Mapping) else item
+    return out
 
 
 @dataclass(frozen=True, slots=True)

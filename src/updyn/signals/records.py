@@ -15,7 +15,7 @@ from updyn.signals.units import agreed
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "chained", "records_of"]
+__all__ = ["Records", "chained", "records_of", "step_of"]
 
 #: Steps of several files are one where they differ by this share at most.
 _SAME_STEP = 1e-9
@@ -125,16 +125,12 @@ class Records:
                 f"records with the dimensions {', '.join(map(str, given.dims))}: expected record,"
                 " channel, time"
             )
-        time = np.asarray(given["time"].values, dtype=np.float64)
-        steps = np.diff(time)
-        if len(time) < 2 or not (np.abs(steps - steps.mean()) <= _EVEN * steps.mean()).all():
-            raise DataError("times of the records: expected them to ascend in even steps")
+        step = step_of(np.asarray(given["time"].values, dtype=np.float64))
         channels = [str(name) for name in given["channel"].values]
         units = [""] * len(channels)
         if "unit" in given.coords:
             units = [str(unit) for unit in np.broadcast_to(given["unit"].values, len(channels))]
         values = given.transpose("record", "channel", "time").values
-        step = (time[-1] - time[0]) / (len(time) - 1)
         return cls.of(values, step, channels, units, str(given.attrs.get("source", "")))
 
     def to_xarray(self) -> xarray.DataArray:
@@ -223,6 +219,30 @@ class Records:
         if channel not in self.channels:
             raise DataError(f"no channel {channel!r}; {suggest(channel, self.channels)}")
         return self.channels.index(channel)
+
+
+def step_of(times: NDArray[np.float64]) -> float:
+    """Return the step of times.
+
+    Parameters
+    ----------
+    times : ndarray of float, shape (n_samples,)
+        In s.
+
+    Returns
+    -------
+    float
+        In s.
+
+    Raises
+    ------
+    DataError
+        If they do not ascend in even steps.
+    """
+    steps = np.diff(times)
+    if len(times) < 2 or not (np.abs(steps - steps.mean()) <= _EVEN * steps.mean()).all():
+        raise DataError("times of the records: expected them to ascend in even steps")
+    return float((times[-1] - times[0]) / (len(times) - 1))
 
 
 def records_of(given: Any) -> Records:

@@ -93,9 +93,9 @@ def agreed(told: str, said: str, channel: str) -> str:
     Raises
     ------
     DataError
-        If the unit is not known, or the file says another.
+        If the unit is not known, or the file says another that is known.
     """
-    if said and unit(said, channel) != unit(told, channel):
+    stated = unit(told, channel)
+    if said.strip().lower() in _UNITS and unit(said, channel) != stated:
         raise DataError(f"channel {channel!r}: unit {told!r} given, the records say {said!r}")
-    unit(told, channel)
     return told

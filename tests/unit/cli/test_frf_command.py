@@ -132,6 +132,15 @@ def test_nothing_is_written_over_except_by_force(folder, capsys):
     assert len(updyn.read_frf(folder / "test.nc").responses) == 2
 
 
+def test_info_describes_records(folder, capsys):
+    assert main(["info", str(folder / "a.lvm")]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("Time records: 3, of 1024 samples in 2 s (512 a second)\nchannel  unit")
+    (folder / "b.lvm").write_text((folder / "a.lvm").read_text(encoding="utf-8")[:-9], "utf-8")
+    assert main(["info", str(folder / "b.lvm")]) == 2
+    assert "the last line" in capsys.readouterr().err
+
+
 SETUPS = """\
 [[records.setup]]
 file = "a.lvm"
