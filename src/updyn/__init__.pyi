@@ -54,6 +54,7 @@ from .modal import identify_modes as identify_modes
 from .model import Model as Model
 from .planning import Plan as Plan
 from .planning import plan as plan
+from .report import write_plan as write_plan
 from .report import write_report as write_report
 from .signals.estimate import FRFEstimate as FRFEstimate
 from .signals.estimate import estimate_frf as estimate_frf

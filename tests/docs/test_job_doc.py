@@ -30,6 +30,7 @@ from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.job_table import JOB_TABLES
+from updyn.job.planning import PlanTable
 from updyn.job.records_table import RecordsTable, SetupTable, WindowTable
 from updyn.job.schema import (
     CalibrationTable,
@@ -88,6 +89,7 @@ TABLES = tables()
         ("[[calibration]]", CalibrationTable),
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
+        ("[plan]", PlanTable),
         ("[uncertainty]", UncertaintyTable),
         ("[plant]", PlantTable),
         ("[[plant.inputs]]", PortTable),

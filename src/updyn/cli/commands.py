@@ -33,7 +33,18 @@ if TYPE_CHECKING:
     from updyn.job.proposal import Inputs
     from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["check", "compare", "convert", "correlate", "demo", "info", "new", "open_engine", "run"]
+__all__ = [
+    "check",
+    "compare",
+    "convert",
+    "correlate",
+    "demo",
+    "info",
+    "new",
+    "open_engine",
+    "plan",
+    "run",
+]
 
 
 def new(
@@ -415,6 +426,29 @@ def compare(
     if any(row.status in ("converged", "not-identifiable") for row in found):
         return DONE
     return NOT_DETERMINED
+
+
+def plan(job: Path, /, *, out: Path | None = None) -> int:
+    """Choose sensors and forces before a test; write plan.html and plan.json to DIR.
+
+    The table [plan] of the job says how many, out of which candidates, and in which band. [test]
+    may be left out.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    out
+        Folder DIR; by default the job's name with -plan, beside it.
+    """
+    from updyn.job import load_job
+    from updyn.job.planning import default_plan_out, plan_job
+
+    loaded = load_job(job, before_test=True)
+    folder = out or default_plan_out(loaded)
+    print_text(plan_job(loaded, folder).summary())
+    print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")
+    return DONE
 
 
 # -- parts that several commands use ---------------------------------------------------------------

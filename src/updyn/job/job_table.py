@@ -1,9 +1,9 @@
 """`JobTable`: a table of the job file that asks for work after the update, and their registry.
 
-``[uncertainty]``, ``[plant]`` and ``[servo]`` are such tables. A room or another package adds one
-by an object of a class derived from `JobTable`, in a module of its own, and one line in
-`JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the group
-``updyn.job_tables``. Only the name of a table is known until a job has it; then the module is
+``[uncertainty]``, ``[plant]`` and ``[servo]`` are such tables; ``[plan]`` asks for work before it.
+A room or another package adds one by an object of a class derived from `JobTable`, in a module of
+its own, and one line in `JOB_TABLES`, a call of `JOB_TABLES.register`, or an entry point of the
+group ``updyn.job_tables``. Only the name of a table is known until a job has it; then the module is
 imported and the object is used in this order:
 
 ``schema``
@@ -169,6 +169,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "job table",
     "updyn.job_tables",
     {
+        "plan": "updyn.job.planning:PLAN",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "plant": "updyn.control.job.job_tables:PLANT",
         "servo": "updyn.control.job.job_tables:SERVO",

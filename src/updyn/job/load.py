@@ -16,7 +16,7 @@ from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.records_table import RecordsJob, RecordsTable
-from updyn.job.schema import Job, MethodTable, ModelTable, Table
+from updyn.job.schema import NO_TEST, Job, MethodTable, ModelTable, Table
 from updyn.job.toml_lines import Place, line_of, read_toml
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 from updyn.updating.fit.regularisation import check_regularise
@@ -52,13 +52,15 @@ _EXPECTED = {
 _BOUNDS = ("gt", "ge", "lt", "le")
 
 
-def load_job(path: str | Path) -> Job:
+def load_job(path: str | Path, *, before_test: bool = False) -> Job:
     """Read a job file.
 
     Parameters
     ----------
     path : path
         The TOML file.
+    before_test : bool
+        Whether ``[test]`` may be missing: nothing has been measured yet.
 
     Returns
     -------
@@ -73,6 +75,8 @@ def load_job(path: str | Path) -> Job:
     """
     path = Path(path)
     document, lines = _parsed(path)
+    if before_test:
+        document.setdefault("test", {} if "records" in document else NO_TEST)
     tables, wrong = _further_tables(document, lines)
     jobs = []
     for one, own in _each_test(document, lines):

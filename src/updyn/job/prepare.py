@@ -40,11 +40,13 @@ from updyn.model import Model
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.problem.noise import average, choose_noise
+from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
     "matched",
     "matched_modes",
     "prepare",
+    "prepare_model",
 ]
 
 
@@ -83,6 +85,31 @@ def prepare(job: Job) -> Prepared:
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
     return prepared
+
+
+def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
+    """Return the model of a job in the configuration of its first test, and the unknowns.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`. Its measurement is not read.
+
+    Returns
+    -------
+    model : Model
+        With its damping, held DOFs and added masses.
+    parameters : ParameterSet
+        The unknowns of the model.
+
+    Raises
+    ------
+    JobError
+        If the model's file cannot be read, a group is not in the model, or the like.
+    """
+    with job.located():
+        model = damped(job, _model(job))
+        return configured(job, model), unknowns_of(job, model, [])
 
 
 def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:

@@ -380,6 +380,10 @@ class TestTable(Table):
         return {k: v for k, v in stated.items() if v is not None}
 
 
+#: ``[test]`` of a job before its test.
+NO_TEST = {"file": ""}
+
+
 class MatchTable(Table):
     """``[match]``: how sensors map to DOFs of the model."""
 

@@ -2,5 +2,6 @@
 
 from updyn.report.comparison import write_comparison
 from updyn.report.page import write_report
+from updyn.report.planning import write_plan
 
-__all__ = ["write_comparison", "write_report"]
+__all__ = ["write_comparison", "write_plan", "write_report"]

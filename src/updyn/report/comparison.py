@@ -19,7 +19,7 @@ from updyn.frf import FRF
 from updyn.report.data import EVALUATION_BUDGET, computed, fine_grid, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
-from updyn.report.plots import Figure, existing, label, labels, log_step, numbers, rows_height
+from updyn.report.plots import Figure, existing, label, log_bars, log_step, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template, write_page
 from updyn.updating.problem.data import Test
@@ -34,8 +34,6 @@ _POINTS = 600
 _FEWEST_POINTS = 100
 #: Measured lines up to this number are drawn as points: what lies between them was not measured.
 _FEW = 150
-#: Bars of what is exactly 0 end here.
-_FLOOR = 1e-16
 #: Height of the FRFs of the pair, and of one method.
 _PAIR_HEIGHT = 440
 _PANEL_HEIGHT = 290
@@ -553,10 +551,10 @@ def bar_figures(comparison: Comparison) -> dict[str, Figure]:
             misfits[row.method] = _misfit(row)
     made = {}
     if comparison.truth:
-        made["error"] = _bar_chart(errors, "largest error of an unknown", comparison.tolerance)
-    made["misfit"] = _bar_chart(misfits, "median misfit (dB)")
-    made["seconds"] = _bar_chart(seconds, "seconds")
-    made["work"] = _bar_chart(work, "lines solved")
+        made["error"] = log_bars(errors, "largest error of an unknown", comparison.tolerance)
+    made["misfit"] = log_bars(misfits, "median misfit (dB)")
+    made["seconds"] = log_bars(seconds, "seconds")
+    made["work"] = log_bars(work, "lines solved")
     return existing(made)
 
 
@@ -659,73 +657,3 @@ def _range(values: NDArray[np.float64]) -> list[float]:
     low, high = float(seen.min()), float(seen.max())
     pad = max(0.04 * (high - low), 0.05)
     return [low - pad, high + pad]
-
-
-def _bar_chart(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
-    """Return one bar a method on a logarithmic axis, with a line at `mark`."""
-    known = {method: v for method, v in values.items() if math.isfinite(v)}
-    if not known:
-        return None
-    sizes = np.maximum(list(known.values()), _FLOOR)
-    ends = sizes
-    if mark is not None:
-        ends = np.append(sizes, mark)
-    low, high = float(np.log10(ends.min())), float(np.log10(ends.max()))
-    span = max(high - low, 1.0)
-    step: int | str = "D2"
-    if span > 1.5:
-        step = max(1, math.ceil(span / 6.0))
-    rows = list(range(len(known)))
-    trace = {
-        "type": "bar",
-        "orientation": "h",
-        "x": sizes.tolist(),
-        "y": rows,
-        "text": _bar_texts(list(known.values())),
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": "@after"},
-        "hovertext": [f"{label(method)}: {v:.4g}" for method, v in known.items()],
-        "hoverinfo": "text",
-    }
-    layout: dict[str, Any] = {
-        "xaxis": {
-            "title": {"text": title},
-            "tickangle": 0,
-            "type": "log",
-            "range": [low - 0.12 * span, high + 0.22 * span],
-            "dtick": step,
-            "exponentformat": "power",
-        },
-        "yaxis": {
-            "tickvals": rows,
-            "ticktext": labels(known),
-            "range": [len(known) - 0.4, -0.6],
-            "zeroline": False,
-            "showgrid": False,
-        },
-        "showlegend": False,
-        "bargap": 0.35,
-    }
-    if mark is not None:
-        layout["shapes"] = [_line(mark)]
-    return {"data": [trace], "height": rows_height(len(known), extra=95), "layout": layout}
-
-
-def _bar_texts(values: Sequence[float]) -> list[str]:
-    """Return the values as texts, without decimals where all are whole."""
-    if all(float(v).is_integer() for v in values):
-        return [f"{v:.0f}" for v in values]
-    return [number(v, 2) for v in values]
-
-
-def _line(at: float) -> Mapping[str, Any]:
-    return {
-        "type": "line",
-        "x0": at,
-        "x1": at,
-        "y0": 0,
-        "y1": 1,
-        "yref": "paper",
-        "line": {"color": "@before", "dash": "dash", "width": 1.5},
-    }

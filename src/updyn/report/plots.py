@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -11,6 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from updyn.report.formats import number
 
 __all__ = [
     "DIVERGING",
@@ -27,6 +30,7 @@ __all__ = [
     "label",
     "labels",
     "level_line",
+    "log_bars",
     "log_frequency",
     "log_range",
     "log_step",
@@ -41,6 +45,8 @@ __all__ = [
 #: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
 Figure = dict[str, Any]
 
+#: Bars of what is exactly 0 end here.
+_FLOOR = 1e-16
 #: Gap between panels, as a share of the height.
 _GAP = 0.035
 #: Ticks as powers of 10, where plotly would write 2µ.
@@ -214,8 +220,8 @@ def stacked(
     shapes: list[dict[str, Any]] = []
     top = 1.0
     axis = "y"
-    for number, panel in enumerate(panels, 1):
-        axis = "y" if number == 1 else f"y{number}"
+    for place, panel in enumerate(panels, 1):
+        axis = "y" if place == 1 else f"y{place}"
         bottom = max(top - room * panel.share / total, 0.0)
         layout[f"yaxis{axis[1:]}"] = {
             "domain": [bottom, top],
@@ -411,4 +417,92 @@ def _through(at: float) -> dict[str, Any]:
         "y0": 0,
         "y1": 1,
         "line": line,
+    }
+
+
+# -- bars ----------------------------------------------------------------------------------------
+
+
+def log_bars(values: Mapping[str, float], title: str, mark: float | None = None) -> Figure | None:
+    """Return one horizontal bar for each of some named values on a logarithmic axis.
+
+    Parameters
+    ----------
+    values : mapping of str to float
+        By name, from the top down; those that are not finite are left out.
+    title : str
+        Of the axis.
+    mark : float, optional
+        Where a line is drawn across.
+
+    Returns
+    -------
+    Figure or None
+        None where there is no finite value.
+    """
+    known = {name: v for name, v in values.items() if math.isfinite(v)}
+    if not known:
+        return None
+    sizes = np.maximum(list(known.values()), _FLOOR)
+    ends = sizes
+    if mark is not None:
+        ends = np.append(sizes, mark)
+    low, high = float(np.log10(ends.min())), float(np.log10(ends.max()))
+    span = max(high - low, 1.0)
+    step: int | str = "D2"
+    if span > 1.5:
+        step = max(1, math.ceil(span / 6.0))
+    rows = list(range(len(known)))
+    trace = {
+        "type": "bar",
+        "orientation": "h",
+        "x": sizes.tolist(),
+        "y": rows,
+        "text": _bar_texts(list(known.values())),
+        "textposition": "outside",
+        "cliponaxis": False,
+        "marker": {"color": "@after"},
+        "hovertext": [f"{label(name)}: {v:.4g}" for name, v in known.items()],
+        "hoverinfo": "text",
+    }
+    layout: dict[str, Any] = {
+        "xaxis": {
+            "title": {"text": title},
+            "tickangle": 0,
+            "type": "log",
+            "range": [low - 0.12 * span, high + 0.22 * span],
+            "dtick": step,
+            "exponentformat": "power",
+        },
+        "yaxis": {
+            "tickvals": rows,
+            "ticktext": labels(known),
+            "range": [len(known) - 0.4, -0.6],
+            "zeroline": False,
+            "showgrid": False,
+        },
+        "showlegend": False,
+        "bargap": 0.35,
+    }
+    if mark is not None:
+        layout["shapes"] = [_mark(mark)]
+    return {"data": [trace], "height": rows_height(len(known), extra=95), "layout": layout}
+
+
+def _bar_texts(values: Sequence[float]) -> list[str]:
+    """Return the values as texts, without decimals where all are whole."""
+    if all(float(v).is_integer() for v in values):
+        return [f"{v:.0f}" for v in values]
+    return [number(v, 2) for v in values]
+
+
+def _mark(at: float) -> Mapping[str, Any]:
+    return {
+        "type": "line",
+        "x0": at,
+        "x1": at,
+        "y0": 0,
+        "y1": 1,
+        "yref": "paper",
+        "line": {"color": "@before", "dash": "dash", "width": 1.5},
     }

@@ -210,6 +210,10 @@ SECTIONS: Registry[Section] = Registry(
         "comparison.bars": "updyn.report.comparison:BARS",
         "comparison.lines": "updyn.report.comparison:FEWEST_LINES",
         "comparison.limits": "updyn.report.comparison:LIMITS",
+        "plan.layout": "updyn.report.planning:LAYOUT",
+        "plan.expected": "updyn.report.planning:EXPECTED",
+        "plan.worth": "updyn.report.planning:WORTH",
+        "plan.criteria": "updyn.report.planning:RIVALS",
     },
 )
 

@@ -1,34 +1,25 @@
-"""The section with a picture of the structure, coloured by the changes of its parts. Static SVG."""
+"""The section with a picture of the structure, coloured by the changes of its parts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from updyn.dofs import DIRECTIONS, DofSet
-from updyn.group import Group
-from updyn.model import Model
 from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
+from updyn.report.picture import picture
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
-from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
 
 __all__ = [
     "STEPS",
     "STRUCTURE",
-    "Callout",
     "group_changes",
     "group_remarks",
-    "groups_of_lines",
-    "nodes_of_groups",
-    "spread",
     "structure_of",
 ]
 
@@ -36,27 +27,11 @@ __all__ = [
 STEPS = 4
 #: The colour scale reaches at least this far, in the logarithm of the factor: rounding.
 _LEAST = 1e-9
-#: Width and height of the picture, its margin above and below, and the columns of labels beside it.
-_WIDTH = 1130
-_HEIGHT = 660
-_MARGIN = 14.0
-_SIDE = 150.0
-#: Lines that are drawn at most, and beyond which they are drawn thin.
-_MOST_LINES = 8_000
-_DENSE = 3_000
-#: Nodes that a group without lines may have to be marked.
-_LUMPED = 4
-#: Length of an arrow, in pixels; one that looks shorter than `_FLAT` of it is drawn as a dot.
-_ARROW = 0.055 * _HEIGHT
-_FLAT = 0.15
-#: Distance of the heads of a double arrow, length of a head, and distance between labels.
-_HEAD_GAP = 7.0
-_HEAD = 9.0
-_LABEL_GAP = 16.0
-#: Azimuth and elevation of the eye, in degrees.
-_VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
-
-_Real = NDArray[np.float64]
+_ABOUT = (
+    "Where the sensors and forces are, and how much each part changed: its stiffness, or where that"
+    " is no unknown its mass, then its viscous damping. Colours reach to the largest significant"
+    " change."
+)
 
 
 class Structure(Section):
@@ -96,70 +71,78 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
     if not drawn:
         return ""
     result = max(drawn, key=lambda r: r.start.n_dofs)
-    scene = _scene(result)
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in results:
         responses |= dict.fromkeys(one.frf.responses.labels)
         references |= dict.fromkeys(one.frf.references.labels)
-    callouts, missing = _callouts(result.start, list(responses), list(references))
-    if not len(scene.lines) and not callouts:
-        return ""
-    notes = list(scene.notes)
-    if missing:
-        names = ", ".join(missing)
-        notes.append(f"Without a position in the geometry, and not drawn: {names}.")
-    front, back = _VIEWS
-    return render_template(
-        "updyn.report/structure.html",
-        width=_WIDTH,
-        height=_HEIGHT,
-        dense=len(scene.lines) > _DENSE,
-        views=[
-            _view(scene, callouts, front, labelled=True),
-            _view(scene, callouts, back, labelled=False),
-        ],
-        scale=_scale(scene),
-        legend=_legend(scene),
-        notes=notes,
+    changes = _Changes.of(result)
+    return picture(
+        result.start,
+        list(responses),
+        list(references),
+        changes.parts(),
+        about=_ABOUT,
+        scale=changes.scale(),
+        legend=changes.legend(),
+        note="No unknown scales a part, so that none is coloured.",
     )
 
 
-# -- scene ---------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True, eq=False)
-class _Scene:
-    """The lines of a geometry with their groups, and how much each group changed."""
+class _Changes:
+    """How much each group changed, and how that is shown."""
 
-    xyz: _Real  # (n, 3)
-    lines: NDArray[np.intp]  # (m, 2), positions among the nodes
-    group: NDArray[np.intp]  # (m,), -1: not known
-    lumps: Mapping[int, NDArray[np.intp]]
-    names: Sequence[str]
     changes: Mapping[str, tuple[str, float]]
     remarks: Mapping[str, str]
     reach: float
-    notes: tuple[str, ...]
 
-    def colour(self, group: int) -> str:
-        """Return the class of a group: s-4 to s4, s0 with a remark, s-none without one."""
-        if group < 0 or self.names[group] not in self.changes:
-            return "s-none"
-        if self.remarks[self.names[group]]:
+    @classmethod
+    def of(cls, result: UpdateResult) -> _Changes:
+        changes, remarks = group_changes(result), group_remarks(result)
+        logs = [abs(math.log(changes[name][1])) for name in changes if not remarks[name]]
+        return cls(changes, remarks, max([_LEAST, *logs]))
+
+    def parts(self) -> dict[str, tuple[str, str]]:
+        """Return colour and title of each group that changed."""
+        return {name: (self._colour(name), self._title(name)) for name in self.changes}
+
+    def _colour(self, name: str) -> str:
+        """Return the class of a group: s-4 to s4, s0 with a remark."""
+        if self.remarks[name]:
             return "s0"
-        return f"s{_step(math.log(self.changes[self.names[group]][1]), self.reach)}"
+        return f"s{_step(math.log(self.changes[name][1]), self.reach)}"
 
-    def title(self, group: int) -> str:
+    def _title(self, name: str) -> str:
         """Return the name of a group and its change."""
-        if group < 0:
-            return "held, or carried rigidly by others"
-        name = self.names[group]
-        if name not in self.changes:
-            return f"{name}: no unknown"
         quantity, factor = self.changes[name]
         text = f"{name}: {quantity_words(quantity)} {_percent(factor)}"
         if self.remarks[name]:
             text += f", {self.remarks[name]}"
         return text
+
+    def scale(self) -> list[tuple[str, str]]:
+        """Return class and text of each step of the colour scale."""
+        if not self.changes:
+            return []
+        out = [("s0", "not significant or not determined"), ("s-none", "no unknown")]
+        if all(self.remarks.values()):
+            return out
+        steps = []
+        for step in range(-STEPS, STEPS + 1):
+            if step:
+                text = _percent(math.exp(self.reach * step / STEPS), 2)
+                steps.append((f"s{step}", text))
+        return steps + out
+
+    def legend(self) -> list[tuple[str, str]]:
+        """Return class and text of each part, significant and large changes first."""
+
+        def rank(name: str) -> tuple[bool, float]:
+            return bool(self.remarks[name]), -abs(math.log(self.changes[name][1]))
+
+        parts = self.parts()
+        return [parts[name] for name in sorted(self.changes, key=rank)]
 
 
 def group_changes(result: UpdateResult) -> dict[str, tuple[str, float]]:
@@ -227,439 +210,3 @@ def _percent(factor: float, digits: int = 3) -> str:
     if abs(percent) >= 10.0**digits:  # no powers of ten
         text = f"{percent:+.0f}"
     return f"{text} %".replace("-", "\u2212")
-
-
-def _scene(result: UpdateResult) -> _Scene:
-    model, geometry = result.start, result.start.geometry
-    assert geometry is not None
-    notes: tuple[str, ...] = ()
-    lines = _line_ends(model)
-    group = groups_of_lines(model)
-    if len(lines) > _MOST_LINES:
-        kept = np.linspace(0, len(lines) - 1, _MOST_LINES).round().astype(np.intp)
-        notes = (f"{_MOST_LINES} of the {len(lines)} lines of the geometry are drawn.",)
-        lines, group = lines[kept], group[kept]
-    changes = group_changes(result)
-    names = list(model.groups)
-    drawn = set(group.tolist())
-    bare = [i for i, name in enumerate(names) if name in changes and i not in drawn]
-    remarks = group_remarks(result)
-    logs = [abs(math.log(changes[name][1])) for name in changes if not remarks[name]]
-    return _Scene(
-        geometry.xyz,
-        lines,
-        group,
-        nodes_of_groups(model, np.array(bare, dtype=np.intp), _LUMPED),
-        names,
-        changes,
-        remarks,
-        max([_LEAST, *logs]),
-        notes,
-    )
-
-
-def _scale(scene: _Scene) -> list[tuple[str, str]]:
-    """Return class and text of each step of the colour scale."""
-    if not scene.changes:
-        return []
-    out = [("s0", "not significant or not determined"), ("s-none", "no unknown")]
-    if all(scene.remarks.values()):
-        return out
-    steps = []
-    for step in range(-STEPS, STEPS + 1):
-        if step:
-            text = _percent(math.exp(scene.reach * step / STEPS), 2)
-            steps.append((f"s{step}", text))
-    return steps + out
-
-
-def _legend(scene: _Scene) -> list[tuple[str, str]]:
-    """Return class and text of each part with an unknown, significant and large changes first."""
-
-    def rank(name: str) -> tuple[bool, float]:
-        return bool(scene.remarks[name]), -abs(math.log(scene.changes[name][1]))
-
-    ordered = sorted(scene.changes, key=rank)
-    out = []
-    for name in ordered:
-        group = scene.names.index(name)
-        out.append((scene.colour(group), scene.title(group)))
-    return out
-
-
-# -- sensors and forces --------------------------------------------------------------------------
-@dataclass(frozen=True, slots=True, eq=False)
-class Callout:
-    """The sensors and forces at one node.
-
-    Parameters
-    ----------
-    node : int
-        Its number.
-    xyz : ndarray of float, shape (3,)
-        Its position, in m.
-    axes : ndarray of float, shape (3, 3)
-        Its X, Y and Z as rows, in global components.
-    sensors, forces : tuple of str
-        Directions, with ``-`` where a sensor points the other way.
-    """
-
-    node: int
-    xyz: _Real
-    axes: _Real
-    sensors: tuple[str, ...]
-    forces: tuple[str, ...]
-
-    @property
-    def text(self) -> str:
-        """The label: node, sensors, forces."""
-        parts = []
-        if self.sensors:
-            parts.append(", ".join(self.sensors))
-        if self.forces:
-            parts.append(f"force {', '.join(self.forces)}")
-        return f"{self.node}: {' · '.join(parts)}"
-
-
-def _callouts(
-    model: Model, responses: Sequence[str], references: Sequence[str]
-) -> tuple[list[Callout], list[str]]:
-    """Return a callout for each node with a sensor or a force, and DOFs without a position."""
-    geometry = model.geometry
-    assert geometry is not None
-    place = {int(node): i for i, node in enumerate(geometry.nodes)}
-    sensors: dict[int, list[str]] = {}
-    forces: dict[int, list[str]] = {}
-    missing: dict[str, None] = {}
-    for found, labels in ((sensors, responses), (forces, references)):
-        for dof in DofSet(labels):
-            if dof.node in place:
-                sign = "-" if dof.sign < 0 else ""
-                found.setdefault(dof.node, []).append(f"{sign}{dof.direction}")
-            else:
-                missing[str(dof)] = None
-    out = []
-    for node in {**sensors, **forces}:
-        at = place[node]
-        axes = np.eye(3) if geometry.axes is None else geometry.axes[at]
-        xyz = geometry.xyz[at]
-        directions = tuple(sensors.get(node, ())), tuple(forces.get(node, ()))
-        out.append(Callout(node, xyz, axes, *directions))
-    return out, list(missing)
-
-
-def _arrow(place: _Real, direction: str, axes: _Real, length: float, kind: str) -> dict[str, Any]:
-    """Return an arrow as SVG paths; without a shaft where it points at the eye.
-
-    Parameters
-    ----------
-    place : ndarray of float, shape (2,)
-        Where in the picture.
-    direction : str
-        Such as ``"-RX"``.
-    axes : ndarray of float, shape (3, 3)
-        X, Y and Z of the node as rows, in the axes of the picture (right, down, depth).
-    length : float
-        Length of an arrow that lies in the plane of the picture.
-    kind : str
-        ``"sensor"``, or ``"force"``, which ends at the place and has full heads.
-    """
-    number = DIRECTIONS.index(direction.lstrip("-"))
-    vector = axes[number % 3][:2]
-    if direction.startswith("-"):
-        vector = -vector
-    seen = float(np.hypot(*vector))
-    if seen < _FLAT:
-        return {"kind": kind, "shaft": "", "heads": []}
-    along = vector / seen
-    across = np.array([-along[1], along[0]])
-    tail, tip = place, place + length * vector
-    wide, closed = 3.0, ""
-    if kind == "force":
-        tail, tip = place - (tip - place), place
-        wide, closed = 4.0, "Z"
-    is_rotation = number >= 3
-    heads = []
-    for back in (0.0, _HEAD_GAP) if is_rotation else (0.0,):
-        point = tip - back * along
-        left = point - _HEAD * along + wide * across
-        right = point - _HEAD * along - wide * across
-        heads.append(_path(left, point, right) + closed)
-    return {"kind": kind, "shaft": _path(tail, tip), "heads": heads}
-
-
-def _path(*points: _Real) -> str:
-    """Return a polyline as an SVG path."""
-    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-
-
-def _labels(items: Sequence[Callout], at: _Real) -> list[dict[str, Any]]:
-    """Return labels in two columns, each beside the half of the picture that it belongs to.
-
-    Where there are more labels than fit there is none: the arrows have titles.
-    """
-    by_x = np.argsort(at[:, 0], kind="stable")
-    half = (len(items) + 1) // 2
-    if half * _LABEL_GAP > _HEIGHT - 2 * _LABEL_GAP:
-        return []
-    # The axes stand at the lower left.
-    left = _column(items, at, by_x[:half], "end", _SIDE, _HEIGHT - 5 * _LABEL_GAP)
-    right = _column(items, at, by_x[half:], "start", _WIDTH - _SIDE, _HEIGHT - _LABEL_GAP)
-    return left + right
-
-
-def _column(
-    items: Sequence[Callout],
-    at: _Real,
-    chosen: NDArray[np.intp],
-    anchor: str,
-    x: float,
-    lowest: float,
-) -> list[dict[str, Any]]:
-    """Return the labels of one column, from the top down."""
-    ordered = chosen[np.argsort(at[chosen, 1], kind="stable")]
-    heights = spread(at[ordered, 1], _LABEL_GAP, _LABEL_GAP, lowest)
-    gap = -4.0 if anchor == "end" else 4.0
-    out = []
-    for i, y in zip(ordered.tolist(), heights.tolist(), strict=True):
-        out.append(
-            {
-                "kind": "label force" if items[i].forces else "label",
-                "leader": _path(np.array([x, y]), at[i]),
-                "x": x + gap,
-                "y": y + 4.0,
-                "anchor": anchor,
-                "text": items[i].text,
-            }
-        )
-    return out
-
-
-def spread(wanted: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
-    """Return heights at least `gap` apart, between `low` and `high`, near those wanted.
-
-    Parameters
-    ----------
-    wanted : ndarray of float, shape (n,)
-        Ascending.
-    gap, low, high : float
-        Smallest distance, and the limits; ``(n - 1) gap`` fits between them.
-
-    Returns
-    -------
-    ndarray of float, shape (n,)
-        Ascending: pushed down where crowded, then up from the lower limit.
-    """
-    out = np.clip(np.asarray(wanted, dtype=np.float64), low, high)
-    for i in range(1, len(out)):
-        out[i] = max(out[i], out[i - 1] + gap)
-    for i in range(len(out) - 1, -1, -1):
-        out[i] = min(out[i], high if i == len(out) - 1 else out[i + 1] - gap)
-    return out
-
-
-# -- picture -------------------------------------------------------------------------------------
-def _view(
-    scene: _Scene, callouts: Sequence[Callout], name: str, *, labelled: bool
-) -> dict[str, Any]:
-    """Return the elements of a picture from one side."""
-    camera = _camera(*_VIEWS[name])
-    seen = scene.xyz @ camera.T  # right, up, towards the eye
-    to_picture = _Projection(scene, seen)
-    xy = to_picture(seen)
-    at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ camera.T)
-    return {
-        "name": name,
-        "layers": _layers(scene, xy, seen[:, 2]),
-        "squares": _squares(scene, xy),
-        "callouts": [_drawn(c, place, camera) for c, place in zip(callouts, at, strict=True)],
-        "labels": _labels(callouts, at) if labelled and callouts else [],
-        "axes": _axes(camera),
-    }
-
-
-class _Projection:
-    """The map from the axes of a view, shape (n, 3), to the picture, shape (n, 2)."""
-
-    def __init__(self, scene: _Scene, seen: _Real) -> None:
-        used = np.arange(len(seen))
-        if len(scene.lines):
-            lumps = [np.empty(0, dtype=np.intp), *scene.lumps.values()]
-            used = np.union1d(scene.lines, np.concatenate(lumps).astype(np.intp))
-        low, high = seen[used, :2].min(axis=0), seen[used, :2].max(axis=0)
-        free = np.array([_WIDTH - 2 * (_SIDE + _ARROW), _HEIGHT - 2 * (_MARGIN + _ARROW)])
-        least = 1e-9 * max(float(np.ptp(seen)), 1e-300)
-        self.scale = float(np.min(free / np.maximum(high - low, least)))
-        self.middle = (low + high) / 2
-
-    def __call__(self, points: _Real) -> _Real:
-        flat = (points[:, :2] - self.middle) * self.scale * [1.0, -1.0]
-        return np.asarray(np.array([_WIDTH, _HEIGHT]) / 2 + flat)
-
-
-def _camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return right, up and towards the eye as rows, for an eye at these angles in degrees."""
-    a, e = math.radians(azimuth), math.radians(elevation)
-    eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
-    right = np.array([-math.sin(a), math.cos(a), 0.0])
-    return np.array([right, np.cross(eye, right), eye])
-
-
-def _layers(scene: _Scene, xy: _Real, depth: _Real) -> list[list[dict[str, str]]]:
-    """Return one path for each group in each third of the depth, the farthest third first."""
-    if not len(scene.lines):
-        return []
-    far = depth[scene.lines].mean(axis=1)
-    third = np.searchsorted(np.quantile(far, [1 / 3, 2 / 3]), far)
-    layers = []
-    for number in range(3):
-        paths = []
-        for group in np.unique(scene.group[third == number]).tolist():
-            chosen = scene.lines[(third == number) & (scene.group == group)]
-            d = "".join(_path(*ends) for ends in xy[chosen])
-            paths.append({"colour": scene.colour(group), "d": d, "title": scene.title(group)})
-        layers.append(paths)
-    return layers
-
-
-def _squares(scene: _Scene, xy: _Real) -> list[dict[str, Any]]:
-    """Return a square for each node of a part without lines; several at a node side by side."""
-    out = []
-    taken: dict[int, int] = {}
-    for group, nodes in scene.lumps.items():
-        for node in nodes.tolist():
-            shift = taken.get(node, 0)
-            taken[node] = shift + 1
-            x, y = xy[node] + [12.0 * shift - 5.0, -5.0]
-            out.append({"colour": scene.colour(group), "x": x, "y": y, "title": scene.title(group)})
-    return out
-
-
-def _drawn(callout: Callout, place: _Real, camera: _Real) -> dict[str, Any]:
-    """Return the arrows of a callout."""
-    axes = callout.axes @ camera.T * [1.0, -1.0, 1.0]
-    arrows = [_arrow(place, d, axes, _ARROW, "sensor") for d in callout.sensors]
-    arrows += [_arrow(place, d, axes, 1.25 * _ARROW, "force") for d in callout.forces]
-    return {"text": callout.text, "x": place[0], "y": place[1], "arrows": arrows}
-
-
-def _axes(camera: _Real) -> list[dict[str, Any]]:
-    """Return the directions of X, Y and Z, at the lower left."""
-    origin, length = np.array([46.0, _HEIGHT - 46.0]), 30.0
-    out = []
-    for name, direction in zip("XYZ", camera.T, strict=True):
-        flat = direction[:2] * [1.0, -1.0]
-        x, y = origin + (length + 10.0) * flat
-        out.append({"name": name, "d": _path(origin, origin + length * flat), "x": x, "y": y + 4.0})
-    return out
-
-
-# -- groups of lines -----------------------------------------------------------------------------
-def groups_of_lines(model: Model) -> NDArray[np.intp]:
-    """Return the group of each line of the model's geometry.
-
-    A line has no group of its own in the model. Its group is the one whose stiffness matrix has the
-    largest entries (their norm) between the degrees of freedom of its two nodes. Where one of the
-    nodes has none, because it is held or follows others, it is the group with the largest entries
-    at the other; where both have none, there is no telling.
-
-    Parameters
-    ----------
-    model : Model
-        With a geometry of m lines.
-
-    Returns
-    -------
-    ndarray of int, shape (m,)
-        Positions among the model's groups; -1: not known.
-    """
-    assert model.geometry is not None
-    at = _places(model)
-    n = len(model.geometry.nodes)
-    ends = np.sort(_line_ends(model), axis=1)
-    wanted, place = np.unique(ends[:, 0] * n + ends[:, 1], return_inverse=True)
-    has = np.zeros(n, dtype=np.bool_)
-    has[at[at >= 0]] = True
-    best, alone = np.zeros(len(wanted)), np.zeros(n)
-    chosen, chosen_alone = np.full(len(wanted), -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)
-    for number, group in enumerate(model.groups.values()):
-        if group.stiffness is None or not len(wanted):
-            continue
-        K = group.stiffness.tocoo()
-        a, b = at[K.row], at[K.col]
-        on = (a >= 0) & (b >= a)
-        a, b, weight = a[on], b[on], K.data[on] ** 2
-        same = a == b
-        sums = np.bincount(a[same], weight[same], minlength=n)
-        chosen_alone[sums > alone] = number
-        alone = np.maximum(alone, sums)
-        key = a[~same] * n + b[~same]
-        found = np.minimum(np.searchsorted(wanted, key), len(wanted) - 1)
-        hit = wanted[found] == key
-        sums = np.bincount(found[hit], weight[~same][hit], minlength=len(wanted))
-        chosen[sums > best] = number
-        best = np.maximum(best, sums)
-    out = chosen[place]
-    one = (out < 0) & (has[ends].sum(axis=1) == 1)
-    out[one] = chosen_alone[np.where(has[ends[one, 0]], ends[one, 0], ends[one, 1])]
-    return out
-
-
-def nodes_of_groups(
-    model: Model, groups: NDArray[np.intp], most: int
-) -> dict[int, NDArray[np.intp]]:
-    """Return the nodes of groups that are not drawn as lines: lumped masses, springs to the ground.
-
-    Parameters
-    ----------
-    model : Model
-        With a geometry.
-    groups : ndarray of int
-        Positions among the model's groups.
-    most : int
-        Groups with more nodes than this are left out.
-
-    Returns
-    -------
-    dict of int to ndarray of int
-        By group, positions among the nodes of the geometry.
-    """
-    at = _places(model)
-    out = {}
-    every = list(model.groups.values())
-    for number in groups.tolist():
-        nodes = np.unique(at[_used_dofs(every[number])])
-        nodes = nodes[nodes >= 0]
-        if 0 < len(nodes) <= most:
-            out[number] = nodes
-    return out
-
-
-def _used_dofs(group: Group) -> NDArray[np.intp]:
-    """Return the DOFs with stiffness or mass in a group; without either, those with damping."""
-    used = []
-    for matrix in (group.stiffness, group.mass):
-        if matrix is not None:
-            used.append(matrix.indices[matrix.data != 0.0])
-    if not used and group.viscous is not None:
-        used = [group.viscous.indices]
-    return np.concatenate([np.empty(0, dtype=np.intp), *used])
-
-
-def _line_ends(model: Model) -> NDArray[np.intp]:
-    """Return the ends of each line as positions among the nodes, shape (m, 2)."""
-    assert model.geometry is not None
-    nodes = model.geometry.nodes
-    order = np.argsort(nodes)
-    return np.asarray(order[np.searchsorted(nodes[order], model.geometry.lines)]).reshape(-1, 2)
-
-
-def _places(model: Model) -> NDArray[np.intp]:
-    """Return, for each DOF, the position of its node in the geometry; -1 where it has none."""
-    assert model.geometry is not None
-    nodes = model.geometry.nodes
-    if not len(nodes):
-        return np.full(model.n_dofs, -1, dtype=np.intp)
-    order = np.argsort(nodes)
-    found = order[np.minimum(np.searchsorted(nodes[order], model.dofs.nodes), len(nodes) - 1)]
-    return np.asarray(np.where(nodes[found] == model.dofs.nodes, found, -1), dtype=np.intp)

@@ -14,15 +14,8 @@ from report_case import realistic, smallest
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.page import render
-from updyn.report.structure import (
-    STEPS,
-    group_changes,
-    group_remarks,
-    groups_of_lines,
-    nodes_of_groups,
-    spread,
-    structure_of,
-)
+from updyn.report.picture import groups_of_lines, nodes_of_groups, spread
+from updyn.report.structure import STEPS, group_changes, group_remarks, structure_of
 from updyn.updating.result import JointResult
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -218,6 +211,6 @@ def test_labels_keep_apart_and_inside() -> None:
 
 
 def test_a_large_geometry_is_thinned_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("updyn.report.structure._MOST_LINES", 3)
+    monkeypatch.setattr("updyn.report.picture._MOST_LINES", 3)
     page = structure_of([fitted(square(), {"first.stiffness": 1.1})])
     assert "3 of the 5 lines of the geometry are drawn." in page

@@ -1,0 +1,156 @@
+"""``[plan]`` of a job, and `plan_job`: sensors and forces chosen before the test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, Field, Strict
+
+from updyn.errors import JobError, key_path
+from updyn.job.base import Pair, Table, Texts, is_number
+from updyn.job.folder import check_out
+from updyn.job.job_table import JobTable
+from updyn.job.prepare import prepare_model
+from updyn.job.schema import Job
+from updyn.outputs.switch import open_folder, replaced
+from updyn.planning import plan
+from updyn.planning.plan import LINES
+from updyn.store.planning import write_plan_json
+
+if TYPE_CHECKING:
+    from updyn.planning import Plan
+
+__all__ = ["PLAN", "PLANNED", "PlanTable", "default_plan_out", "plan_job"]
+
+#: What ``updyn plan`` writes.
+PLANNED = ("plan.html", "plan.json")
+
+
+def _bands(given: Any) -> Any:
+    pairs = given
+    if isinstance(given, list | tuple) and given and all(is_number(x) for x in given):
+        pairs = [given]
+    usable = isinstance(pairs, list | tuple) and bool(pairs)
+    if not usable or not all(_is_pair(pair) for pair in pairs):
+        raise ValueError(
+            "expected two frequencies in Hz, such as [5.0, 400.0], or an array of such pairs to"
+            " choose from"
+        )
+    return tuple((float(low), float(high)) for low, high in pairs)
+
+
+def _is_pair(given: Any) -> bool:
+    return isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
+
+
+def _lines(given: Any) -> Any:
+    if isinstance(given, int) and not isinstance(given, bool) and given >= 2:
+        return given
+    if isinstance(given, list | tuple) and given and all(map(is_number, given)):
+        return tuple(map(float, given))
+    raise ValueError("expected a number of lines of at least 2, or an array of frequencies in Hz")
+
+
+class PlanTable(Table):
+    """``[plan]``: how many sensors and forces, out of which candidates, for which band."""
+
+    n_sensors: int = Field(ge=1)
+    n_references: int = Field(default=1, ge=1)
+    band: Annotated[tuple[Pair, ...], BeforeValidator(_bands), Strict(False)]
+    candidates: str | Texts | None = None
+    reference_candidates: str | Texts | None = None
+    criterion: str = "d-optimal"
+    quantity: str = "accelerance"
+    lines: Annotated[int | tuple[float, ...], BeforeValidator(_lines)] = LINES
+    noise: dict[str, float] | None = None
+    interest: str | Texts | None = None
+    robust: int = Field(default=0, ge=0)
+    off: float = Field(default=0.2, gt=0, le=1)
+    seed: int = Field(default=0, ge=0)
+
+
+class _PlanJobTable(JobTable):
+    """``[plan]``: the work of ``updyn plan``; a run has been planned already."""
+
+    schema = PlanTable
+
+    def outputs(self, table: PlanTable) -> tuple[str, ...]:
+        return ()
+
+
+PLAN = _PlanJobTable()
+
+
+def default_plan_out(job: Job) -> Path:
+    """Return the folder of a plan where none is named.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+
+    Returns
+    -------
+    Path
+        The job's stem with ``-plan``, beside it.
+    """
+    return job.path.with_name(f"{job.path.stem}-plan")
+
+
+def plan_job(job: Job, out: str | Path | None = None) -> Plan:
+    """Choose the sensors and forces that ``[plan]`` of a job asks for, and write the plan.
+
+    Model, damping and unknowns are those of the job, and so is the configuration of its test where
+    it has one: DOFs that are held, and added masses. What is measured does not count.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`; its ``[test]`` may be left out.
+    out : path, optional
+        The folder; by default the job's stem with ``-plan``, beside it.
+
+    Returns
+    -------
+    Plan
+        In `out`: ``plan.json`` and ``plan.html``, replaced together.
+
+    Raises
+    ------
+    JobError
+        If the job, a file or the output folder cannot be used; nothing is written then.
+    SolverError
+        If the model cannot be solved at a line; nothing is written.
+    """
+    from updyn.report import write_plan
+
+    table = _table(job)
+    out = check_out(job, out or default_plan_out(job), PLANNED)
+    model, unknowns = prepare_model(job)
+    options = table.model_dump()
+    title = job.title or job.path.stem
+    with job.located(), key_path("plan"):
+        found = plan(model, unknowns, compare=True, **options)
+    with open_folder(out):
+        check_out(job, out, PLANNED)  # once more: now no other run can change it
+        with replaced(out, "plan", PLANNED) as new:
+            write_plan(found, new / "plan.html", f"{title}: test plan")
+            write_plan_json(found, new / "plan.json", title)
+    return found
+
+
+def _table(job: Job) -> PlanTable:
+    """Return ``[plan]`` of a job that has no table that a plan cannot follow."""
+    planned = job.table(PlanTable)
+    if planned is None:
+        raise JobError("no table [plan]; it says how many sensors, and in which band", job.path)
+    with job.located():
+        if len(job.parts) > 1:
+            raise JobError("a plan is for one test; leave one [[test]] in the job", key=("test", 1))
+        for name, table in (("calibration", "[[calibration]]"), ("selection", "[selection]")):
+            if getattr(job, name):
+                raise JobError(
+                    f"{table} needs measured data; leave it out of a job to plan", key=(name,)
+                )
+    return planned

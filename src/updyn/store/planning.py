@@ -1,0 +1,78 @@
+"""``plan.json``: a test plan as strict JSON; inf and nan are null."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from updyn import __version__
+from updyn.io.atomic import write_json
+from updyn.planning.result import Plan
+from updyn.store.values import plain, plain_fields, plain_records
+
+__all__ = ["plan_to_json", "write_plan_json"]
+
+
+def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
+    """Return a plan as a dict that `json.dumps` writes without inf or nan.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    title : str
+        For the record.
+
+    Returns
+    -------
+    dict
+        ``title``; ``criterion``, ``responses``, ``references``, ``band``, ``quantity``, ``noise``,
+        ``lines`` in Hz, ``radius``, ``gain``, ``reference_gain`` and ``doubled`` as of
+        `updyn.Plan`; ``parameters``, one dict an unknown with ``name``, ``start``, ``std``,
+        ``least`` and ``largest`` over the draws (None without draws) and ``counts``; ``further``,
+        ``further_references``, ``parts``, ``bands`` and ``rivals`` as lists of dicts; ``draws``,
+        ``off``, ``seed``; ``versions``.
+    """
+    unknowns = []
+    for p in plan.parameters:
+        least, largest = plan.std_range.get(p.name, (None, None))
+        unknowns.append(
+            {
+                "name": p.name,
+                "start": plain(p.start),
+                "std": plain(plan.std[p.name]),
+                "least": plain(least),
+                "largest": plain(largest),
+                "counts": p.name in plan.wanted,
+            }
+        )
+    return {
+        "title": title,
+        **plain_fields(plan, *_LAYOUT),
+        "lines": plain(plan.freq),
+        "parameters": unknowns,
+        **plain_fields(plan, *_FIGURES),
+        **{name: plain_records(getattr(plan, name)) for name in _RECORDS},
+        **plain_fields(plan, "draws", "off", "seed"),
+        "versions": {"updyn": __version__},
+    }
+
+
+_LAYOUT = ("criterion", "responses", "references", "band", "quantity", "noise")
+_FIGURES = ("radius", "gain", "reference_gain", "doubled")
+_RECORDS = ("further", "further_references", "parts", "bands", "rivals")
+
+
+def write_plan_json(plan: Plan, path: str | Path, title: str = "") -> None:
+    """Write `plan_to_json` to a file, replaced as a whole once it is complete.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    path : path
+        File to write, usually ``plan.json``.
+    title : str
+        For the record.
+    """
+    write_json(plan_to_json(plan, title), path)

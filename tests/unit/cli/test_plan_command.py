@@ -1,0 +1,170 @@
+"""`updyn plan`: the table, both files, a job without its test, and what is refused with its line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import updyn
+from pages_read import Page
+from updyn.cli import main
+from updyn.demos import chain
+
+MODEL = """\
+title = "Chain, before the test"
+
+[model]
+file = "chain.h5"
+
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+
+[[parameter]]
+groups = "part*"
+quantity = "loss_factor"
+"""
+PLAN = """\
+[plan]
+n_sensors = 3
+band = [1.0, 40.0]
+candidates = ["?:X", "11:X"]
+lines = 60
+"""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("chain")
+    chain.write_inputs(folder)
+    return folder
+
+
+def job(inputs: Path, text: str) -> Path:
+    path = inputs / "plan.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_both_files_and_the_table(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "deep" / "plan"
+    assert main(["plan", str(job(inputs, MODEL + PLAN)), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert {p.name for p in out.iterdir()} == {"plan.html", "plan.json", "manifest.json"}
+    record = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+    model = chain.build()
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    labels = [f"{i}:X" for i in (*range(1, 10), 11)]
+    expected = updyn.plan(model, unknowns, labels, 3, 1, (1.0, 40.0), lines=60)
+    assert record["title"] == "Chain, before the test"
+    assert record["responses"] == list(expected.responses)
+    assert record["references"] == list(expected.references)
+    assert record["gain"] == pytest.approx(list(expected.gain))
+    stds = {row["name"]: row["std"] for row in record["parameters"]}
+    assert stds == pytest.approx(dict(expected.std))
+    assert record["rivals"][0]["criterion"] == "a-optimal"
+    assert len(record["lines"]) == 60
+    assert ", ".join(expected.responses) in said
+    assert f"{'plan.html'}" in said
+
+
+def test_the_page_shows_the_layout(inputs: Path, tmp_path: Path) -> None:
+    text = MODEL + PLAN.replace("lines = 60", "lines = 30\nrobust = 2")
+    assert main(["plan", str(job(inputs, text)), "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "plan.html").read_text(encoding="utf-8")
+    record = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
+    assert Page(page).open == []
+    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
+    bars = figures["sensors"]["data"][0]
+    gains = [*record["gain"][1:], *(row["gain"] for row in record["further"])]
+    assert bars["x"] == pytest.approx([100 * gain for gain in gains])
+    assert figures["sensors"]["layout"]["yaxis"]["ticktext"][:2] == record["responses"][1:]
+    for said in (*record["responses"], "part3.stiffness", "2 draws", "Kammer", "Other criteria"):
+        assert said in page
+
+
+def test_a_job_with_its_test_is_planned_for_its_configuration(inputs: Path, tmp_path: Path) -> None:
+    test = '[test]\nfile = "chain.uff"\nmasses = { "6:X" = 5.0 }\n'
+    for name, text in (("without", MODEL + PLAN), ("with", MODEL + PLAN + test)):
+        assert main(["plan", str(job(inputs, text)), "--out", str(tmp_path / name)]) == 0
+    with_mass, without = (
+        json.loads((tmp_path / name / "plan.json").read_text(encoding="utf-8"))
+        for name in ("with", "without")
+    )
+    assert with_mass["radius"] != without["radius"]
+
+
+def test_a_job_that_was_planned_runs(inputs: Path, tmp_path: Path) -> None:
+    """`[plan]` stays in the job when `[test]` comes."""
+    text = MODEL + PLAN + '[test]\nfile = "chain.uff"\n[output]\nreport = false\n'
+    path = job(inputs, text)
+    assert main(["run", str(path), "--out", str(tmp_path)]) in (0, 3)
+    again = (tmp_path / "job.toml").read_text(encoding="utf-8")
+    assert "n_sensors = 3" in again
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        (MODEL, None, "no table [plan]"),
+        (MODEL + PLAN.replace("n_sensors = 3\n", ""), 13, "missing key 'n_sensors' in [plan]"),
+        (MODEL + PLAN.replace("n_sensors", "sensors"), 14, "did you mean 'n_sensors'"),
+        (MODEL + PLAN.replace("= 3", "= 0"), 14, "expected a number of at least 1"),
+        (MODEL + PLAN.replace("= 3", "= 11"), 14, "there are 10 candidates to choose from"),
+        (MODEL + PLAN.replace("[1.0, 40.0]", "[40.0, 1.0]"), 15, "the lower end first"),
+        (MODEL + PLAN.replace("[1.0, 40.0]", '"all"'), 15, "expected two frequencies in Hz"),
+        (MODEL + PLAN.replace('"11:X"', '"13:X"'), 16, "candidate 13:X is not among the 12 DOFs"),
+        (MODEL + PLAN.replace('"11:X"', '"2?:X"'), 16, "no DOF of the model fits '2?:X'"),
+        (MODEL + PLAN.replace("60", "1"), 17, "expected a number of lines of at least 2"),
+        (MODEL + PLAN + 'criterion = "kammer"\n', 18, "'kammer'"),
+        (MODEL + PLAN + 'interest = ["part9.*"]\n', 18, "no unknown 'part9.*'"),
+        (MODEL + PLAN + "noise = { relativ = 0.1 }\n", 18, "relative and/or floor"),
+        (MODEL.replace("part*", "parts"), 7, "no group 'parts'"),
+        (MODEL + "[selection]\nn = 2\n" + PLAN, 13, "[selection] needs measured data"),
+        (
+            MODEL + '[[calibration]]\nresponses = "all"\n' + PLAN,
+            13,
+            "[[calibration]] needs measured data",
+        ),
+    ],
+)
+def test_bad_input_is_one_message_with_its_line(
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    text: str,
+    line: int | None,
+    message: str,
+) -> None:
+    if "[plan]" not in text and line is not None:
+        text += PLAN
+    path = job(inputs, text)
+    assert main(["plan", str(path), "--out", str(tmp_path / "new")]) == 2
+    out, err = capsys.readouterr()
+    said = " ".join(err.split())
+    assert message in said
+    if line is not None:
+        assert f"plan.toml:{line}:" in said.replace(" ", "")
+    assert out == ""
+    assert "Traceback" not in err
+    assert not (tmp_path / "new").exists()
+
+
+def test_other_commands_need_the_test(inputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(job(inputs, MODEL + PLAN))]) == 2
+    assert "missing key 'test'" in " ".join(capsys.readouterr().err.split())
+
+
+def test_files_of_a_user_are_kept(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "plan.json").write_text("mine", encoding="utf-8")
+    assert main(["plan", str(job(inputs, MODEL + PLAN)), "--out", str(tmp_path)]) == 2
+    assert "files that are not its own" in " ".join(capsys.readouterr().err.split())
+    assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
