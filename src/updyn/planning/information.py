@@ -300,6 +300,8 @@ def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
     state, lower = part.state(x), np.tril_indices(part.n)
     by_coordinate = part.coordinates.slope(x)[unknowns.owner]
     n_i, n_j = len(candidates.responses), len(candidates.references)
+    # By reciprocity, pairs of the same candidates are computed once.
+    is_square = candidates.responses == candidates.references
     for block in _blocks(candidates, x):
         omega = 2.0 * np.pi * block.freq
         factor = omega ** QUANTITIES[candidates.quantity]
@@ -308,9 +310,13 @@ def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
         step = max(1, _CHUNK_BYTES // (16 * part.n * len(omega) * n_i))
         for first in range(0, n_j, step):
             some = slice(first, first + step)
+            seen = slice(first, None) if is_square else slice(None)
             # The sign of the derivatives does not matter.
-            J = contract(system, unknowns, slopes, block.V, block.U[:, :, some])
-            J *= weight[:, :, some]
+            J = contract(system, unknowns, slopes, block.V[:, :, seen], block.U[:, :, some])
+            J *= weight[:, seen, some]
             rows = np.ascontiguousarray(J.transpose(2, 3, 0, 1)).view(np.float64)
             gram = rows @ rows.transpose(0, 1, 3, 2)
-            packed[:, some] += gram[..., lower[0], lower[1]]
+            packed[seen, some] += gram[..., lower[0], lower[1]]
+    if is_square:
+        upper = np.triu_indices(n_i, 1)
+        packed[upper] = packed[upper[::-1]]

@@ -157,6 +157,22 @@ def by_noise(found):
     return {name: std / found.noise["inflation"] for name, std in found.std.items()}
 
 
+@pytest.mark.parametrize("chunk", [1, 5_000, 2**25])
+def test_pairs_are_the_same_whatever_is_worked_on_at_a_time(model, unknowns, monkeypatch, chunk):
+    """All pairs at once, by reciprocity and in chunks, against rows of candidates by themselves."""
+    whole = planning_of(model, unknowns)
+    monkeypatch.setattr("updyn.planning.information._CHUNK_BYTES", chunk)
+    again = planning_of(model, unknowns)
+    assert again.information.packed == pytest.approx(whole.information.packed, rel=1e-9)
+    some = whole.candidates.only([2, 7], range(12))
+    rows = PairInformation.compute(some, [some.part.coordinates.home])
+    scale = np.outer(rows.scale, rows.scale)[np.tril_indices(len(unknowns))]
+    by = np.outer(whole.information.scale, whole.information.scale)
+    by = by[np.tril_indices(len(unknowns))]
+    expected = whole.information.packed[[2, 7]] * by
+    assert rows.packed * scale == pytest.approx(expected, rel=1e-9)
+
+
 def test_standard_deviations_are_those_of_an_update(model, unknowns):
     plan = updyn.plan(model, unknowns, None, 4, 1, BAND, noise={"relative": 0.03, "floor": 0.01})
     clean = updyn.response(model, plan.freq, plan.responses, plan.references, plan.quantity)
