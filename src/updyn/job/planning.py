@@ -15,7 +15,7 @@ from updyn.job.prepare import prepare_model
 from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replaced
 from updyn.planning import plan
-from updyn.planning.plan import LINES
+from updyn.planning.plan import LINES, ROBUST
 from updyn.store.planning import write_plan_json
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class PlanTable(Table):
     lines: Annotated[int | tuple[float, ...], BeforeValidator(_lines)] = LINES
     noise: dict[str, float] | None = None
     interest: str | Texts | None = None
-    robust: int = Field(default=0, ge=0)
+    robust: int = Field(default=ROBUST, ge=0)
     off: float = Field(default=0.2, gt=0, le=1)
     seed: int = Field(default=0, ge=0)
 

@@ -283,13 +283,17 @@ def _check_size(shape: tuple[int, int, int], n: int) -> None:
     one = 8 * points * (n * (n + 1) // 2)
     if rows * columns * one <= _MOST_BYTES:
         return
-    raise OptionError(
-        f"{rows} candidate responses with {columns} candidate references and {n} unknowns need"
-        f" {rows * columns * one / 2**30:.3g} GiB, more than {_MOST_BYTES / 2**30:g}; name fewer:"
-        f" with all of the responses, at most {max(_MOST_BYTES // (rows * one), 1)} candidate"
-        " references",
-        key=("reference_candidates",),
+    text = (
+        f"{rows} candidate responses with {columns} candidate references and {n} unknowns, at"
+        f" {points} starts, need {rows * columns * one / 2**30:.3g} GiB, more than"
+        f" {_MOST_BYTES / 2**30:g}; name fewer candidates"
     )
+    fits = _MOST_BYTES // (rows * one)
+    if fits:
+        text += f": with all of the responses, at most {fits} candidate references"
+    if points > 1:
+        text += "; or fewer draws (robust)"
+    raise OptionError(text, key=("reference_candidates",))
 
 
 @alone
