@@ -1,0 +1,162 @@
+"""Quality of records: what is wrong with which channel of which record, told before an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, key_path
+from updyn.signals.quality.background import drift, mains, noise_floor
+from updyn.signals.quality.finding import RecordFinding
+from updyn.signals.quality.hits import (
+    REACH,
+    about_the_hit,
+    clipped,
+    cut_off,
+    ringing_before,
+    second_hits,
+    short_force,
+    start_of_hit,
+)
+from updyn.signals.quality.together import leakage, level_dependence
+from updyn.signals.records import Records, records_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["RecordFinding", "check_records"]
+
+_Real = NDArray[np.float64]
+_Band = tuple[float, float]
+#: Hits with these are not compared with others.
+_SPOILT = ("clipped", "double-hit", "cut-off", "leakage")
+
+
+def check_records(
+    records: xarray.DataArray | Records,
+    excitation: str | Iterable[str],
+    *,
+    band: tuple[float, float] | None = None,
+    segment: float | None = None,
+) -> tuple[RecordFinding, ...]:
+    """Look for faults of records.
+
+    Parameters
+    ----------
+    records : xarray.DataArray
+        Of `read_records`.
+    excitation : str or iterable of str
+        The channel of the force, or those of several.
+    band : (float, float), optional
+        Lines in Hz that are wanted. Without it nobody knows whether force and response reach far
+        enough: ``"short-force"`` and ``"noise-floor"`` are not looked for, and levels are compared
+        where the force is within 20 dB of its largest line.
+    segment : float, optional
+        As of `estimate_frf`, in s: the force lasts, and faults of hits are not looked for.
+
+    Returns
+    -------
+    tuple of RecordFinding
+        By record, then by channel; those of several records together come last. `estimate_frf`
+        leaves out nothing by itself: pass ``reject={finding.record: finding.kind}`` for those that
+        are to go.
+
+    Raises
+    ------
+    DataError
+        If there is no such channel, or it is zero throughout.
+    """
+    given = records_of(records)
+    forces = [excitation] if isinstance(excitation, str) else list(excitation)
+    rows = []
+    for name in forces:
+        with key_path("excitation", name):
+            rows.append(given.index(name))
+            if not given.values[:, rows[-1]].any():
+                raise DataError(f"channel {name!r}: the force is zero throughout")
+    found: list[RecordFinding] = []
+    for number in range(1, len(given.values) + 1):
+        if segment is None:
+            found += _of_hit(given, rows, number, band)
+        else:
+            found += _of_lasting(given, number)
+    for row, name in enumerate(given.channels):
+        found += mains(given.values[:, row], given.step, segment is not None, band, name)
+    others = [row for row in range(len(given.channels)) if row not in rows]
+    if len(rows) > 1:
+        return tuple(found)
+    for row in others:
+        if segment is None:
+            found += _of_hits(given, rows[0], row, band, found)
+        else:
+            names = (given.channels[rows[0]], given.channels[row])
+            pair = given.values[:, rows[0]], given.values[:, row]
+            found += leakage(*pair, given.step, segment, names)
+    return tuple(found)
+
+
+def _of_hit(
+    records: Records, rows: list[int], number: int, band: _Band | None
+) -> Iterator[RecordFinding]:
+    """Yield the faults of one hit."""
+    record, step = records.values[number - 1], records.step
+    force = record[rows[0]]
+    begin = start_of_hit(force)
+    for row, (name, channel) in enumerate(zip(records.channels, record, strict=True)):
+        found = list(clipped(channel, name, number))
+        if row in rows:
+            found += second_hits(channel, step, name, number)
+            if band is not None:
+                found += short_force(channel, step, band, name, number)
+        else:
+            found += cut_off(channel, force, name, number)
+            found += ringing_before(channel, force, name, number)
+            if band is not None and not any(one.kind == "cut-off" for one in found):
+                found += noise_floor(channel, step, _lines(force, step, band), name, number)
+        found += drift(channel, begin, name, number)
+        yield from found
+
+
+def _of_lasting(records: Records, number: int) -> Iterator[RecordFinding]:
+    """Yield the faults of one record of a lasting force."""
+    for name, channel in zip(records.channels, records.values[number - 1], strict=True):
+        yield from clipped(channel, name, number)
+        yield from drift(channel, None, name, number)
+
+
+def _of_hits(
+    records: Records, force: int, row: int, band: _Band | None, found: list[RecordFinding]
+) -> Iterator[RecordFinding]:
+    """Yield the faults of a channel that all hits show together."""
+    name = records.channels[row]
+    if any(one.kind == "mains" and one.channel == name for one in found):
+        return  # a line that is the same in all hits is a larger share of the weak ones
+    spoilt = {
+        one.record
+        for one in found
+        if one.kind in _SPOILT and one.channel in (name, records.channels[force])
+    }
+    numbers = [n for n in range(1, len(records.values) + 1) if n not in spoilt]
+    if not numbers:
+        return
+    at = np.array(numbers) - 1
+    F, X = (
+        values - np.median(values, axis=1, keepdims=True)
+        for values in (records.values[at, force], records.values[at, row])
+    )
+    lines = np.all([_lines(one, records.step, band) for one in F], axis=0)
+    quiet = np.array([np.where(about_the_hit(one), one, 0.0) for one in F])
+    yield from level_dependence(quiet, X, records.step, lines, name, numbers)
+
+
+def _lines(force: _Real, step: float, band: _Band | None) -> NDArray[np.bool_]:
+    """Return the lines in the band that a force reaches."""
+    level = np.abs(np.fft.rfft(force - np.median(force)))
+    freq = np.fft.rfftfreq(len(force), step)
+    lines = (level > 10.0 ** (REACH / 20.0) * level[1:].max()) & (freq > 0.0)
+    if band is not None:
+        lines &= (freq >= band[0]) & (freq <= band[1])
+    return np.asarray(lines)

@@ -1,0 +1,245 @@
+"""Faults that records show together: FRFs that change with the level, leakage of segments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from updyn.signals.quality.finding import RecordFinding
+
+__all__ = ["leakage", "level_dependence"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Hits, and how much larger the strongest has to be than the weakest, for a level to show.
+_HITS, _RANGE = 4, 1.25
+#: Peaks that are looked at; their lines are those above this share of the peak, at most so many to
+#: a side; one stands out by half of its height.
+_PEAKS, _FLANK, _MOST = 5, 0.35, 200
+#: Change of the shape of a peak that matters, and how rarely chance makes it.
+_CHANGE, _CHANCE = 0.03, 0.005
+#: A record is cut into so many blocks; a response is there where one is this many times the noise.
+_BLOCKS, _LOUD = 200, 2.0
+#: Loss of a peak to leakage that matters, beyond so many standard deviations of it; these are from
+#: so many parts of the records, of so many segments each at least.
+_LOSS, _ERRORS, _PARTS, _LEAST_SEGMENTS = 0.1, 2.0, 5, 3
+
+
+def level_dependence(
+    force: _Real,
+    motion: _Real,
+    step: float,
+    lines: NDArray[np.bool_],
+    name: str,
+    records: Sequence[int],
+) -> Iterator[RecordFinding]:
+    """Find peaks whose shape changes with the level of the hits: the structure is not linear.
+
+    About each peak the FRF of a hit is divided by the complex factor that brings it closest to the
+    mean: a hit beside the point changes that factor. What is left of the shape is regressed on the
+    level, and what the level explains is compared with chance (F test).
+
+    Parameters
+    ----------
+    force, motion : ndarray of float, shape (n, n_samples)
+        Of the hits, without offset; of the motion, one channel.
+    step : float
+        Between samples, in s.
+    lines : ndarray of bool, shape (n_samples // 2 + 1,)
+        Which lines are looked at.
+    name : str
+        Channel of the motion.
+    records : sequence of int
+        Numbers of the hits.
+
+    Yields
+    ------
+    RecordFinding
+        Of the peak that changes most.
+    """
+    levels = np.abs(force).max(axis=1)
+    n = len(levels)
+    if n < _HITS or levels.max() < _RANGE * levels.min():
+        return
+    gate = _gate(motion)
+    F, X = np.fft.rfft(force * gate, axis=1), np.fft.rfft(motion * gate, axis=1)
+    freq = np.fft.rfftfreq(force.shape[1], step)
+    H = np.zeros_like(X)
+    H[:, lines] = X[:, lines] / F[:, lines]
+    least = (n - 2) * (_CHANCE ** (-1.0 / (n - 2)) - 1.0)
+    found: list[tuple[float, float]] = []
+    for peak, about in _peaks(np.abs(H.mean(axis=0)), lines):
+        change, F_ratio = _explained(H[:, about], levels)
+        if change > _CHANGE and F_ratio > least:
+            found.append((change, float(freq[peak])))
+    if found:
+        change, f = max(found)
+        low, high = float(levels.min()), float(levels.max())
+        yield RecordFinding(
+            "level-dependence",
+            name,
+            None,
+            change,
+            f"Records {', '.join(map(str, records))}, {name}: from the weakest hit ({low:.3g}) to"
+            f" the strongest ({high:.3g}) the peak at {f:g} Hz changes its shape by"
+            f" {100.0 * change:.0f} %: the structure is not linear.",
+            "Hit with one level, or fit the FRFs of one level; look for joints that slip or"
+            " rattle.",
+            (0.95 * f, 1.05 * f),
+        )
+
+
+def _gate(motion: _Real) -> _Real:
+    """Return a window that ends where the responses have fallen to their noise."""
+    n = motion.shape[1]
+    size = max(1, n // _BLOCKS)
+    blocks = motion[:, : n // size * size].reshape(len(motion), -1, size)
+    level = np.sqrt(np.mean(blocks**2, axis=(0, 2)))
+    loud = np.flatnonzero(level > _LOUD * np.median(level[-len(level) // 4 :]))
+    end = n if not len(loud) else min(n, (int(loud[-1]) + 2) * size)
+    fall = max(2, end // 4)
+    gate = np.zeros(n)
+    gate[:end] = 1.0
+    gate[end - fall : end] = 0.5 + 0.5 * np.cos(np.pi * np.arange(fall) / fall)
+    return gate
+
+
+def _peaks(size: _Real, lines: NDArray[np.bool_]) -> Iterator[tuple[int, slice]]:
+    """Yield the places of the largest peaks, and the lines about each."""
+    places, known = find_peaks(np.where(lines, size, 0.0), prominence=0.0)
+    high = known["prominences"] > 0.5 * size[places]
+    places = places[high]
+    for peak in places[np.argsort(-size[places])][:_PEAKS].tolist():
+        low = high_end = peak
+        while peak - low < _MOST and lines[low - 1] and size[low - 1] > _FLANK * size[peak]:
+            low -= 1
+        while (
+            high_end - peak < _MOST
+            and high_end + 1 < len(size)
+            and lines[high_end + 1]
+            and size[high_end + 1] > _FLANK * size[peak]
+        ):
+            high_end += 1
+        if high_end - low >= 2:
+            yield peak, slice(low, high_end + 1)
+
+
+def _explained(H: _Complex, levels: _Real) -> tuple[float, float]:
+    """Return how far a shape changes from the lowest level to the highest, and F of that change.
+
+    The noise of an FRF is inverse to the level of its hit, so that the levels are the weights.
+
+    Parameters
+    ----------
+    H : ndarray of complex, shape (n, lines)
+        FRFs of the hits about a peak.
+    levels : ndarray of float, shape (n,)
+        Of the hits.
+    """
+    mean = levels**2 @ H / np.sum(levels**2)
+    power = float(np.vdot(mean, mean).real)
+    shapes = H / (H @ mean.conj() / power)[:, None]
+    weighted = levels[:, None] * shapes
+    Q, R = np.linalg.qr(np.column_stack([levels, levels**2]))
+    along = Q.T @ weighted
+    explained = float(np.vdot(along[1], along[1]).real)
+    left = float(np.sum(np.abs(weighted - Q @ along) ** 2))
+    left = max(left, 1e-24 * power * float(np.sum(levels**2)))
+    change = float(np.sqrt(explained / power)) / abs(float(R[1, 1])) * float(np.ptp(levels))
+    return change, explained / (left / (len(levels) - 2))
+
+
+def leakage(
+    force: _Real, motion: _Real, step: float, segment: float, names: tuple[str, str]
+) -> Iterator[RecordFinding]:
+    """Find peaks that segments are too short for: in segments twice as long they are higher.
+
+    Parameters
+    ----------
+    force, motion : ndarray of float, shape (n, n_samples)
+        Of the records; one channel each.
+    step, segment : float
+        Between samples, and length of the segments, in s.
+    names : (str, str)
+        Channels of the force and of the motion.
+
+    Yields
+    ------
+    RecordFinding
+        Of the peak that loses most.
+    """
+    size = round(segment / step)
+    if size < 16 or 2 * size > force.shape[1]:
+        return
+    short, long = (_Averages.of(force, motion, n) for n in (size, 2 * size))
+    if len(long.xf) < _LEAST_SEGMENTS * _PARTS:
+        return
+    freq = np.fft.rfftfreq(size, step)
+    whole = np.abs(short.h1(slice(None)))
+    places, _ = find_peaks(whole, prominence=0.0)
+    places = places[places > 1]
+    found: list[tuple[float, float]] = []
+    for peak in places[np.argsort(-whole[places])][:_PEAKS].tolist():
+        about = np.abs(long.h1(slice(None))[2 * peak - 1 : 2 * peak + 2])
+        lost = 1.0 - whole[peak] / about.max()
+        at = 2 * peak - 1 + int(np.argmax(about))
+        # The two estimates share their noise: its part in the loss shows in parts of the records.
+        parts = []
+        for part in range(_PARTS):
+            pair = (one.h1(slice(part, None, _PARTS)) for one in (short, long))
+            low, high = (float(np.abs(H[k])) for H, k in zip(pair, (peak, at), strict=True))
+            parts.append(1.0 - low / high)
+        error = float(np.std(parts, ddof=1)) / np.sqrt(_PARTS)
+        if lost > _LOSS + _ERRORS * error:
+            found.append((float(lost), float(freq[peak])))
+    if found:
+        lost, f = max(found)
+        force_name, name = names
+        yield RecordFinding(
+            "leakage",
+            name,
+            None,
+            lost,
+            f"All records, {force_name} to {name}: in segments of {segment:g} s the peak at {f:g}"
+            f" Hz is {100.0 * lost:.0f} % lower than in segments twice as long.",
+            f"Take segments of {2.0 * segment:g} s or more.",
+            (f - 2.0 / segment, f + 2.0 / segment),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Averages:
+    """Spectra of segments that overlap by half.
+
+    Attributes
+    ----------
+    xf : ndarray of complex, shape (n, lines)
+        X conj(F) of each segment.
+    ff : ndarray of float, shape (n, lines)
+        |F|^2 of each segment.
+    """
+
+    xf: _Complex
+    ff: _Real
+
+    @classmethod
+    def of(cls, force: _Real, motion: _Real, size: int) -> _Averages:
+        F, X = _segments(force, size), _segments(motion, size)
+        return cls(X * F.conj(), np.abs(F) ** 2)
+
+    def h1(self, chosen: slice) -> _Complex:
+        """Return H1 over some of the segments."""
+        power = np.maximum(self.ff[chosen].mean(axis=0), np.finfo(float).tiny)
+        return np.asarray(self.xf[chosen].mean(axis=0) / power)
+
+
+def _segments(channel: _Real, size: int) -> _Complex:
+    """Return the spectra of the segments of a channel, shape (n, size // 2 + 1)."""
+    cut = np.lib.stride_tricks.sliding_window_view(channel, size, axis=1)[:, :: size // 2]
+    flat = cut.reshape(-1, size)
+    return np.fft.rfft((flat - flat.mean(axis=1, keepdims=True)) * np.hanning(size), axis=1)
