@@ -125,6 +125,26 @@ def test_hits_of_a_linear_structure_beside_the_point():
     assert found(given, band=(3.0, 80.0)) == ()
 
 
+@pytest.mark.parametrize("n", [2, 3, 8, 40, 100, 300])
+@pytest.mark.parametrize("hits_", [1, 5])
+def test_records_of_hardly_anything(n, hits_):
+    """Nothing is divided by zero, whatever is short, dead, constant, or at the edge."""
+    rng = np.random.default_rng(n)
+    noise = rng.standard_normal((hits_, 3, n))
+    dead = np.zeros((hits_, 3, n))
+    dead[:, 0, n // 3] = np.arange(1.0, hits_ + 1.0)
+    ramp = dead.copy()
+    ramp[:, 1], ramp[:, 2] = 3.0, np.arange(n)
+    edge = np.zeros((hits_, 3, n))
+    edge[:, 0, 0] = edge[:, 1, -1] = 1.0
+    for values in (noise, dead, ramp, edge):
+        for step in (1e-5, 1e-3, 0.1):
+            given = Records.of(values, step, SOUND.channels, SOUND.units)
+            for options in ({}, {"band": (1.0, 100.0)}, {"segment": step * max(2, n // 4)}):
+                for one in found(given, **options):
+                    assert np.isfinite(one.value)
+
+
 # -- lasting forces ----------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def lasting():

@@ -34,6 +34,8 @@ _FINER = 4
 _BESIDE = (3, 8)
 #: Response over noise, in dB, that FRFs need; share of lines without it from which it is told.
 _ENOUGH, _WITHOUT = 3.0, 0.45
+#: Samples from which the noise at the end of a record is known.
+_SHORTEST = 256
 
 
 def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator[RecordFinding]:
@@ -52,6 +54,8 @@ def drift(channel: _Real, begin: int | None, name: str, record: int) -> Iterator
     ------
     RecordFinding
     """
+    if len(channel) < 2 * _PIECES:
+        return
     offsets = np.array([piece.mean() for piece in np.array_split(channel, _PIECES)])
     size = float(np.abs(channel - np.median(channel)).max())
     if begin is not None:
@@ -170,10 +174,9 @@ def _steady_line(halves: list[_Real], step: float, f: float) -> float:
 def _line(half: _Real, step: float, f: float) -> tuple[float, float] | None:
     """Return amplitude and error of a sine near f that stands out of its surroundings."""
     n = len(half)
-    window = np.hanning(n)
-    resolution = 1.0 / (n * step)
-    if n * step < _LEAST or f < (_BESIDE[1] + 1) * resolution:
+    if n * step < _LEAST or f * n * step < _BESIDE[1] + 1:
         return None
+    window, resolution = np.hanning(n), 1.0 / (n * step)
     spectrum = np.abs(np.fft.rfft(half * window, _FINER * n)) * 2.0 / window.sum()
     # The mains wander; a record that resolves that is searched.
     lines = _FINER * n * step * np.array([f - _WANDER, f + _WANDER])
@@ -212,7 +215,7 @@ def noise_floor(
     """
     n = len(channel)
     freq = np.fft.rfftfreq(n, step)
-    if lines.sum() < 8:
+    if lines.sum() < 8 or n < _SHORTEST:
         return
     tail = channel[-(n // 4) :]
     at, density = welch(tail, fs=1.0 / step, nperseg=max(16, len(tail) // 4))

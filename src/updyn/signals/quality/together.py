@@ -70,6 +70,7 @@ def level_dependence(
     F, X = np.fft.rfft(force * gate, axis=1), np.fft.rfft(motion * gate, axis=1)
     freq = np.fft.rfftfreq(force.shape[1], step)
     H = np.zeros_like(X)
+    lines = lines & (np.abs(F) > 0.0).all(axis=0)
     H[:, lines] = X[:, lines] / F[:, lines]
     least = (n - 2) * (_CHANCE ** (-1.0 / (n - 2)) - 1.0)
     found: list[tuple[float, float]] = []
