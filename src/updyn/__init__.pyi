@@ -56,6 +56,7 @@ from .planning import Plan as Plan
 from .planning import plan as plan
 from .report import write_plan as write_plan
 from .report import write_report as write_report
+from .signals.cutting import cut_hits as cut_hits
 from .signals.estimate import FRFEstimate as FRFEstimate
 from .signals.estimate import estimate_frf as estimate_frf
 from .signals.estimate import frf_estimate as frf_estimate

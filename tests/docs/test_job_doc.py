@@ -31,7 +31,7 @@ from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.planning import PlanTable
-from updyn.job.records_table import RecordsTable, SetupTable, WindowTable
+from updyn.job.records_table import CutTable, RecordsTable, SetupTable, WindowTable
 from updyn.job.schema import (
     CalibrationTable,
     DampingTable,
@@ -83,6 +83,7 @@ TABLES = tables()
         ("[records]", RecordsTable),
         ("[[records.setup]]", SetupTable),
         ("[records.impact]", WindowTable),
+        ("[records.cut]", CutTable),
         ("[match]", MatchTable),
         ("[[parameter]]", ParameterTable),
         ("[[damping]]", DampingTable),

@@ -13,6 +13,7 @@ from updyn.io import read_records
 from updyn.job.base import Document
 from updyn.job.files import existing_file
 from updyn.job.records_table import RecordsTable, SetupTable
+from updyn.signals.cutting import cut
 from updyn.signals.estimate import estimate_frf
 from updyn.signals.joining import joined_frfs
 from updyn.signals.quality import RecordFinding, check_records
@@ -112,6 +113,11 @@ def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSet
             found = read_records(path, **_reader_options(setup))
         parts.append(records_of(found).calibrated(setup.units, setup.factors))
     records = chained(parts)
+    if table.cut is not None:
+        before = table.cut.length / 20.0 if table.cut.before is None else table.cut.before
+        force = _names(setup.excitation)[0]
+        with key_path("cut"):
+            records = cut(records, force, table.cut.length, before, table.cut.level)
     findings = check_records(
         records, list(_names(setup.excitation)), band=table.band, segment=table.segment
     )
@@ -159,5 +165,7 @@ def _place_in_job(table: RecordsTable, number: int) -> Iterator[None]:
             # Of an error that states no option, or of one that is a key of its own here.
             rest = key[1:] or ("file",)
             key = rest if rest[0] in ("file", "format") else key
+        if key[:2] == ("cut", "excitation"):
+            key = key[1:]
         error.key = (*table.place(number, str(key[0])), *key[1:])
         raise

@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, Strict, model_validator
 
 from updyn.job.base import Document, Pair, Table, Texts, is_number, tables_of
 
-__all__ = ["RecordsJob", "RecordsTable", "SetupTable", "WindowTable"]
+__all__ = ["CutTable", "RecordsJob", "RecordsTable", "SetupTable", "WindowTable"]
 
 
 def _files(given: Any) -> Any:
@@ -64,6 +64,14 @@ class WindowTable(Table):
     remove_damping: bool = True
 
 
+class CutTable(Table):
+    """``[records.cut]``: records that run on over several hits, cut into one a hit."""
+
+    length: float = Field(gt=0)
+    before: float | None = Field(default=None, ge=0)
+    level: float = Field(default=0.2, gt=0, lt=1)
+
+
 class SetupTable(Table):
     """``[[records.setup]]``: files with records of the same channels."""
 
@@ -89,6 +97,7 @@ class RecordsTable(SetupTable):
     estimator: Literal["H1", "H2", "Hv"] = "H1"
     window: str | None = None
     impact: WindowTable | None = None
+    cut: CutTable | None = None
     segment: float | None = Field(default=None, gt=0)
     overlap: float = Field(default=0.5, ge=0, lt=1)
     band: Pair | None = None
@@ -109,6 +118,8 @@ class RecordsTable(SetupTable):
             raise ValueError(
                 "impact: windows for hits take whole records; leave window and segment out"
             )
+        if self.cut is not None and self.segment is not None:
+            raise ValueError("cut: it is for hits, segment for a force that lasts; give one")
         for setup in self.setups:
             if setup.excitation is None:
                 raise ValueError("missing key 'excitation': the channel of the force, with its DOF")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 import hits
 import updyn
@@ -141,6 +144,66 @@ def test_info_describes_records(folder, capsys):
     assert "the last line" in capsys.readouterr().err
 
 
+def test_a_sound_file_that_runs_on_over_several_hits(tmp_path, capsys):
+    single = hits.records(3, seconds=SECONDS, noise=1e-4)
+    whole = np.concatenate([np.zeros((3, 256)), *single.values], axis=1)
+    size = np.abs(whole).max(axis=1, keepdims=True)
+    wavfile.write(tmp_path / "a.wav", round(1.0 / single.step), (whole / size).T)
+    of_f, of_top, of_tip = size[:, 0].tolist()
+    text = f"""
+[records]
+file = "a.wav"
+reader = {{ channels = ["hammer", "top", "tip"] }}
+units = {{ hammer = "N", top = "m", tip = "m" }}
+factors = {{ hammer = {of_f}, top = {of_top}, tip = {of_tip} }}
+excitation = {{ hammer = "1:Z" }}
+responses = {{ top = "1:Z", tip = "2:Z" }}
+cut = {{ length = 1.75, before = 0.02 }}
+output = "test.nc"
+"""
+    assert main(["frf", put(tmp_path, text)]) == 0
+    assert "a.wav: 3 records of 3 channels, 896 samples in 1.75 s" in capsys.readouterr().out
+    found = updyn.read_frf(tmp_path / "test.nc")
+    first = int(np.argmax(single.values[0, 0] > 0.2 * single.values[:, 0].max()))
+    start = first - round(0.02 / single.step)
+    own = replace(single, values=single.values[:, :, start : start + 896])
+    wanted = updyn.estimate_frf(own, {"hammer": "1:Z"}, responses={"1:Z": "1:Z", "2:Z": "2:Z"})
+    assert np.abs(found.values - wanted.values).max() < 1e-9 * np.abs(wanted.values).max()
+    job = put(tmp_path, text.replace("length = 1.75", "length = 1.99"))
+    assert main(["frf", job, "--force"]) == 2
+    assert f"error: {job}:9: record 1: the hit at" in capsys.readouterr().err
+
+
+def test_two_shakers_at_once(tmp_path):
+    rng = np.random.default_rng(0)
+    force = rng.standard_normal((2, 8192))
+    one, two = hits.displacement(force[0]), hits.displacement(force[1])
+    motion = np.array([one[0] + two[1], one[1] - two[0]])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["all"] = np.concatenate([force, motion])
+        file["fs"] = 1.0 / hits.STEP
+    text = """
+[records]
+file = "a.h5"
+reader = { values = "all", channels = ["a", "b", "p", "q"], order = ["channel", "time"], rate = "fs" }
+units = { a = "N", b = "N", p = "m", q = "m" }
+excitation = { a = "1:Z", b = "2:Z" }
+responses = { p = "3:Z", q = "4:Z" }
+segment = 2.0
+output = "test.nc"
+"""
+    assert main(["frf", put(tmp_path, text)]) == 0
+    found = updyn.read_frf(tmp_path / "test.nc")
+    assert (found.references.labels, found.responses.labels) == (["1:Z", "2:Z"], ["3:Z", "4:Z"])
+    exact = hits.receptance(found.freq)
+    wanted = np.stack(
+        [np.stack([exact[:, 0], exact[:, 1]], 1), np.stack([exact[:, 1], -exact[:, 0]], 1)], 1
+    )
+    quiet = found.freq > 70.0  # beyond the peaks nothing leaks
+    error = np.abs(found.values - wanted)[quiet] / np.abs(wanted[quiet]).max()
+    assert np.median(error) < 0.05
+
+
 SETUPS = """\
 [[records.setup]]
 file = "a.lvm"
@@ -160,7 +223,7 @@ file = "b.lvm"
         ("[3, 80]", "[300, 800]", 6, "no line in it; lines go to 256 Hz"),
         ('"test.nc"', '"test.doc"', 7, "neither content nor suffix '.doc'"),
         ('"test.nc"', '"a.lvm"', 7, "a.lvm: is a file to read"),
-        ("output", "out", 7, "unknown key 'out' in [records]; did you mean 'output'?"),
+        ("output", "outpt", 7, "unknown key 'outpt' in [records]; did you mean 'output'?"),
         ('output = "test.nc"', "", 1, "[records] names no output; add one, or --out FILE"),
         ("band", 'reject = { 9 = "x" }\nband', 6, "reject: no record 9; there are 3"),
         ("band", 'reject = { one = "x" }\nband', 6, "record 'one'; expected whole numbers"),

@@ -1,0 +1,118 @@
+"""`cut_hits`: records that run on over several hits, cut into one record a hit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError, OptionError, key_path
+from updyn.signals.records import Records, records_of
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["cut", "cut_hits"]
+
+
+def cut_hits(
+    records: xarray.DataArray | Records,
+    excitation: str,
+    *,
+    length: float,
+    before: float | None = None,
+    level: float = 0.2,
+) -> xarray.DataArray:
+    """Cut records that run on over several hits into one record a hit.
+
+    A hit begins where the force exceeds the level; the next one is sought after the end of its
+    record, so that a second hit within one stays in it, for `check_records` to find.
+
+    Parameters
+    ----------
+    records : xarray.DataArray
+        Of `read_records`, such as those of a WAV file.
+    excitation : str
+        The channel of the force.
+    length : float
+        Of each new record, in s.
+    before : float, optional
+        How much of that is before the hit, in s; by default a twentieth.
+    level : float
+        Share of the largest force that a hit exceeds, above 0 and below 1.
+
+    Returns
+    -------
+    xarray.DataArray
+        As of `read_records`; records are the hits in their order.
+
+    Raises
+    ------
+    DataError
+        If there is no such channel, it is zero throughout, or a record begins too late or ends too
+        early for one of its hits.
+    OptionError
+        If a length or the level has a value that it cannot have.
+    """
+    lead = length / 20.0 if before is None else before
+    return cut(records_of(records), excitation, length, lead, level).to_xarray()
+
+
+def cut(records: Records, excitation: str, length: float, before: float, level: float) -> Records:
+    """Return one record a hit; as `cut_hits`.
+
+    Parameters
+    ----------
+    records : Records
+        The records.
+    excitation, length, before, level
+        As of `cut_hits`.
+
+    Returns
+    -------
+    Records
+    """
+    step, n = records.step, records.values.shape[2]
+    if not 2.0 * step <= length <= n * step:
+        raise OptionError(
+            f"length {length} s; expected {2.0 * step:g} to {n * step:g} s, a record",
+            key=("length",),
+        )
+    if not 0.0 <= before < length:
+        raise OptionError(
+            f"before {before} s; expected 0 to below the length, {length:g} s", key=("before",)
+        )
+    if not 0.0 < level < 1.0:
+        raise OptionError(f"level {level}; expected a share between 0 and 1", key=("level",))
+    with key_path("excitation", excitation):
+        row = records.index(excitation)
+    force = records.values[:, row]
+    size = np.abs(force - np.median(force, axis=1, keepdims=True))
+    if not size.any():
+        raise DataError(f"channel {excitation!r}: the force is zero throughout")
+    lead, width = round(before / step), round(length / step)
+    parts = []
+    for number, (record, share) in enumerate(
+        zip(records.values, size / size.max(), strict=True), 1
+    ):
+        for begin in _hits(share > level, width - lead):
+            start = begin - lead
+            if start < 0 or start + width > n:
+                raise DataError(
+                    f"record {number}: the hit at {begin * step:g} s has {begin * step:g} s before"
+                    f" it and {(n - begin) * step:g} s from it on; expected {before:g} and"
+                    f" {length - before:g} s: shorten before or length",
+                    key=("length",),
+                )
+            parts.append(record[:, start : start + width])
+    return Records.of(parts, step, records.channels, records.units, records.source)
+
+
+def _hits(above: NDArray[np.bool_], rest: int) -> list[int]:
+    """Return where hits begin: the first samples above the level, the rest of a record apart."""
+    begins: list[int] = []
+    for at in np.flatnonzero(above).tolist():
+        if not begins or at >= begins[-1] + rest:
+            begins.append(at)
+    return begins
