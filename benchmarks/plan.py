@@ -4,8 +4,9 @@
 geometric mean of its semi-axes: the n-th root of its volume) of 500 random layouts and of the
 classical criteria, over that of the plan. ``robust``: the same where the truth is 20 % off the
 start, for a plan at the start (``robust=0``), one over four draws (the default) and effective
-independence, over that of a plan that knows the truth. ``fits``: the spread of 300 fits to data
-with noise over the standard deviations that the plan expects.
+independence, over that of a plan that knows the truth. ``draws``: the same by number of draws, over
+that without. ``fits``: the spread of 300 fits to data with noise over the standard deviations that
+the plan expects. The last two take the name of a structure.
 """
 
 from __future__ import annotations
@@ -156,6 +157,24 @@ def robust() -> None:
         print(f"| {structure.name} | {' | '.join(cells)} |", flush=True)
 
 
+def draws(which: str = "") -> None:
+    numbers = (0, 2, 4, 8, 16)
+    print(f"| structure | {' | '.join(map(str, numbers))} |")
+    print("|---|---|---|---|---|---|")
+    for structure in structures():
+        if which not in structure.name:
+            continue
+        plans = [structure.plan(robust=number, seed=1) for number in numbers]
+        rng = np.random.default_rng(7)
+        logs = []
+        for _ in range(DRAWS):
+            planning = structure.planning(off(structure, rng))
+            sizes = [radius(planning, *positions(planning, plan)) for plan in plans]
+            logs.append(np.log(sizes) - np.log(sizes[0]))
+        cells = [f"{value:.2f}" for value in np.exp(np.mean(logs, axis=0))]
+        print(f"| {structure.name} | {' | '.join(cells)} |", flush=True)
+
+
 def off(structure: Structure, rng: np.random.Generator, share: float = 0.2) -> Model:
     """A structure each of whose unknowns is off by 20 %."""
     changes: dict[str, dict[str, float]] = {}
@@ -199,4 +218,4 @@ def noisy(clean: FRF, plan: updyn.Plan, rng: np.random.Generator) -> FRF:
 
 
 if __name__ == "__main__":
-    {"layouts": layouts, "robust": robust, "fits": fits}[sys.argv[1]](*sys.argv[2:])
+    {"layouts": layouts, "robust": robust, "draws": draws, "fits": fits}[sys.argv[1]](*sys.argv[2:])

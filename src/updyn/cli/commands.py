@@ -446,7 +446,8 @@ def plan(job: Path, /, *, out: Path | None = None) -> int:
 
     loaded = load_job(job, before_test=True)
     folder = out or default_plan_out(loaded)
-    print_text(plan_job(loaded, folder).summary())
+    made = plan_job(loaded, folder, say=lambda text: print_note(text, "dim"))
+    print_text(made.summary())
     print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")
     return DONE
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -98,7 +99,12 @@ def default_plan_out(job: Job) -> Path:
     return job.path.with_name(f"{job.path.stem}-plan")
 
 
-def plan_job(job: Job, out: str | Path | None = None) -> Plan:
+def plan_job(
+    job: Job,
+    out: str | Path | None = None,
+    *,
+    say: Callable[[str], object] | None = None,
+) -> Plan:
     """Choose the sensors and forces that ``[plan]`` of a job asks for, and write the plan.
 
     Model, damping and unknowns are those of the job, and so is the configuration of its test where
@@ -110,6 +116,8 @@ def plan_job(job: Job, out: str | Path | None = None) -> Plan:
         From `load_job`; its ``[test]`` may be left out.
     out : path, optional
         The folder; by default the job's stem with ``-plan``, beside it.
+    say : callable, optional
+        As for `updyn.plan`.
 
     Returns
     -------
@@ -131,7 +139,7 @@ def plan_job(job: Job, out: str | Path | None = None) -> Plan:
     options = table.model_dump()
     title = job.title or job.path.stem
     with job.located(), key_path("plan"):
-        found = plan(model, unknowns, compare=True, **options)
+        found = plan(model, unknowns, compare=True, say=say, **options)
     with open_folder(out):
         check_out(job, out, PLANNED)  # once more: now no other run can change it
         with replaced(out, "plan", PLANNED) as new:

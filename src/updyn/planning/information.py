@@ -12,7 +12,7 @@ Identification, 2nd ed. 2012, section 9.11, for circular complex noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -195,7 +195,12 @@ class PairInformation:
     scale: _Real
 
     @classmethod
-    def compute(cls, candidates: Candidates, points: Sequence[_Real]) -> PairInformation:
+    def compute(
+        cls,
+        candidates: Candidates,
+        points: Sequence[_Real],
+        say: Callable[[str], object] = str,
+    ) -> PairInformation:
         """Compute the information of every pair.
 
         Parameters
@@ -204,6 +209,8 @@ class PairInformation:
             Model and candidates.
         points : sequence of ndarray of float, shape (n,)
             Where, in the optimiser's coordinates.
+        say : callable
+            Called with a text before each point.
 
         Raises
         ------
@@ -216,7 +223,10 @@ class PairInformation:
         shape = (len(candidates.responses), len(candidates.references), len(points))
         _check_size(shape, n)
         packed = np.zeros((*shape, n * (n + 1) // 2))
+        low, high = candidates.freq[[0, -1]]
+        about = f"{shape[0]} x {shape[1]} pairs, {low:g} to {high:g} Hz"
         for at, x in enumerate(points):
+            say(f"information of {about}: start {at + 1} of {len(points)}")
             _add(candidates, x, packed[:, :, at])
         weight = candidates.part.coordinates.prior[1]
         lower = np.tril_indices(n)

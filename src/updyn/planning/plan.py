@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from numpy.typing import ArrayLike
@@ -55,6 +55,7 @@ def plan(
     off: float = 0.2,
     seed: int = 0,
     compare: bool = False,
+    say: Callable[[str], object] | None = None,
 ) -> Plan:
     """Choose sensors and forces out of candidates, before a test, for the unknowns of a model.
 
@@ -100,6 +101,8 @@ def plan(
         Of the draws.
     compare : bool
         Whether to choose by the other criteria as well, and to state how much worse they are.
+    say : callable, optional
+        Called with a text before each long step: one for each start in each band.
 
     Returns
     -------
@@ -143,7 +146,8 @@ def plan(
         freq = find_lines(lines, one)
         sought = Candidates.build(start, unknowns, responses, references, freq, quantity, expected)
         points = draws.points(sought.part.coordinates)
-        planning = Planning(sought, PairInformation.compute(sought, points), wanted)
+        information = PairInformation.compute(sought, points, say or str)
+        planning = Planning(sought, information, wanted)
         with key_path("criterion"):
             layout = rule.choose(planning, n_sensors, n_references)
         found.append(Choice.ordered(one, planning, layout, rule))

@@ -381,6 +381,12 @@ def test_too_many_pairs_are_refused_before_the_work(model, unknowns, monkeypatch
         updyn.plan(model, unknowns, None, 3, 1, BAND, robust=4)
 
 
+def test_each_start_is_said(model, unknowns):
+    said = []
+    updyn.plan(model, unknowns, None, 2, 1, BAND, robust=1, lines=10, say=said.append)
+    assert said == [f"information of 12 x 12 pairs, 1 to 40 Hz: start {i} of 2" for i in (1, 2)]
+
+
 def test_summary_shows_all_of_it(model, unknowns):
     plan = updyn.plan(model, unknowns, None, 3, 1, [BAND, (1.0, 20.0)], robust=2, compare=True)
     text = plan.summary()
