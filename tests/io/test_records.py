@@ -214,6 +214,10 @@ def test_wav_of_24_bits(tmp_path):
         (lambda raw: raw[:40] + struct.pack("<I", 10**6) + raw[44:], "says 1000000 bytes, 200"),
         (lambda raw: raw[:20] + struct.pack("<H", 2) + raw[22:], "samples of format 0x2"),
         (lambda raw: raw[:22] + struct.pack("<H", 3) + raw[24:], "3 channels of 16 bits in blocks"),
+        (
+            lambda raw: raw[:32] + bytes(4) + raw[36:],  # no bits, no bytes a sample
+            "2 channels of 0 bits in blocks of 0 bytes contradict",
+        ),
         (lambda raw: raw[:24] + struct.pack("<I", 0) + raw[28:], "not a readable WAV file"),
         (lambda raw: raw[:24] + bytes(8) + raw[32:], "0 samples a second"),
         (lambda raw: raw[:8] + b"AVI " + raw[12:], "does not begin as RIFF or RIFX of kind WAVE"),

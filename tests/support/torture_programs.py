@@ -4,6 +4,7 @@ updyn leave behind to be read again.
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Callable
 from dataclasses import asdict
@@ -13,12 +14,14 @@ from typing import Any
 
 import meshio
 import numpy as np
+from scipy.io import wavfile
 
 import ansys_samples
 import matlab73
 import meshes
 import native_samples
 import plants_by_hand
+import uff_samples as uff
 import updyn
 from torture_readers import (
     SAMPLES,
@@ -227,12 +230,41 @@ def _lvm() -> Sample:
         text += "Delta_X\t0.25\t0.25\n***End_of_Header***\t\t\nX_Value\tforce\ttop\tComment\n"
         text += f"0.0\t{first}\t-2.0E-1\n0.25\t0.0\t3.125\n0.5\t2.5\t4.0\n"
 
+    return _records("a.lvm", text.encode())
+
+
+def _records(name: str, raw: bytes, *, is_text: bool = True) -> Sample:
     def read(folder: Path) -> Content:
-        found = updyn.read_records(folder / "a.lvm")
+        found = updyn.read_records(folder / name)
         unit = dict(zip(found["channel"].values, found["unit"].values, strict=True))
         return leaves({"values": found.values, "time": found["time"].values, "unit": unit})
 
-    return Sample({"a.lvm": text.encode()}, "a.lvm", read)
+    return Sample({name: raw}, name, read, is_text=is_text)
+
+
+@sample("WAV, records")
+def _wav() -> Sample:
+    content = io.BytesIO()
+    wavfile.write(content, 2048, np.array([[1.5, -0.2], [0.0, 3.125], [2.5, 4.0]], np.float32))
+    return _records("a.wav", content.getvalue(), is_text=False)
+
+
+@sample("universal file, records")
+def _time_responses() -> Sample:
+    raw = b""
+    for first in (1.5, 2.25):
+        for node, kind in ((1, 13), (22, 12)):
+            y = np.array([first, 0.25 * node, -0.2])
+            units = ("s", "N" if kind == 13 else "g", "NONE")
+            axes = {"types": (17, kind, 0), "units": units}
+            raw += uff.ascii58(y, (node, 3), (1, 3), kind=1, start=0.0, step=0.25, **axes)
+    return _records("a.uff", raw)
+
+
+@sample("table of records")
+def _table_of_records() -> Sample:
+    text = "time,hammer [N],3:-Z [g]\n0.0,1.5,-0.2\n0.25,0.0,3.125\n0.5,2.5,4.0\n"
+    return _records("a.csv", text.encode())
 
 
 # -- what CalculiX and MYSTRAN leave --------------------------------------------------------------

@@ -131,7 +131,7 @@ def _check_samples(head: bytes, size: int, order: str, path: Path) -> None:
             " uncompressed",
             path,
         )
-    if channels < 1 or block != channels * ((bits + 7) // 8):
+    if min(channels, bits) < 1 or block != channels * ((bits + 7) // 8):
         raise FormatError(
             f"{channels} channels of {bits} bits in blocks of {block} bytes contradict", path
         )
