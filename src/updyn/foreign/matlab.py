@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import (
     MatlabFunction,
+    MatlabObject,
     MatlabOpaque,
     MatReadError,
     MatReadWarning,
@@ -37,6 +38,8 @@ _VARIABLES_5 = (14, _COMPRESSED_5)
 _BLOCK = 2**20  # bytes
 _DEPTH = 8  # structs in structs; a file that goes deeper refers to itself
 _ARRAY = "groups"  # what may be a struct array, one struct a group
+#: Frequency responses of the Control System and the System Identification Toolbox.
+_FRD = ("frd", "idfrd")
 _NUMBERS = (
     "double",
     "single",
@@ -151,6 +154,12 @@ def _item_5(value: Any, name: str, path: str) -> Any:
     if sp.issparse(value):
         csc = sp.csc_array(value)
         return Sparse(csc.shape, csc.data, csc.indices, csc.indptr)
+    if isinstance(value, MatlabOpaque) and value.size == 1:
+        # An object has its name and its class within: scipy calls each of them "None".
+        stated, _, kind, _ = value[0]
+        raise FormatError(f"{_text(stated) or name}: {_unusable(_text(kind) or 'object')}", path)
+    if isinstance(value, MatlabObject) and value.classname in _FRD:
+        raise FormatError(f"{name}: {_unusable(value.classname)}", path)
     if isinstance(value, MatlabFunction | MatlabOpaque) or not isinstance(value, np.ndarray):
         raise FormatError(f"{name}: {_unusable('object')}", path)
     if value.dtype.kind == "U":
@@ -330,7 +339,17 @@ def _cell(value: Any, name: str, at: int, path: str) -> str:
     raise FormatError(f"{name}: cell {at + 1} is not a text; expected a cell array of texts", path)
 
 
+def _text(given: Any) -> str:
+    return given.decode("latin-1") if isinstance(given, bytes) else str(given)
+
+
 def _unusable(kind: str) -> str:
+    if kind in _FRD:
+        return (
+            f"MATLAB class {kind!r}: an object of a toolbox cannot be read; save its numbers"
+            " instead: G = chgFreqUnit(G, 'Hz'); freq = G.Frequency; H = permute(G.ResponseData,"
+            " [3 1 2]); with responses, references and quantity, see docs/formats.md"
+        )
     hint = ""
     if kind in ("string", "object"):
         hint = " (a MATLAB string array? save cellstr(...) or char(...) of it)"

@@ -1,7 +1,8 @@
 """MATLAB ``.mat`` files: versions 5 to 7.3 are read, version 5 is written.
 
 Of a model or of FRFs, variables, or the fields of the one struct that the file holds, are named as
-in `updyn.io.named`; of time records, as the user says::
+in `updyn.io.named`, those of a model also as the user says (`updyn.io.model_variables`); of time
+records, as the user says::
 
     K, M, C, loss_factor, dofs                      one group, called "model"; full or sparse
     groups.NAME.K, .M, .C, .loss_factor, dofs       several; .name where NAME cannot be the name
@@ -30,6 +31,7 @@ from updyn.foreign.plain import Sparse
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.items import compressed
+from updyn.io.model_variables import stated_items
 from updyn.io.named import build_frf, build_model, frf_items, model_items
 from updyn.io.record_arrays import build_records
 from updyn.model import Model
@@ -48,20 +50,28 @@ _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
 _READER = "scipy, or libhdf5 for version 7.3"
 
 
-def read_model(path: str | Path) -> Model:
+def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) -> Model:
     """Read a model.
 
     Parameters
     ----------
     path : path
         The file.
+    variables : mapping of str to object, optional
+        Variable, or field of a struct (``run1.K``), by item: ``{"M": "M0", "groups": ["K_1",
+        "K_2"]}``; see `updyn.io.model_variables`. By default all variables are called as the items.
 
     Raises
     ------
     FormatError
         If the file is damaged, or a variable is missing, unknown or not valid.
+    OptionError
+        If `variables` names something else than items of a model.
     """
-    return build_model(_contents(path), path)
+    found = _contents(path)
+    if variables is None:
+        return build_model(found, path)
+    return build_model(stated_items(found, variables, path), path)
 
 
 def read_frf(

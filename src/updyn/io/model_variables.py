@@ -1,0 +1,198 @@
+"""Items of a model in variables of the user's choice, as ``variables`` of a reader states them.
+
+``variables`` is by item of a model (`updyn.io.named`) the name of a variable, or of a field of a
+struct (``run1.K``). Its ``groups`` is a variable too, or a list of variables, each a group of its
+name, or a mapping of group name to a variable. The variable of a group is its stiffness, or a
+struct of K, M, C and so on; in a mapping it may be a mapping of these to variables. Matrices and
+damping stated beside such groups are the group "model".
+
+Matrices and damping are read from what is stated only: a K beside K_1 and K_2 may be their sum.
+What else a model has (labels, geometry, title) is taken from the variable of its own name where
+nothing is stated of it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
+from updyn.io.damping import DAMPING
+from updyn.io.items import Items, kind_of
+
+__all__ = ["stated_items"]
+
+_PARTS = ("K", "M", "C", *DAMPING)
+_MATRICES = ("groups", *_PARTS)
+_LABELS = ("dofs", "dof_ref")
+_REST = (*_LABELS, "title", "nodes", "xyz", "lines", "axes")
+_REMAINDER = "model"
+
+
+def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
+    """Return the items of a model.
+
+    Parameters
+    ----------
+    found : mapping of str to object
+        What the file holds.
+    variables : mapping of str to object
+        Which variable each item is, see the heading of this module.
+    path : path
+        The file, for messages.
+
+    Returns
+    -------
+    dict
+        As `updyn.io.named.build_model` takes them.
+
+    Raises
+    ------
+    OptionError
+        If `variables` is not such a mapping.
+    FormatError
+        If the file has no such variable; the nearest is named.
+
+    Warns
+    -----
+    UpdynWarning
+        If a matrix or damping under its own name is not among what is stated.
+    """
+    if not isinstance(variables, Mapping) or not variables:
+        raise OptionError(
+            f"variables = {variables!r}: expected a table of item = variable, such as"
+            ' { K = "K0", M = "M0" }',
+            key=("variables",),
+        )
+    for item in variables:
+        if item not in (*_MATRICES, *_REST):
+            raise OptionError(
+                f"variables: no item {item!r}; {suggest(item, (*_MATRICES, *_REST))}",
+                key=("variables", item),
+            )
+    file = _File(found, path)
+    items: dict[str, Any] = {}
+    for item, name in variables.items():
+        if item != "groups":
+            items[item] = file.variable(name, ("variables", item))
+    if "groups" in variables:
+        given = variables["groups"]
+        if isinstance(given, str):
+            items["groups"] = file.variable(given, ("variables", "groups"))
+        else:
+            items["groups"] = file.groups(given)
+            _add_remainder(items)
+    for item in _REST:
+        labelled = item in _LABELS and any(label in items for label in _LABELS)
+        if item in found and item not in items and not labelled:
+            items[item] = found[item]
+    left_out = [item for item in _MATRICES if item in found and item not in file.used]
+    if left_out:
+        warnings.warn(
+            f"{path}: {', '.join(left_out)} of the file not read, as variables do not name"
+            f" {'it' if len(left_out) == 1 else 'them'}",
+            UpdynWarning,
+            stacklevel=2,
+        )
+    return items
+
+
+def _add_remainder(items: dict[str, Any]) -> None:
+    """Make matrices and damping that stand beside groups a group of their own."""
+    rest = {item: items.pop(item) for item in _PARTS if item in items}
+    if not rest:
+        return
+    if _REMAINDER in items["groups"]:
+        raise OptionError(
+            f"variables: {', '.join(rest)} beside the groups become the group {_REMAINDER!r}, and"
+            " there is a group of that name; give that another name",
+            key=("variables", "groups"),
+        )
+    items["groups"][_REMAINDER] = rest
+
+
+class _File:
+    """The variables of a file, with a record of which were used."""
+
+    def __init__(self, found: Items, path: str | Path) -> None:
+        self._found = found
+        self._path = path
+        self.used: set[str] = set()
+
+    def variable(self, name: Any, key: tuple[str | int, ...]) -> Any:
+        """Return a variable, or a field of a struct."""
+        if not isinstance(name, str):
+            raise OptionError(
+                f"{_dotted(key)} = {name!r}: expected the name of a variable", key=key
+            )
+        value: Any = self._found
+        for part in name.split("."):
+            if not isinstance(value, Mapping) or part not in value:
+                raise FormatError(
+                    f"no variable {name!r}; {suggest(name, _names(self._found))}",
+                    self._path,
+                    key=key,
+                )
+            value = value[part]
+        self.used.add(name.split(".")[0])
+        return value
+
+    def groups(self, given: Any) -> dict[str, dict[str, Any]]:
+        """Return K, M, C and so on by group."""
+        key: tuple[str | int, ...] = ("variables", "groups")
+        if isinstance(given, Sequence):
+            out = {}
+            for i, name in enumerate(given):
+                if name in out:
+                    raise OptionError(f"{_dotted(key)}: {name!r} stands twice", key=(*key, i))
+                out[name] = self._parts(name, (*key, i))
+        elif isinstance(given, Mapping):
+            out = {group: self._parts(name, (*key, group)) for group, name in given.items()}
+        else:
+            out = {}
+        if not out:
+            raise OptionError(
+                f"{_dotted(key)} = {given!r}: expected variables, such as"
+                ' ["K_1", "K_2"] or { shaft = "K_1" }',
+                key=key,
+            )
+        return out
+
+    def _parts(self, given: Any, key: tuple[str | int, ...]) -> dict[str, Any]:
+        """Return K, M, C and so on of one group."""
+        if isinstance(given, Mapping):
+            parts = {}
+            for item, name in given.items():
+                if item not in _PARTS:
+                    raise OptionError(
+                        f"{_dotted(key)}: no item {item!r}; {suggest(item, _PARTS)}",
+                        key=(*key, item),
+                    )
+                parts[item] = self.variable(name, (*key, item))
+            return parts
+        value = self.variable(given, key)
+        if isinstance(value, Mapping):
+            return dict(value)
+        if isinstance(value, list):
+            raise FormatError(
+                f"{given}: found {kind_of(value)}; expected a matrix, or a struct of K, M and C",
+                self._path,
+                key=key,
+            )
+        return {"K": value}
+
+
+def _dotted(key: Sequence[str | int]) -> str:
+    return ".".join(map(str, key))
+
+
+def _names(found: Items, before: str = "") -> list[str]:
+    """Return the names of all variables and fields."""
+    out = []
+    for name, value in found.items():
+        out.append(before + name)
+        if isinstance(value, Mapping):
+            out += _names(value, f"{before}{name}.")
+    return out
