@@ -134,7 +134,7 @@ def test_accelerations_are_unscaled(tmp_path: Path) -> None:
 def test_other_analyses_are_left_out_with_a_warning(tmp_path: Path) -> None:
     other = dataset(analysis=5, kind=5, head=(10.0,), nodes={1: [1, 0, 0, 0, 0, 0]})
     with pytest.warns(
-        UpdynWarning, match="data at nodes that are no modes are left out: 1 frequency response"
+        UpdynWarning, match="analysis data that are no modes are left out: 1 frequency response"
     ):
         assert len(updyn.read_modes(put(tmp_path, dataset(), other))) == 1
 
@@ -224,8 +224,8 @@ def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (uff.text(151, "x"), r"holds no modes \(dataset 55 of analysis type 2, 3 or 7\); it holds dataset 151"),
-        (dataset(analysis=4), "holds no modes .* it holds 1 of data at nodes, transient"),
+        (uff.text(151, "x"), r"holds no modes \(dataset 55 or 2414 of analysis type 2, 3 or 7\); it holds dataset 151"),
+        (dataset(analysis=4), "holds no modes .* it holds 1 of analysis data, transient"),
         (dataset(characteristic=1, width=1), ":8: record 6: data characteristic 1 with 1 values a node; expected 2"),
         (dataset(kind=3), ":8: record 6: data type 3; expected 2"),
         (dataset(head=(10.0, 0.0, 0.0)), ":9: record 7: 3 real parameters; expected at least 4"),

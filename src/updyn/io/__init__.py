@@ -215,7 +215,7 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     Parameters
     ----------
     path : path
-        A universal file with datasets 55 (normal or complex modes).
+        A universal file with datasets 55 or 2414 (normal or complex modes).
     format : str, optional
         Format name, to force it: "uff".
     **options

@@ -1,6 +1,6 @@
-"""Modes in universal files: dataset 55, "data at nodes", of normal and of complex modes.
+"""Modes in universal files: datasets 55 and 2414, "data at nodes", of normal and of complex modes.
 
-Layout: SDRC, universal file format, dataset 55. What is read, and how:
+Layout: SDRC, universal file format, datasets 55 and 2414. What is read, and how:
 
 - Analysis types 2 (normal mode), 3 and 7 (complex eigenvalues). Others are left out with a warning
   that counts them.
@@ -14,6 +14,10 @@ Layout: SDRC, universal file format, dataset 55. What is read, and how:
   Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
 - Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units,
   else they are SI.
+- Dataset 2414 has frequency, modal mass and damping ratios in fields 2, 4, 5 and 6 of its real
+  parameters, eigenvalue and modal A in fields 7 to 10. Of type 7 these last may be a modal mass
+  instead; its shapes stay unscaled. Data on elements, and results that are no motions (stresses,
+  reaction forces), are left out with the same warning.
 """
 
 from __future__ import annotations
@@ -54,16 +58,34 @@ _ANALYSES = {0: "unknown", 1: "static", 4: "transient", 5: "frequency response",
 _WIDTHS = {2: 3, 3: 6}  # data characteristic: values a node
 _REAL, _COMPLEX = (2, 4), (5, 6)
 _DISPLACEMENT = (0, 1, 8)
-_HEAD = 8  # lines before the nodes
+_UNKNOWN = (93, 95, 96)  # of dataset 2414: taken as displacements
+_MOTION = (11, 12)
+_LOCATIONS = {1: "at nodes", 2: "on elements", 3: "at nodes on elements", 5: "at points"}
 _QUALITY = re.compile(r"^quality ([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)$")
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where a dataset has what: lines, counted from 0. Record n is line n - 1."""
+
+    number: int
+    quality: int  # the identification that `write_modes` uses
+    about: int  # analysis, data characteristic, result, data type and width
+    head: int  # lines before the nodes
+
+
+_55 = _Layout(55, 3, 5, 8)
+_2414 = _Layout(2414, 6, 8, 13)
+_LAYOUTS = {layout.number: layout for layout in (_55, _2414)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Mode:
     """One dataset, in the unit of the file."""
 
+    number: int
     line: int
     frequency: float
     loss: float
@@ -75,7 +97,7 @@ class _Mode:
 
 
 def read_modes(path: str | Path) -> ModeSet:
-    """Read the modes of a universal file.
+    """Read the modes of a universal file: datasets 55 or 2414.
 
     Parameters
     ----------
@@ -90,19 +112,20 @@ def read_modes(path: str | Path) -> ModeSet:
     Raises
     ------
     FormatError
-        If the file is damaged or holds no modes (`AbsentError`).
+        If the file is damaged, holds no modes (`AbsentError`), or holds modes in datasets of both
+        numbers, which may be the same ones twice.
 
     Warns
     -----
     UpdynWarning
-        If it holds data at nodes of another analysis; they are left out.
+        If it holds data of another analysis, on elements or of another kind; they are left out.
     """
     collector = Collector(path)
     found: list[_Mode] = []
     others = Counter[int]()
     left = Counter[str]()
     for dataset in datasets(path):
-        if dataset.number == 55:
+        if dataset.number in _LAYOUTS:
             mode = _read(dataset, path)
             if isinstance(mode, _Mode):
                 found.append(mode)
@@ -113,19 +136,28 @@ def read_modes(path: str | Path) -> ModeSet:
         else:
             others[dataset.number] += 1
     if not found:
-        held = [f"{n} of data at nodes, {name}" for name, n in left.items()]
+        held = [f"{n} of analysis data, {name}" for name, n in left.items()]
         held += [f"dataset {n}" for n in sorted(others)]
         raise AbsentError(
-            "holds no modes (dataset 55 of analysis type 2, 3 or 7); it holds"
+            "holds no modes (dataset 55 or 2414 of analysis type 2, 3 or 7); it holds"
             f" {', '.join(held) or '-'}",
             path,
         )
     if left:
         warnings.warn(
-            f"{path}: data at nodes that are no modes are left out: {counted(left)}",
+            f"{path}: analysis data that are no modes are left out: {counted(left)}",
             UpdynWarning,
             stacklevel=2,
         )
+    first = found[0]
+    for mode in found:
+        if mode.number != first.number:
+            raise FormatError(
+                f"modes in dataset {mode.number}, and in dataset {first.number} on line"
+                f" {first.line}: they may be the same ones; expected datasets of one number",
+                path,
+                mode.line,
+            )
     return _assembled(_upper(found), collector.units, path)
 
 
@@ -159,40 +191,54 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
 
 # -- reading ------------------------------------------------------------------------------------
 def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
-    """Return a mode, or the name of the other analysis that the data are of."""
+    """Return a mode, or the name of what else the data are."""
+    layout = _LAYOUTS[dataset.number]
     texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
-    if len(texts) < _HEAD:
+    if len(texts) < layout.head:
         raise FormatError(
-            f"dataset 55: {len(texts)} lines; expected at least {_HEAD}", path, dataset.line
+            f"dataset {dataset.number}: {len(texts)} lines; expected at least {layout.head}",
+            path,
+            dataset.line,
         )
     at = dataset.line + 1
-    record = whole_fields(texts[5], 6, "record 6", path, at + 5)
+    where = f"record {layout.about + 1}"
+    record = whole_fields(texts[layout.about], 6, where, path, at + layout.about)
     _, analysis, characteristic, specific, kind, width = record
     if analysis not in (_NORMAL, _FIRST_ORDER, _SECOND_ORDER):
         return _ANALYSES.get(analysis, f"analysis type {analysis}")
+    if layout is _2414:
+        location = whole_field(texts[2], 0, 10, "record 3, location", path, at + 2)
+        if location != 1:
+            return f"modes {_LOCATIONS.get(location, f'at location {location}')}"
+        if specific not in (*_DISPLACEMENT, *_MOTION, *_UNKNOWN):
+            return f"result type {specific} of modes"
     if _WIDTHS.get(characteristic) != width:
         raise FormatError(
-            f"record 6: data characteristic {characteristic} with {width} values a node; expected 2"
+            f"{where}: data characteristic {characteristic} with {width} values a node; expected 2"
             " with 3 (translations) or 3 with 6 (translations and rotations)",
             path,
-            at + 5,
+            at + layout.about,
         )
     if kind not in (*_REAL, *_COMPLEX):
         raise FormatError(
-            f"record 6: data type {kind}; expected 2 (real) or 5 (complex)", path, at + 5
+            f"{where}: data type {kind}; expected 2 (real) or 5 (complex)", path, at + layout.about
         )
-    frequency, loss, conjugate, factor = _head(texts, analysis, path, at)
-    nodes, shape = _nodes(texts[_HEAD:], width, kind in _COMPLEX, path, at + _HEAD)
-    if specific not in _DISPLACEMENT:
+    head = _head_of_2414 if layout is _2414 else _head_of_55
+    frequency, loss, conjugate, factor = head(texts, analysis, path, at)
+    nodes, shape = _nodes(texts, layout, width, kind in _COMPLEX, path, at)
+    if specific in _MOTION or (layout is _55 and specific not in _DISPLACEMENT):
         factor = 0.0
-    said = _QUALITY.search(texts[3])
+    said = _QUALITY.search(texts[layout.quality])
     quality = float(said[1]) if said else np.nan
-    return _Mode(dataset.line, frequency, loss, conjugate, factor, nodes, shape, quality)
+    return _Mode(
+        dataset.number, dataset.line, frequency, loss, conjugate, factor, nodes, shape, quality
+    )
 
 
-def _head(
-    texts: Sequence[str], analysis: int, path: str | Path, at: int
-) -> tuple[float, float, bool, complex]:
+_Head = tuple[float, float, bool, complex]
+
+
+def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
     """Return frequency, loss factor, whether it is the lower of a pair, and the factor.
 
     The factor turns the shape into one of unit modal mass.
@@ -206,36 +252,67 @@ def _head(
     numbers = _numbers([(at + 7, texts[7])], min(n_real, 6), "record 8", path)
     numbers = np.append(numbers, np.zeros(6 - len(numbers)))
     if analysis == _NORMAL:
-        f, mass, viscous, hysteretic = numbers[:4]
-        if f < 0 or mass < 0:
+        return _normal(numbers[:4], "record 8", path, at + 7)
+    return _complex(numbers[:4], "record 8", path, at + 7)
+
+
+def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
+    """As `_head_of_55`."""
+    # Both lines have six fields, used or not.
+    numbers = _numbers([(at + 11, texts[11])], 6, "record 12", path)
+    if analysis == _NORMAL:
+        frequency, eigenvalue = numbers[1:3]
+        if frequency == 0.0 and eigenvalue > 0.0:
             raise FormatError(
-                f"record 8: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0",
+                f"record 12: frequency 0 Hz beside eigenvalue {eigenvalue:g}, whose unit is not"
+                " stated; expected the frequency in Hz in columns 14 to 26",
                 path,
-                at + 7,
+                at + 11,
             )
-        loss = float(2.0 * viscous + hysteretic)
-        factor = 1.0 / np.sqrt(mass) if mass else 0.0
-        return float(f), loss or np.nan, False, factor
+        return _normal(numbers[[1, 3, 4, 5]], "record 12", path, at + 11)
+    numbers = _numbers([(at + 12, texts[12])], 6, "record 13", path)
+    if analysis == _SECOND_ORDER:
+        numbers[2:4] = 0.0  # modal A, or a modal mass
+    return _complex(numbers[:4], "record 13", path, at + 12)
+
+
+def _normal(numbers: NDArray[np.float64], what: str, path: str | Path, line: int) -> _Head:
+    """Return what frequency, modal mass, and viscous and hysteretic damping ratios say."""
+    f, mass, viscous, hysteretic = numbers
+    if f < 0 or mass < 0:
+        raise FormatError(
+            f"{what}: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0", path, line
+        )
+    loss = float(2.0 * viscous + hysteretic)
+    factor = 1.0 / np.sqrt(mass) if mass else 0.0
+    return float(f), loss or np.nan, False, factor
+
+
+def _complex(numbers: NDArray[np.float64], what: str, path: str | Path, line: int) -> _Head:
+    """Return what real and imaginary parts of eigenvalue and modal A say."""
     s = complex(numbers[0], numbers[1])
     modal_a = complex(numbers[2], numbers[3])
     if s.imag == 0.0:
         raise FormatError(
-            f"record 8: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
+            f"{what}: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
             path,
-            at + 7,
+            line,
         )
     factor = complex(np.sqrt(2j * s.imag / modal_a)) if modal_a else 0.0
     return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, factor
 
 
 def _nodes(
-    texts: Sequence[str], width: int, is_complex: bool, path: str | Path, at: int
+    lines: Sequence[str], layout: _Layout, width: int, is_complex: bool, path: str | Path, at: int
 ) -> tuple[list[int], _Complex]:
+    """Return the nodes and their values, shape (n_nodes, 6); `at` is the file's first line."""
+    texts, at = lines[layout.head :], at + layout.head
+    on_node, on_values = f"record {layout.head + 1}", f"record {layout.head + 2}"
     count = width * (2 if is_complex else 1)
     size = 1 + -(-count // 6)
     if len(texts) % size:
         raise FormatError(
-            f"dataset 55: {count} numbers a node take {size} lines, the last node has"
+            f"dataset {layout.number}: {count} numbers a node take {size} lines, the last node has"
             f" {len(texts) % size}",
             path,
             at + len(texts) - 1,
@@ -243,18 +320,18 @@ def _nodes(
     nodes: list[int] = []
     shape = np.zeros((len(texts) // size, 6), dtype=np.complex128)
     for i in range(0, len(texts), size):
-        node = whole_field(texts[i], 0, 10, "record 9, node", path, at + i)
+        node = whole_field(texts[i], 0, 10, f"{on_node}, node", path, at + i)
         if len(texts[i]) > _NODE_WIDTH:
             raise FormatError(
-                f"record 9: expected the node in columns 1 to {_NODE_WIDTH} and nothing behind it,"
+                f"{on_node}: expected the node in columns 1 to {_NODE_WIDTH} and nothing behind it,"
                 f" found {texts[i][:60]!r}",
                 path,
                 at + i,
             )
         if node in nodes:
-            raise FormatError(f"dataset 55: node {node} stands twice", path, at + i)
-        lines = list(enumerate(texts[i + 1 : i + size], at + i + 1))
-        row = _numbers(lines, count, "record 10", path)
+            raise FormatError(f"dataset {layout.number}: node {node} stands twice", path, at + i)
+        rows = list(enumerate(texts[i + 1 : i + size], at + i + 1))
+        row = _numbers(rows, count, on_values, path)
         if is_complex:
             row = row[0::2] + 1j * row[1::2]
         shape[len(nodes), :width] = row
@@ -310,7 +387,9 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
     seen = np.argwhere(shapes.any(axis=0))
     for mode, shape in zip(found, shapes, strict=True):
         if not shape.any():
-            raise FormatError("dataset 55: the shape is zero at all nodes", path, mode.line)
+            raise FormatError(
+                f"dataset {mode.number}: the shape is zero at all nodes", path, mode.line
+            )
     with placed(path):
         return ModeSet(
             [m.frequency for m in found],
