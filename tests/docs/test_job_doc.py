@@ -29,6 +29,7 @@ from updyn.elements.beam import PointMass, Segment, Support, beam, beam_from_tab
 from updyn.errors import JobError
 from updyn.io.formats import FORMATS, load
 from updyn.job import OUTPUTS, load_job, prepare, run_job
+from updyn.job.identification import ModesTable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.planning import PlanTable
 from updyn.job.records_table import CutTable, RecordsTable, SetupTable, WindowTable
@@ -91,6 +92,7 @@ TABLES = tables()
         ("[method]", MethodTable),
         ("[selection]", SelectionTable),
         ("[plan]", PlanTable),
+        ("[modes]", ModesTable),
         ("[uncertainty]", UncertaintyTable),
         ("[plant]", PlantTable),
         ("[[plant.inputs]]", PortTable),

@@ -48,6 +48,7 @@ COMMANDS: Registry[Any] = Registry(
         "info": "updyn.cli.commands:info",
         "correlate": "updyn.cli.commands:correlate",
         "compare": "updyn.cli.commands:compare",
+        "modes": "updyn.cli.commands:modes",
         "plan": "updyn.cli.commands:plan",
         "plant": "updyn.control.command:plant",
     },

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from updyn.cli.describe import describe_frf, describe_model
+from updyn.cli.describe import describe_frf, describe_model, describe_modes
 from updyn.cli.new_file import check_free, write_new
 from updyn.cli.progress import Stage, show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
@@ -40,6 +40,7 @@ __all__ = [
     "correlate",
     "demo",
     "info",
+    "modes",
     "new",
     "open_engine",
     "plan",
@@ -426,6 +427,29 @@ def compare(
     if any(row.status in ("converged", "not-identifiable") for row in found):
         return DONE
     return NOT_DETERMINED
+
+
+def modes(job: Path, /, *, out: Path | None = None) -> int:
+    """Identify the modes of the job's test; write modes.html and modes.unv to DIR.
+
+    The page shows the stabilisation diagram, in which modes can be picked for the table [modes] of
+    the job. An update reads the file by [test] modes.
+
+    Parameters
+    ----------
+    job
+        The job file (TOML).
+    out
+        Folder DIR; by default the job's name with -modes, beside it.
+    """
+    from updyn.job import load_job
+    from updyn.job.identification import default_modes_out, modes_job
+
+    loaded = load_job(job)
+    folder = out or default_modes_out(loaded)
+    print_text(describe_modes(modes_job(loaded, folder)))
+    print_text(f"\nModes in {folder}: {folder / 'modes.html'}")
+    return DONE
 
 
 def plan(job: Path, /, *, out: Path | None = None) -> int:

@@ -128,13 +128,16 @@ def describe_modes(found: ModeSet) -> str:
         row = [
             str(k + 1),
             f"{found.frequency[k]:.6g}",
+            _known(found.std_frequency[k], ".2g"),
             _known(found.loss_factor[k], ".4g"),
+            _known(found.std_loss_factor[k], ".2g"),
             "unit mass" if found.scaled[k] else "any",
             f"{found.phase_collinearity[k]:.3f}",
             _known(found.quality[k], ".4f"),
         ]
         rows.append(row)
-    header = ("mode", "frequency (Hz)", "loss factor", "scale", "phase collinearity", "quality")
+    sure = ("phase collinearity", "quality")
+    header = ("mode", "frequency (Hz)", "std", "loss factor", "std", "scale", *sure)
     texts = [
         f"Modes: {len(found)} from {found.frequency[0]:g} to {found.frequency[-1]:g} Hz",
         f"{len(found.dofs)} DOFs: {_labels(found.dofs)}",

@@ -170,6 +170,7 @@ JOB_TABLES: Registry[JobTable] = Registry(
     "updyn.job_tables",
     {
         "plan": "updyn.job.planning:PLAN",
+        "modes": "updyn.job.identification:MODES",
         "uncertainty": "updyn.job.uncertainty:UNCERTAINTY",
         "plant": "updyn.control.job.job_tables:PLANT",
         "servo": "updyn.control.job.job_tables:SERVO",

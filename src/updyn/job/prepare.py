@@ -45,6 +45,7 @@ from updyn.updating.problem.parameters import ParameterSet
 __all__ = [
     "matched",
     "matched_modes",
+    "measurement",
     "prepare",
     "prepare_model",
 ]
@@ -74,7 +75,7 @@ def prepare(job: Job) -> Prepared:
     data: list[FRF] = []
     for part in job.parts:
         with part.located():
-            data.append(_measurement(part))
+            data.append(measurement(part))
     tests: list[PreparedTest] = []
     for number, part in enumerate(job.parts):
         with part.located():
@@ -165,8 +166,24 @@ def _check_properties(job: Job) -> None:
         find_format(job.beside(job.model.file), "write_properties", job.model.format)
 
 
-def _measurement(job: Job) -> FRF:
-    """Return the measurement of a test in its band, the mean of its repeats where there are any."""
+def measurement(job: Job) -> FRF:
+    """Return the measurement of a test in its band, the mean of its repeats where there are any.
+
+    Parameters
+    ----------
+    job : Job
+        Of one test.
+
+    Returns
+    -------
+    FRF
+        As measured, with the labels of the file.
+
+    Raises
+    ------
+    UpdynError
+        If a file is not there or cannot be read, or the job contradicts it.
+    """
     table = job.test
     frf = _recorded(job) if table.file is None else _read(job, table.file, "file")
     if table.repeats is not None:
@@ -353,8 +370,7 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
         named.append(of_model if dof.sign > 0 else -of_model)
     dofs = DofSet(named)
     matching.model.dofs.match(dofs, "DOF of the modes")
-    rest = (modes.loss_factor, modes.scaled, modes.quality, modes.source)
-    return ModeSet(modes.frequency, modes.shapes, dofs, *rest)
+    return modes.renamed(dofs)
 
 
 def _of_this_test(stated: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:

@@ -1,107 +1,61 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
-1. The FRFs, as accelerances so that peaks of equal damping are equally high, are fitted by rational
-   functions with common poles (`updyn.modal.vector_fitting`), twice, on every second line, with
-   more and more poles. The number of poles is the one that best predicts the lines left out, which
-   does not fit noise.
-2. A mode is a stable pole within the band that both halves have found, to within half its
-   half-power bandwidth. Indistinguishably close poles of the same shape belong to one mode, whose
-   frequency varies from hit to hit: they are merged. A pole that contributes less than a tenth to
-   the FRFs at its own frequency is left out.
-3. Shapes follow from the residues (Ewins, Modal Testing, 2nd ed. 2000, section 4.5): the residue of
-   a mode is its shape at the responses times its shape at the references; a drive point gives the
-   scale. Two modes of one frequency show as a residue of rank two.
-
-No library did it: those looked at ask the user to pick poles from a diagram, or may not be used
-under this licence.
+1. Poles are looked for with matrix fractions of increasing order, in overlapping parts of the band;
+   those that stay from order to order are candidates (`stabilisation`, `lscf`).
+2. Window by window, candidates are taken one after the other while they explain more than chance
+   would (`search`), and refined to maximum likelihood with standard deviations (`refine`).
+3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
+   its mass. They are merged where a pole for each run fits better than several for all (`runs`).
+4. Shapes follow from the residues (`sides`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
-from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
+from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
-from updyn.modal.vector_fitting import Basis, Fitted, fit, growing, predicting
+from updyn.modal.refine import Noise, Weights, Window, moved, reweighted, solved
+from updyn.modal.runs import Mode, Weighted, modes_of
+from updyn.modal.search import SEEN, TELLING, chance, searched
+from updyn.modal.sides import Sides
+from updyn.modal.stabilisation import Diagram, stabilised
+from updyn.modal.vector_fitting import Basis, fit, growing
 
-__all__ = [
-    "DAMPING",
-    "Sides",
-    "identify_modes",
-]
+__all__ = ["DAMPING", "identify_modes"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
 DAMPING = ("structural", "viscous")
 
-#: Most lines on which poles are fitted, half of them at a time.
-_LINES = 1200
-#: Most combinations of the functions that are fitted.
-_FUNCTIONS = 12
-#: Both halves agree on a pole to this share of half its half-power bandwidth; poles closer than
-#: that share of the bandwidth whose shapes have this MAC are one.
-_AGREE, _APART, _ALIKE = 0.5, 0.3, 0.9
-#: Poles that differ by less than this share agree: without damping the bandwidth is rounding.
+#: Modes of a window, and how many half-power bandwidths and lines it reaches beyond them.
+_TOGETHER, _BEYOND, _LINES = 6, 4.0, 20
+#: Loss factors above this are no modes.
+_HEAVY = 0.5
+#: A residue has at most two shapes: its third singular value is below this share of the first.
+_SHAPES = 0.3
+#: Fits with the noise of all windows, each with the poles of the one before.
+_SWEEPS = 2
+#: Trial poles on an even grid: steps in half-power bandwidths, most of them.
+_GRID, _TRIALS = 0.5, 200
+#: Fewest lines, and lines that each mode of a window needs at least.
+_FEWEST, _LINES_A_MODE = 4, 4
+#: Lines of a window for each pole beside it.
+_LINES_A_POLE = 5
+#: Most modes of a window for each candidate.
+_MORE = 2
+#: What modes of data without noise leave unexplained at most, and an exact fit of them; the poles
+#: outside the band that may be needed for it, and combinations of the functions.
+_NEARLY, _EXACT, _OUTSIDE, _STRONGEST = 1e-4, 1e-18, 16, 12
+#: Negative damping up to this is rounding.
 _ROUNDING = 1e-9
-#: Loss factors above this are no modes, nor is what adds less than this share at its own frequency.
-_HEAVY, _SEEN = 0.5, 0.1
-#: Number of poles of the first fit.
-_FIRST = 4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lines:
-    """The variable and the scaled functions of a rational fit."""
-
-    basis: Basis
-    unit: float  # omega of |x| = 1, in rad/s
-    x: _Complex
-    Y: _Complex  # shape (n_f, n_i n_j)
-    level: _Real  # shape (n_i, n_j): what the functions were divided by
-
-    def pole(self, omega: _Real, loss: float) -> _Complex:
-        """Return poles at circular frequencies, as shares of the unit."""
-        if self.basis.mirrored:
-            return np.asarray(omega * (1j - 0.5 * loss))
-        return np.asarray(omega**2 * (1.0 + 1j * loss))
-
-    def frequency(self, poles: _Complex) -> _Real:
-        """Return natural frequencies in Hz; nan of poles that do not oscillate."""
-        squared = np.where(poles.real > 0, poles.real, np.nan)
-        if self.basis.mirrored:
-            squared = np.abs(poles) ** 2
-        return np.asarray(np.sqrt(squared) * self.unit / (2.0 * np.pi))
-
-    def loss(self, poles: _Complex) -> _Real:
-        """Return loss factors."""
-        if self.basis.mirrored:
-            return np.asarray(-2.0 * poles.real / np.abs(poles))
-        return np.asarray(poles.imag / poles.real)
-
-    def width(self, poles: _Complex) -> _Real:
-        """Return the distance of the half-power points from a pole, in the unit of x."""
-        if self.basis.mirrored:
-            return np.abs(poles.real)
-        return np.abs(poles.imag)
-
-    def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
-        """Return phi phi^T, shape (k, n_i, n_j), from residues of accelerance (k, n_i n_j)."""
-        shape = (len(poles), *self.level.shape)
-        # s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
-        # has p A.
-        factor = 1.0 / poles
-        if self.basis.mirrored:
-            factor = 2j * poles.imag / poles**2
-        return np.asarray((residues * factor[:, None]).reshape(shape) * self.level)
 
 
 @alone
@@ -110,30 +64,26 @@ def identify_modes(
     *,
     band: tuple[float, float] | None = None,
     damping: str = "structural",
-    max_poles: int = 40,
 ) -> ModeSet:
     """Identify the modes within the band of a measurement.
 
     Parameters
     ----------
     frf : FRF
-        The measurement. Modes that lie closer than a few lines, or have no sensor where they move,
-        cannot be found.
+        The measurement. Modes that have no sensor where they move cannot be found.
     band : (float, float), optional
-        In Hz; modes outside of it are fitted but not returned. None: all lines.
+        In Hz; modes outside of it are allowed for but not returned. None: all lines.
     damping : {"structural", "viscous"}
         The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in
         i omega. For light damping the difference is of the order of its square.
-    max_poles : int
-        Largest number of poles of the rational fit, those included that stand for what lies outside
-        the band.
 
     Returns
     -------
     ModeSet
         At the responses, and at references that are not among them. Scaled to unit modal mass where
-        a drive point was measured; ``quality`` is the share of the FRFs within the half-power band
-        (at least three lines) that the fit explains.
+        a drive point was measured. With standard deviations of frequencies and loss factors; with
+        ``quality``, the share of what the other modes leave unexplained within the half-power band
+        (at least three lines) that the mode explains; with the stabilisation diagram.
 
     Raises
     ------
@@ -145,285 +95,264 @@ def identify_modes(
     Notes
     -----
     Deterministic. Loss factors are those of the form chosen; twice the damping ratio where it is
-    viscous.
+    viscous. A line at 0 Hz says nothing of modes and is not used.
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
-    if isinstance(max_poles, bool) or not isinstance(max_poles, int) or max_poles < 1:
-        raise OptionError(f"max_poles {max_poles!r}: expected a whole number of at least 1")
     frf = frf.select(band=band)
-    lines = _prepared(frf, mirrored=damping == "viscous")
-    most = min(max_poles, len(lines.x) // 4)
-    if most < 1:
-        raise DataError(
-            f"modes: {len(frf.freq)} lines are too few to identify a mode; expected at least 4,"
-            " better 30"
-        )
-    poles, found = _poles(lines, most)
-    fitted = fit(lines.basis, lines.x, lines.Y, poles)
-    stable = []
-    for candidate in _candidates(lines, fitted, frf.freq):
-        if any(_agreed(lines, pole, found) for pole in poles[candidate]):
-            stable.append(candidate)
-    if not stable:
-        raise _none(frf)
-    kept = np.array([_one(lines, fitted, c) for c in stable])
-    others = np.delete(poles, np.concatenate(stable))
-    final = fit(lines.basis, lines.x, lines.Y, np.concatenate([kept, others]))
-    return _mode_set(frf, lines, final, len(kept))
-
-
-def _none(frf: FRF) -> DataError:
-    return DataError(
-        f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz in which both halves"
-        " of the lines agree"
-    )
-
-
-def _prepared(frf: FRF, *, mirrored: bool) -> _Lines:
-    omega = 2.0 * np.pi * frf.freq
-    unit = float(omega[-1])
-    values = frf.values * ((1j * omega) ** (2 - QUANTITIES[frf.quantity]))[:, None, None]
-    kind = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
-    level = np.ones(kind.shape)
-    for k in np.unique(kind):
-        rms = float(np.sqrt(np.mean(np.abs(values[:, kind == k]) ** 2)))
-        if rms > 0:
-            level[kind == k] = rms
-    if not np.abs(values).any():
-        raise DataError("modes: all values are zero")
-    x = np.asarray((omega / unit) ** 2, dtype=np.complex128)
-    if mirrored:
-        x = np.asarray(1j * omega / unit, dtype=np.complex128)
-    Y = np.asarray(values / level, dtype=np.complex128).reshape(len(omega), -1)
-    return _Lines(Basis(2, mirrored), unit, x, Y, level)
-
-
-# -- poles -------------------------------------------------------------------------------------
-def _poles(lines: _Lines, most: int) -> tuple[_Complex, tuple[Fitted, Fitted]]:
-    """Return the poles, and the fits to each half of the lines with as many."""
-    at = _telling(lines.Y)
-    x, Y = lines.x[at], _combined(lines, at)
-    omega = np.abs(x)
-    if not lines.basis.mirrored:
-        omega = np.abs(np.sqrt(x))
-    begin = lines.pole(np.linspace(omega[0], omega[-1], min(_FIRST, most) + 2)[1:-1], 0.01)
-    whole, halves = predicting(lines.basis, x, Y, begin, most)
-    return whole.poles, halves
-
-
-def _telling(Y: _Complex) -> NDArray[np.intp]:
-    """Return the lines to fit: all, or of many the highest and some at even distances."""
-    n = len(Y)
-    if n <= _LINES:
-        return np.arange(n)
-    high = np.argsort(-np.sum(np.abs(Y) ** 2, axis=1), kind="stable")[: _LINES // 2]
-    return np.union1d(high, np.arange(0, n, -(-2 * n // _LINES)))
-
-
-def _combined(lines: _Lines, at: NDArray[np.intp]) -> _Complex:
-    """Return combinations of the functions by their first right singular vectors."""
-    Y = lines.Y[at]
-    Vh = np.linalg.svd(lines.basis.parts(Y), full_matrices=False)
-    kept = max(1, min(_FUNCTIONS, int((Vh[1] > 1e-6 * Vh[1][0]).sum())))
-    return np.asarray(Y @ Vh[2][:kept].conj().T)
-
-
-def _candidates(lines: _Lines, fitted: Fitted, freq: _Real) -> list[list[int]]:
-    """Return positions of poles that may be modes, indistinguishable ones in one list."""
-    poles = fitted.poles
-    frequency, loss = lines.frequency(poles), lines.loss(poles)
-    within = (frequency >= freq[0]) & (frequency <= freq[-1]) & (loss > 0) & (loss < _HEAVY)
-    ascending = np.argsort(frequency, kind="stable")
-    own = ascending[within[ascending]].tolist()
-    shapes = fitted.residues.reshape(-1, *lines.level.shape)
-    groups = [[i] for i in own[:1]]
-    for i, j in pairwise(own):
-        close = abs(poles[i] - poles[j]) < _APART * (lines.width(poles[i]) + lines.width(poles[j]))
-        if close and _same_shape(shapes[i], shapes[j]):
-            groups[-1].append(j)
-        else:
-            groups.append([j])
-    return groups
-
-
-def _same_shape(A: _Complex, B: _Complex) -> bool:
-    """Return whether two residues have the same shape at the responses or the references."""
-    u, _, w = np.linalg.svd(A)
-    v, _, z = np.linalg.svd(B)
-    mac = []
-    if len(A) > 1:
-        mac.append(abs(np.vdot(u[:, 0], v[:, 0])) ** 2)
-    if A.shape[1] > 1:
-        mac.append(abs(np.vdot(w[0], z[0])) ** 2)
-    return max(mac, default=1.0) > _ALIKE
-
-
-def _agreed(lines: _Lines, pole: complex, found: tuple[Fitted, Fitted]) -> bool:
-    reach = max(_AGREE * float(lines.width(np.asarray(pole))), _ROUNDING * abs(pole))
-    return all(float(np.abs(f.poles - pole).min()) <= reach for f in found)
-
-
-def _one(lines: _Lines, fitted: Fitted, cluster: list[int]) -> np.complex128:
-    """Return the single pole whose response is nearest to that of several."""
-    poles = fitted.poles[cluster]
-    if len(poles) == 1:
-        return np.complex128(poles[0])
-    # Turned so that frequency is real: without its mirror image a pole is any function of a real
-    # variable.
-    turn = -1j if lines.basis.mirrored else 1.0
-    turned = poles * turn
-    x = turned.real.mean() + np.linspace(-3.0, 3.0, 61) * float(lines.width(poles).mean()) + 0j
-    U, s, _ = np.linalg.svd(
-        (1.0 / (x[:, None] - turned)) @ fitted.residues[cluster], full_matrices=False
-    )
-    (last,) = growing(Basis(0, mirrored=False), x, U * s, turned.mean(keepdims=True), 1)
-    return np.complex128(last.poles[0] / turn)
-
-
-# -- shapes ------------------------------------------------------------------------------------
-def _mode_set(frf: FRF, lines: _Lines, fitted: Fitted, n: int) -> ModeSet:
-    """Return the modes of the first `n` poles of a fit."""
-    poles, residues = fitted.poles[:n], fitted.residues[:n]
-    products = lines.modal(poles, residues)
-    error = lines.Y - fitted.at(lines.x)
-    sides = Sides.of(frf)
-    columns = []
-    for pole, residue, product in zip(poles, residues, products, strict=True):
-        frequency, loss = float(lines.frequency(pole)), float(lines.loss(pole))
-        near = _near(frf.freq, frequency, 0.5 * loss * frequency)
-        level = float(np.sum(np.abs(lines.Y[near]) ** 2))
-        own = float(np.sum(np.abs(1.0 / (lines.x[near, None] - pole) * residue) ** 2))
-        if own >= _SEEN**2 * level:
-            quality = 1.0 - float(np.sum(np.abs(error[near]) ** 2)) / level
-            for shape in sides.shapes(product):
-                columns.append((frequency, shape, loss, quality))
-    if not columns:
-        raise _none(frf)
-    frequencies, shapes, losses, qualities = zip(*columns, strict=True)
-    return ModeSet(
-        frequencies, np.array(shapes).T, sides.dofs, losses, sides.scaled, qualities, frf.source
-    )
-
-
-def _near(freq: _Real, at: float, half_width: float) -> NDArray[np.bool_]:
-    """Return the lines within the half-power band, or the three that are nearest."""
-    distance = np.abs(freq - at)
-    return np.asarray(
-        distance <= max(half_width, float(np.sort(distance)[min(2, len(distance) - 1)]))
-    )
-
-
-#: A singular value of a residue above this share of the first is a further mode at the same
-#: frequency.
-_SECOND = 0.3
+    measured = _Measured.of(frf, mirrored=damping == "viscous")
+    candidates, diagram = stabilised(measured.freq, measured.cube)
+    poles = _found(measured, measured.axis.poles(candidates))
+    modes = [mode for fit in _settled(measured, poles) for mode in modes_of(fit, measured.runs)]
+    return _mode_set(frf, measured, _exact(measured, modes), diagram)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sides:
-    """The two sides of a measurement, responses and references, and where they meet.
+class _Measured:
+    """Accelerances, scaled so that peaks of equal damping count alike."""
 
-    Attributes
-    ----------
-    rows, columns : ndarray of int, shape (n_d,)
-        Responses and references of the drive points.
-    sign : ndarray of float, shape (n_d,)
-        Product of their signs.
-    more : ndarray of int
-        References that are not among the responses.
-    at_references : bool
-        Without a drive point, whether the references say more than the responses, as when the
-        hammer roves.
-    dofs : list of Dof
-        Of the shapes.
-    row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
-        Factors on responses and references that make rotations and translations equally large:
-        1 for translations.
-    """
-
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    sign: NDArray[np.float64]
-    more: NDArray[np.intp]
-    at_references: bool
-    dofs: list[Dof]
-    row_scale: _Real
-    column_scale: _Real
+    axis: Axis
+    freq: _Real  # shape (n_f,)
+    x: _Complex  # shape (n_f,)
+    cube: _Complex  # shape (n_f, n_i, n_j)
+    level: _Real  # shape (n_i, n_j): what the functions were divided by
 
     @classmethod
-    def of(cls, frf: FRF) -> Sides:
-        """Return the sides of a measurement.
-
-        Parameters
-        ----------
-        frf : FRF
-            The measurement.
-        """
-        driven = np.array([d in frf.responses for d in frf.references])
-        columns, more = np.flatnonzero(driven), np.flatnonzero(~driven)
-        match = frf.responses.match(frf.references[columns], "reference")
-        responses, references = list(frf.responses), list(frf.references)
-        roving = not len(columns) and len(references) > len(responses)
-        dofs = responses
-        if roving:
-            dofs = references
-        elif len(columns):
-            dofs = [*responses, *frf.references[more]]
-        scale = _scale_of_rotations(frf)
-        row_scale = np.where(frf.responses.axes >= 3, scale, 1.0)
-        column_scale = np.where(frf.references.axes >= 3, scale, 1.0)
-        return cls(match.index, columns, match.sign, more, roving, dofs, row_scale, column_scale)
+    def of(cls, frf: FRF, *, mirrored: bool) -> _Measured:
+        moving = frf.freq > 0.0
+        freq = frf.freq[moving]
+        if len(freq) < _FEWEST:
+            raise DataError(
+                f"modes: {len(freq)} lines are too few to identify a mode; expected at least"
+                f" {_FEWEST}, better 30"
+            )
+        omega = 2.0 * np.pi * freq
+        values = (
+            frf.values[moving] * ((1j * omega) ** (2 - QUANTITIES[frf.quantity]))[:, None, None]
+        )
+        if not np.abs(values).any():
+            raise DataError("modes: all values are zero")
+        kind = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
+        level = np.ones(kind.shape)
+        for k in np.unique(kind):
+            rms = float(np.sqrt(np.mean(np.abs(values[:, kind == k]) ** 2)))
+            if rms > 0:
+                level[kind == k] = rms
+        axis = Axis(mirrored, float(omega[-1]))
+        cube = np.asarray(values / level, dtype=np.complex128)
+        return cls(axis, freq, axis.at(freq), cube, level)
 
     @property
-    def scaled(self) -> bool:
-        """Whether the shapes have unit modal mass."""
-        return len(self.rows) > 0
+    def runs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Number of the response and of the reference of each channel."""
+        rows, columns = np.indices(self.level.shape)
+        return rows.reshape(-1), columns.reshape(-1)
 
-    def shapes(self, product: _Complex) -> list[_Complex]:
-        """Return the shapes of one frequency at `dofs`, one or more.
+    def window(
+        self, own: _Complex, others: _Complex, residues: _Complex | None = None
+    ) -> tuple[slice, Window]:
+        """Return the lines of some poles, and the window with those of the others that are near.
 
-        Parameters
-        ----------
-        product : ndarray of complex, shape (n_i, n_j)
-            Sum over these modes of the shape at the responses times the shape at the references.
-
-        Notes
-        -----
-        With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
-        they are equal, so that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5,
-        for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of
-        one channel may outweigh a mode that another shows, and pass for a second mode.
+        Where residues of the others are known, shape (m, p), the parts of those that are far are
+        taken out.
         """
-        scaled = product * self.row_scale[:, None] * self.column_scale
-        U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
-        largest = max(1, min(len(s), len(self.rows) or len(s)))
-        rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
-        U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
-        U, W = U / self.row_scale[:, None], W / self.column_scale[:, None]
-        if not self.scaled:
-            if self.at_references:
-                return list(W.T)
-            return list(U.T)
-        S = np.linalg.lstsq(U[self.rows], W[self.columns] * self.sign[:, None], rcond=None)[0]
-        G = scipy.linalg.sqrtm((S + S.T) / 2)
-        at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T
-        return list(np.concatenate([at_responses, at_references[self.more]]).T)
+        f, bandwidth = self.axis.frequency(own), self.bandwidth(own)
+        first, last = np.searchsorted(
+            self.freq, [np.min(f - _BEYOND * bandwidth), np.max(f + _BEYOND * bandwidth)]
+        )
+        few = max(0, _LINES + 4 * len(own) - (last - first)) // 2
+        first, last = max(0, first - few - 1), min(len(self.freq), last + few + 1)
+        lines = slice(int(first), int(last))
+        reach = self.freq[last - 1] - self.freq[first]
+        there = self.axis.frequency(others)
+        beyond = np.maximum(self.freq[first] - there, there - self.freq[last - 1])
+        order = np.argsort(beyond, kind="stable")[: (last - first) // _LINES_A_POLE]
+        near = order[beyond[order] < reach]
+        Y = self.cube[lines].reshape(last - first, -1).T
+        if residues is not None:
+            far = np.delete(np.arange(len(others)), near)
+            Y = Y - self._part(self.x[lines], others[far], residues[far]).T
+        return lines, Window(self.axis.basis, self.x[lines], Y, others[near])
+
+    def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
+        """Return the part of some modes in the functions, shape (n, p)."""
+        part = (1.0 / (x[:, None] - poles)) @ residues
+        if self.axis.mirrored:
+            part = part + (1.0 / (x[:, None] - poles.conj())) @ residues.conj()
+        return np.asarray(part)
+
+    def bandwidth(self, poles: _Complex) -> _Real:
+        return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
+
+    def inside(self, poles: _Complex) -> NDArray[np.bool_]:
+        """Return which poles may be modes of the band."""
+        frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
+        within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
+        return np.asarray(within & (loss > -_ROUNDING) & (loss < _HEAVY))
 
 
-def _scale_of_rotations(frf: FRF) -> float:
-    """Return the factor on a rotation that makes it as large as a translation.
+def _groups(frequency: _Real, bandwidth: _Real) -> list[slice]:
+    """Return neighbours that are fitted together: those whose lines overlap, of many a few."""
+    groups, first = [], 0
+    reach = np.maximum.accumulate(frequency + _BEYOND * bandwidth)
+    apart = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]
+    while first < len(frequency):
+        ahead = apart[first : first + _TOGETHER]
+        if (ahead > 0.0).any():
+            last = first + 1 + int(np.argmax(ahead > 0.0))
+        elif len(ahead) < _TOGETHER:
+            last = len(frequency)
+        else:
+            half = _TOGETHER // 2
+            last = first + 1 + half + int(np.argmax(np.diff(frequency[first + half :])[:half]))
+        groups.append(slice(first, last))
+        first = last
+    return groups
 
-    The root mean squares of the kinds of FRF (by force and torque, of translation and rotation) are
-    taken as level q^-n with n the number of rotations, by least squares in the
-    logarithm.
+
+def _found(measured: _Measured, candidates: _Complex) -> _Complex:
+    """Return the poles that are modes, by ascending frequency."""
+    axis = measured.axis
+    candidates = candidates[measured.inside(candidates)]
+    candidates = candidates[np.argsort(axis.frequency(candidates), kind="stable")]
+    f = axis.frequency(candidates)
+    found = np.zeros(0, dtype=np.complex128)
+    low = 0.0
+    for group in _groups(f, measured.bandwidth(candidates)):
+        high = 0.5 * (f[group.stop - 1] + f[group.stop]) if group.stop < len(f) else np.inf
+        own, after = candidates[group], candidates[group.stop :]
+        lines, window = measured.window(own, np.concatenate([found, after]))
+        trials = np.concatenate([own, _grid(measured, lines, own, low, high)])
+        most = min(_MORE * len(own) + 2, max(1, (lines.stop - lines.start) // _LINES_A_MODE))
+        poles = searched(window, trials, axis.width, most).poles
+        at = axis.frequency(poles)
+        kept = measured.inside(poles) & (at >= low) & (at < high)
+        found = np.concatenate([found, poles[kept]])
+        low = high
+    return found[np.argsort(axis.frequency(found), kind="stable")]
+
+
+def _grid(measured: _Measured, lines: slice, own: _Complex, low: float, high: float) -> _Complex:
+    """Return trial poles all over some lines."""
+    f, axis = measured.freq[lines], measured.axis
+    f = f[(f >= low) & (f < high)]
+    if not len(f):
+        return own[:0]
+    loss = float(np.median(axis.loss(own)))
+    steps = (f[-1] - f[0]) / max(_GRID * loss * f[0], f[-1] * 1e-9)
+    at = np.linspace(f[0], f[-1], int(np.clip(steps, 2, _TRIALS)))
+    return axis.pole(at, max(loss, 1e-6))
+
+
+def _settled(measured: _Measured, poles: _Complex) -> list[Weighted]:
+    """Return the fits of all windows with the noise that all of them leave."""
+    noise: Noise | None = None
+    residues: _Complex | None = None
+    fits: list[Weighted] = []
+    for _ in range(1 + _SWEEPS):
+        fits = []
+        for group in _groups(measured.axis.frequency(poles), measured.bandwidth(poles)):
+            others = None if residues is None else np.delete(residues, group, axis=0)
+            _, window = measured.window(poles[group], np.delete(poles, group), others)
+            fits.append(_pruned(measured, window, poles[group], noise))
+        fits = [fit for fit in fits if len(fit.solved.poles)]
+        if not fits:
+            break
+        poles, residues = (
+            np.concatenate([getattr(fit.solved, name) for fit in fits])
+            for name in ("poles", "residues")
+        )
+        order = np.argsort(measured.axis.frequency(poles), kind="stable")
+        poles, residues = poles[order], residues[order]
+        squares, sizes = ([getattr(f.solved, name) for f in fits] for name in ("squares", "size"))
+        noise = Noise.of(np.hstack(squares), np.hstack(sizes))
+    return fits
+
+
+def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise | None) -> Weighted:
+    """Return the fit of a window without the poles that are no modes."""
+    width, least = measured.axis.width, chance(window)
+    weights = Weights.of(np.abs(window.Y) ** 2)
+    if noise is not None:
+        size = solved(window, poles, weights).size
+        weights = Weights(np.ones((1, 1)), noise.deviation(size))
+    while True:
+        if noise is None:
+            fitted, weights = reweighted(window, poles, width(poles), weights)
+        else:
+            fitted = moved(window, poles, width(poles), weights)
+        worth = np.where(measured.inside(fitted.poles), 2.0 * fitted.worth, 0.0)
+        if not len(poles) or worth.min() > least:
+            return Weighted(window, fitted, weights)
+        poles = np.delete(fitted.poles, int(np.argmin(worth)))
+
+
+def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
+    """Return the modes of data without noise to the last digits.
+
+    There the polynomial for what lies outside is all that keeps the fits from being exact; poles
+    outside the band can be found as well, by vector fitting from the poles that are known.
     """
-    rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
-    rows, levels = [], []
-    for n in np.unique(rotations):
-        level = float(np.sqrt(np.mean(np.abs(frf.values[:, rotations == n]) ** 2)))
-        if level > 0:
-            rows.append([1.0, -float(n)])
-            levels.append(np.log(level))
-    if len(rows) < 2:
-        return 1.0
-    return float(np.exp(np.linalg.lstsq(np.array(rows), np.array(levels), rcond=None)[0][1]))
+    if not modes or min(mode.quality for mode in modes) < 1.0 - _NEARLY:
+        return modes
+    axis, Y = measured.axis, measured.cube.reshape(len(measured.x), -1)
+    strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
+    begin = np.array([mode.pole for mode in modes])
+    few = np.asarray(Y @ strongest)
+    basis = Basis(2, axis.mirrored)
+    *_, last = growing(basis, measured.x, few, begin, len(begin) + _OUTSIDE)
+    if last.cost > _EXACT * float(np.sum(np.abs(few) ** 2)):
+        return modes
+    whole = fit(basis, measured.x, Y, last.poles)
+    nearest = [int(np.argmin(np.abs(last.poles - pole))) for pole in begin]
+    if len(set(nearest)) < len(nearest):
+        return modes
+    return [
+        replace(mode, pole=complex(whole.poles[r]), residues=whole.residues[r], std=np.zeros(2))
+        for mode, r in zip(modes, nearest, strict=True)
+    ]
+
+
+def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram) -> ModeSet:
+    """Return the modes that are seen, with their shapes."""
+    axis, sides = measured.axis, Sides.of(frf)
+    columns = []
+    for mode in modes:
+        residues = mode.residues.reshape(measured.level.shape)
+        if _physical(mode, residues):
+            pole = np.array([mode.pole])
+            product = axis.modal(pole, residues[None])[0]
+            figures = (
+                float(axis.frequency(pole)[0]),
+                float(axis.loss(pole)[0]),
+                float(axis.std_frequency(pole, mode.std[:, None])[0]),
+                float(axis.std_loss(pole, mode.std[:, None])[0]),
+                mode.quality,
+            )
+            columns += [(shape, *figures) for shape in sides.shapes(product * measured.level)]
+    if not columns:
+        raise DataError(
+            f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
+            " more than noise would"
+        )
+    shapes, frequency, loss, std_frequency, std_loss, quality = zip(*columns, strict=True)
+    return ModeSet(
+        frequency,
+        np.array(shapes).T,
+        sides.dofs,
+        loss,
+        sides.scaled,
+        quality,
+        frf.source,
+        std_frequency=std_frequency,
+        std_loss_factor=std_loss,
+        diagram=diagram,
+    )
+
+
+def _physical(mode: Mode, residues: _Complex) -> bool:
+    """Return whether a mode is more than what keeps real data from being modes and noise."""
+    sizes = np.linalg.svd(residues, compute_uv=False)
+    shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
+    told = SEEN <= mode.seen <= 1.0 / SEEN and mode.quality >= TELLING
+    return bool(told and shaped and mode.everywhere)

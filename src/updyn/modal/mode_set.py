@@ -12,10 +12,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError
+from updyn.modal.stabilisation import Diagram
 
 __all__ = ["ModeSet"]
 
 _Real = NDArray[np.float64]
+
+#: What a set is made of, the diagram apart.
+_FIELDS = (
+    "frequency",
+    "shapes",
+    "dofs",
+    "loss_factor",
+    "scaled",
+    "quality",
+    "source",
+    "std_frequency",
+    "std_loss_factor",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -36,10 +50,16 @@ class ModeSet:
     scaled : bool or array_like of bool, shape (n,)
         Which shapes have unit modal mass.
     quality : array_like of float, shape (n,), optional
-        Share, 0 to 1, of the measured FRFs that the modes explain within the half-power band about
-        each. None: not known (nan).
+        Share, 0 to 1, of what the other modes leave of the measured FRFs within the half-power band
+        that the mode explains. None: not known (nan).
     source : str
         Where the modes came from, for the record.
+    std_frequency : array_like of float, shape (n,), optional
+        Standard deviations of the frequencies, in Hz. None: not known (nan).
+    std_loss_factor : array_like of float, shape (n,), optional
+        Of the loss factors.
+    diagram : Diagram, optional
+        The stabilisation diagram from which the modes were found.
 
     Raises
     ------
@@ -57,6 +77,9 @@ class ModeSet:
     scaled: NDArray[np.bool_]
     quality: _Real
     source: str
+    std_frequency: _Real
+    std_loss_factor: _Real
+    diagram: Diagram | None
     digest: str = field(init=False)
 
     def __init__(
@@ -68,6 +91,10 @@ class ModeSet:
         scaled: ArrayLike = False,
         quality: ArrayLike | None = None,
         source: str = "",
+        *,
+        std_frequency: ArrayLike | None = None,
+        std_loss_factor: ArrayLike | None = None,
+        diagram: Diagram | None = None,
     ) -> None:
         labels = DofSet(dofs)
         f = _array("frequency", frequency, np.float64)
@@ -93,17 +120,19 @@ class ModeSet:
                 f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite"
             )
         order = np.argsort(f, kind="stable")
-        if loss_factor is None:
-            loss_factor = np.nan
-        if quality is None:
-            quality = np.nan
+        given = {
+            "loss_factor": loss_factor,
+            "quality": quality,
+            "std_frequency": std_frequency,
+            "std_loss_factor": std_loss_factor,
+        }
         arrays: dict[str, NDArray[Any]] = {
             "frequency": f[order],
             "shapes": phi[:, order],
-            "loss_factor": _row("loss_factor", loss_factor, n)[order],
             "scaled": _row("scaled", scaled, n).astype(np.bool_)[order],
-            "quality": _row("quality", quality, n)[order],
         }
+        for name, values in given.items():
+            arrays[name] = _row(name, np.nan if values is None else values, n)[order]
         hashed = blake2b("".join(labels.labels).encode(), digest_size=8)
         for name, array in arrays.items():
             array.flags.writeable = False
@@ -111,6 +140,7 @@ class ModeSet:
             hashed.update(np.ascontiguousarray(array).tobytes())
         object.__setattr__(self, "dofs", labels)
         object.__setattr__(self, "source", source)
+        object.__setattr__(self, "diagram", diagram)
         object.__setattr__(self, "digest", hashed.hexdigest())
 
     def __len__(self) -> int:
@@ -126,21 +156,34 @@ class ModeSet:
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        parts = (
-            self.frequency,
-            self.shapes,
-            self.dofs,
-            self.loss_factor,
-            self.scaled,
-            self.quality,
-            self.source,
-        )
-        return ModeSet, parts
+        names = (*_FIELDS, "diagram")
+        return _restored, ({name: getattr(self, name) for name in names},)
 
     @property
-    def damping_ratio(self) -> _Real:
+    def damping(self) -> _Real:
         """Share of critical damping, half the loss factor; shape (n,)."""
         return self.loss_factor / 2.0
+
+    @property
+    def std_damping(self) -> _Real:
+        """Standard deviations of the shares of critical damping, shape (n,); nan: not known."""
+        return self.std_loss_factor / 2.0
+
+    def renamed(self, dofs: Iterable[str | Dof]) -> ModeSet:
+        """Return the same modes with other labels of the rows.
+
+        Parameters
+        ----------
+        dofs : iterable of str or Dof
+            One for each row.
+
+        Returns
+        -------
+        ModeSet
+            Nothing else is changed.
+        """
+        given = {name: getattr(self, name) for name in _FIELDS}
+        return ModeSet(**(given | {"dofs": dofs}), diagram=self.diagram)
 
     @property
     def phase_collinearity(self) -> _Real:
@@ -201,8 +244,19 @@ class ModeSet:
             raise DataError(f"modes: none is left of {self!r}")
         parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])
         return ModeSet(
-            self.frequency[keep], self.shapes[:, keep], self.dofs, *parts, source=self.source
+            self.frequency[keep],
+            self.shapes[:, keep],
+            self.dofs,
+            *parts,
+            source=self.source,
+            std_frequency=self.std_frequency[keep],
+            std_loss_factor=self.std_loss_factor[keep],
+            diagram=self.diagram,
         )
+
+
+def _restored(given: dict[str, Any]) -> ModeSet:
+    return ModeSet(**given)
 
 
 def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:

@@ -214,6 +214,8 @@ SECTIONS: Registry[Section] = Registry(
         "plan.expected": "updyn.report.planning:EXPECTED",
         "plan.worth": "updyn.report.planning:WORTH",
         "plan.criteria": "updyn.report.planning:RIVALS",
+        "identified.diagram": "updyn.report.identified:DIAGRAM",
+        "identified.modes": "updyn.report.identified:MODES",
     },
 )
 

@@ -24,6 +24,7 @@ from updyn.modal.mode_set import ModeSet
 __all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
+_STD = ("std_frequency", "std_loss_factor")
 _WIDEST = 4096  # bytes of an entry of an array
 
 
@@ -64,7 +65,7 @@ def _marked(value: Any, what: str) -> Any:
     if isinstance(value, Dof):
         return {"__dof__": str(value)}
     if isinstance(value, ModeSet):
-        return {"__modes__": _marked(_fields(value, _MODES), what)}
+        return {"__modes__": _marked(_fields(value, (*_MODES, *_STD)), what)}
     is_kept = isinstance(value, np.ndarray) and value.dtype.itemsize <= _WIDEST
     if is_kept and value.dtype.kind in "biufcU":
         items = _marked(value.ravel().tolist(), what)

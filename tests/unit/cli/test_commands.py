@@ -390,7 +390,7 @@ def test_demo_of_no_such_name(
     ("arguments", "fragment"),
     [
         (["rum", "job.toml"], 'Unknown command "rum". Did you mean "run"?'),
-        (["plan", "job.toml"], 'Unknown command "plan"'),
+        (["serve", "job.toml"], 'Unknown command "serve"'),
         (["run"], "JOB requires an argument"),
         (["run", "a.toml", "b.toml"], "b.toml"),
         (["run", "a.toml", "--outt", "x"], "Did you mean --out?"),

@@ -92,6 +92,8 @@ def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
         [0.01, np.nan],
         [True, False],
         [0.995, np.nan],
+        std_frequency=[0.02, np.nan],
+        std_loss_factor=[0.003, np.nan],
     )
     write_modes(modes, tmp_path / "modes.unv")
     kind, content = read_anything(tmp_path / "modes.unv")
@@ -99,7 +101,7 @@ def test_modes_of_a_file_are_told(tmp_path: Path) -> None:
     assert describe_modes(content).splitlines() == [
         "Modes: 2 from 10 to 20.5 Hz",
         "2 DOFs: 1:X, 2:X",
-        "mode  frequency (Hz)  loss factor      scale  phase collinearity  quality",
-        "1                 10         0.01  unit mass               1.000   0.9950",
-        "2               20.5            -        any               1.000        -",
+        "mode  frequency (Hz)   std  loss factor    std      scale  phase collinearity  quality",
+        "1                 10  0.02         0.01  0.003  unit mass               1.000   0.9950",
+        "2               20.5     -            -      -        any               1.000        -",
     ]

@@ -61,7 +61,9 @@ _DISPLACEMENT = (0, 1, 8)
 _UNKNOWN = (93, 95, 96)  # of dataset 2414: taken as displacements
 _MOTION = (11, 12)
 _LOCATIONS = {1: "at nodes", 2: "on elements", 3: "at nodes on elements", 5: "at points"}
-_QUALITY = re.compile(r"^quality ([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)$")
+_NUMBER = r"([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)"
+_QUALITY = re.compile(rf"^quality {_NUMBER}\b")
+_STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
 
@@ -94,6 +96,7 @@ class _Mode:
     nodes: list[int]
     shape: _Complex  # shape (n_nodes, 6)
     quality: float
+    std: tuple[float, float]  # of the frequency in Hz, and of the loss factor
 
 
 def read_modes(path: str | Path) -> ModeSet:
@@ -230,8 +233,19 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
         factor = 0.0
     said = _QUALITY.search(texts[layout.quality])
     quality = float(said[1]) if said else np.nan
+    said = _STD.search(texts[layout.quality - 1])
+    std = (float(said[1]), float(said[2])) if said else (np.nan, np.nan)
     return _Mode(
-        dataset.number, dataset.line, frequency, loss, conjugate, factor, nodes, shape, quality
+        dataset.number,
+        dataset.line,
+        frequency,
+        loss,
+        conjugate,
+        factor,
+        nodes,
+        shape,
+        quality,
+        std,
     )
 
 
@@ -399,6 +413,8 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
             [m.factor != 0 for m in found],
             [m.quality for m in found],
             Path(path).name,
+            std_frequency=[m.std[0] for m in found],
+            std_loss_factor=[m.std[1] for m in found],
         )
 
 
@@ -414,7 +430,9 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
     turns = bool((modes.dofs.axes >= 3).any())
     width = 6 if turns else 3
     characteristic = 3 if turns else 2
-    yield from ("    -1", f"{55:6d}", "Mode shape", "NONE", "NONE")
+    std = float(modes.std_frequency[number]), float(modes.std_loss_factor[number])
+    yield from ("    -1", f"{55:6d}", "Mode shape", "NONE")
+    yield f"standard deviations {std[0]:.6g} Hz, {std[1]:.6g}" if np.isfinite(std).all() else "NONE"
     yield "NONE" if np.isnan(quality) else f"quality {quality:.6g}"
     yield f"Mode {number + 1:10d} Frequency {f:13.5E}"
     if real:

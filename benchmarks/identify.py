@@ -1,0 +1,215 @@
+"""How many modes `updyn.identify_modes` finds over a whole band, with its defaults.
+
+Structures are sums of modes in closed form, `chosen` of them in the band and some above and below:
+shapes sin(m pi x) sin(n pi y) at random points of a plate with unit mass, frequencies at random but
+every fifth 0.2 % above the one before, loss factors 0.4 to 2 %; 3,200 lines up to 800 Hz. Noise is
+proportional, plus a floor of a tenth of it as a share of the rms of each channel. Roving: with each
+response the sensor moves, and its mass lowers the frequencies by up to 0.3 % (first order: half its
+mass times the squared shape there); the frequencies looked for are the means.
+
+A mode counts as found where one that is returned lies within 0.3 % of its frequency and 10 % of its
+loss factor, one for each; what is returned beside is spurious, a mode outside these limits counts
+as one as well. Coverage: true frequencies, and loss factors, within 1.96 standard deviations of
+those found.
+
+Beside it stands sdypy-EMA (least-squares complex frequency method, order 100), if it is installed
+(`--peer`). It asks the user to pick the poles; here it is told the true frequencies and gives the
+nearest stable poles, so that spurious ones cannot be counted.
+
+    python benchmarks/identify.py [--cases "few;few, 5 %"] [--draws 10] [--peer]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+
+import updyn
+
+BAND, LINES = (2.0, 800.0), 3200
+NEAR, DAMPED = 0.003, 0.10
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is measured, and what is wrong with it."""
+
+    modes: int
+    responses: int
+    references: int
+    noise: float = 0.0
+    offset: float = 0.0
+    roving: bool = False
+    pairs: bool = True
+
+
+CASES = {
+    "few": Case(5, 8, 1),
+    "few, 1 %": Case(5, 8, 1, 0.01),
+    "few, 5 %": Case(5, 8, 1, 0.05),
+    "two references": Case(12, 16, 2, 0.01),
+    "two references, 5 %": Case(12, 16, 2, 0.05),
+    "offset": Case(12, 16, 2, 0.01, offset=0.3),
+    "many": Case(25, 24, 3, 0.01),
+    "many, 5 %": Case(25, 24, 3, 0.05),
+    "most": Case(40, 30, 3, 0.01),
+    "most, 5 %": Case(40, 30, 3, 0.05),
+    "hammer": Case(15, 3, 74, 0.01),
+    "hammer, 5 %": Case(15, 3, 74, 0.05),
+    "no pairs, one reference": Case(15, 12, 1, 0.05, pairs=False),
+    "roving": Case(13, 40, 2, 0.01, roving=True, pairs=False),
+    "roving, 5 %": Case(13, 40, 2, 0.05, roving=True, pairs=False),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Modes in the band, and the measurement."""
+
+    frequency: np.ndarray
+    loss: np.ndarray
+    frf: updyn.FRF
+
+
+def drawn(case: Case, seed: int) -> Truth:
+    """Return a structure and its measurement."""
+    rng = np.random.default_rng([seed, case.modes, case.responses, case.references])
+    natural, loss, orders = modes_of(case, rng)
+    inside = slice(2, 2 + case.modes)
+    n = case.responses + case.references
+    points = rng.uniform(0.05, 0.95, (n, 2))
+    shapes = 2.0 * np.prod(np.sin(np.pi * points[:, None, :] * orders), axis=2)
+    at, driven = shapes[: case.responses], shapes[case.responses :]
+    freq = np.linspace(*BAND, LINES)
+    omega = 2 * np.pi * freq
+    shift = np.zeros((case.responses, len(natural)))
+    if case.roving:
+        shift = -0.003 * at**2 / 4.0
+    H = np.empty((LINES, case.responses, case.references), complex)
+    for i in range(case.responses):
+        squared = (2 * np.pi * natural * (1 + shift[i])) ** 2 * (1 + 1j * loss)
+        below = squared - omega[:, None] ** 2
+        H[:, i] = -(omega[:, None] ** 2) * ((at[i] / below) @ driven.T)
+    level = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
+    noise = rng.standard_normal((2, *H.shape)) / np.sqrt(2.0)
+    floor = rng.standard_normal((2, *H.shape)) / np.sqrt(2.0)
+    H = H * (1 + case.noise * (noise[0] + 1j * noise[1]))
+    H += 0.1 * case.noise * level * (floor[0] + 1j * floor[1])
+    H += case.offset * level * np.exp(-freq / 3.0)[:, None, None]
+    labels = [f"{k + 1}:Z" for k in range(n)]
+    frf = updyn.FRF(
+        freq, H, labels[: case.responses], labels[case.responses :], quantity="accelerance"
+    )
+    return Truth((natural * (1 + shift.mean(axis=0)))[inside], loss[inside], frf)
+
+
+def modes_of(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frequencies, loss factors and orders (m, n): two below, those inside, above."""
+    low, high = 40.0, 780.0
+    gaps = rng.dirichlet(np.full(case.modes + 1, 4.0)) * (high - low)
+    inside = low + np.cumsum(gaps[:-1])
+    if case.pairs:
+        inside[1::5] = inside[: len(inside[1::5]) * 5 : 5] * 1.002
+    above = high * np.linspace(1.15, 2.5, 8)
+    natural = np.concatenate([[1e-3, 1e-3], np.sort(inside), above])
+    loss = rng.uniform(0.004, 0.02, len(natural))
+    side = int(np.ceil(np.sqrt(len(natural)))) + 1
+    pairs = np.array([(m, n) for m in range(1, side + 1) for n in range(1, side + 1)])
+    by_order = pairs[np.argsort(pairs.sum(axis=1), kind="stable")][: len(natural)]
+    return natural, loss, rng.permutation(by_order)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of one draw."""
+
+    modes: int
+    found: int
+    returned: int
+    spurious: int
+    covered: tuple[int, int]
+    asked: int
+    seconds: float
+
+
+def score(truth: Truth, frequency, loss, std_frequency, std_loss, seconds: float) -> Score:
+    """Return how the modes returned compare with the true ones, paired one to one."""
+    off = np.abs(frequency[:, None] / truth.frequency - 1.0) / NEAR
+    damped = np.abs(loss[:, None] / truth.loss - 1.0) / DAMPED
+    good = (off <= 1.0) & (damped <= 1.0)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(good, off + 0.1 * damped, 1e3))
+    hit = good[rows, columns]
+    rows, columns = rows[hit], columns[hit]
+    within_f = np.abs(frequency[rows] - truth.frequency[columns]) <= 1.96 * std_frequency[rows]
+    within_l = np.abs(loss[rows] - truth.loss[columns]) <= 1.96 * std_loss[rows]
+    return Score(
+        len(truth.frequency),
+        len(rows),
+        len(frequency),
+        len(frequency) - len(rows),
+        (int(within_f.sum()), int(within_l.sum())),
+        len(rows),
+        seconds,
+    )
+
+
+def ours(truth: Truth) -> Score:
+    """Return the score of `updyn.identify_modes`."""
+    begin = time.perf_counter()
+    found = updyn.identify_modes(truth.frf)
+    seconds = time.perf_counter() - begin
+    missing = np.full(len(found), np.nan)
+    std = getattr(found, "std_frequency", missing), getattr(found, "std_loss_factor", missing)
+    return score(truth, found.frequency, found.loss_factor, *std, seconds)
+
+
+def peer(truth: Truth) -> Score:
+    """Return the score of sdypy-EMA, told the true frequencies."""
+    from sdypy import EMA
+
+    begin = time.perf_counter()
+    values = truth.frf.values.reshape(LINES, -1).T
+    low, high = BAND
+    model = EMA.Model(values, truth.frf.freq, lower=low, upper=high, pol_order_high=100)
+    model.get_poles(show_progress=False)
+    model.select_closest_poles(truth.frequency)
+    seconds = time.perf_counter() - begin
+    missing = np.full(len(model.nat_freq), np.nan)
+    frequency, loss = np.array(model.nat_freq), 2.0 * np.array(model.nat_xi)
+    return score(truth, frequency, loss, missing, missing, seconds)
+
+
+def row(name: str, scores: list[Score]) -> str:
+    """Return a line of the table."""
+    modes, found = sum(s.modes for s in scores), sum(s.found for s in scores)
+    returned, spurious = sum(s.returned for s in scores), sum(s.spurious for s in scores)
+    asked = max(1, sum(s.asked for s in scores))
+    f, d = (100.0 * sum(s.covered[k] for s in scores) / asked for k in (0, 1))
+    seconds = np.median([s.seconds for s in scores])
+    return (
+        f"| {name} | {modes} | {100 * found / modes:.1f} % |"
+        f" {100 * spurious / max(1, returned):.1f} % | {f:.0f} % | {d:.0f} % | {seconds:.1f} |"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    asked = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    asked.add_argument("--cases", default=";".join(CASES))
+    asked.add_argument("--draws", type=int, default=10)
+    asked.add_argument("--peer", action="store_true")
+    options = asked.parse_args()
+    identify = peer if options.peer else ours
+    print("| case | modes | found | spurious | coverage, frequency | loss factor | seconds |")
+    print("|---|---|---|---|---|---|---|")
+    for name in options.cases.split(";"):
+        scores = [identify(drawn(CASES[name], seed)) for seed in range(options.draws)]
+        print(row(name, scores), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""The variable of rational fits of FRFs, and what poles and residues in it say of modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.vector_fitting import Basis
+
+__all__ = ["Axis"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Least width of a pole, as a share of its size: without damping it has none.
+_UNDAMPED = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The variable x of a fit by partial fractions, scaled to the highest frequency.
+
+    With structural damping x = omega^2 and a mode has the pole omega_r^2 (1 + i eta_r), with
+    viscous damping x = i omega and a mode has a pole and its mirror image.
+
+    Attributes
+    ----------
+    mirrored : bool
+        Whether damping is viscous.
+    unit : float
+        Circular frequency of |x| = 1, in rad/s.
+    """
+
+    mirrored: bool
+    unit: float
+
+    @property
+    def basis(self) -> Basis:
+        """Fractions, and a polynomial for the modes outside."""
+        return Basis(3, self.mirrored)
+
+    def at(self, freq: _Real) -> _Complex:
+        """Return the variable at lines in Hz."""
+        share = 2.0 * np.pi * freq / self.unit
+        return np.asarray(1j * share if self.mirrored else share**2, dtype=np.complex128)
+
+    def poles(self, s: _Complex) -> _Complex:
+        """Return poles from those in rad/s."""
+        share = s / self.unit
+        return np.asarray(share if self.mirrored else -(share**2))
+
+    def pole(self, frequency: _Real, loss: _Real | float) -> _Complex:
+        """Return poles of natural frequencies in Hz and loss factors."""
+        share = 2.0 * np.pi * frequency / self.unit
+        if self.mirrored:
+            return np.asarray(share * (1j * np.sqrt(1.0 - 0.25 * np.square(loss)) - 0.5 * loss))
+        return np.asarray(share**2 * (1.0 + 1j * loss))
+
+    def frequency(self, poles: _Complex) -> _Real:
+        """Return natural frequencies in Hz; nan of poles that do not oscillate."""
+        squared = np.where(poles.real > 0, poles.real, np.nan)
+        if self.mirrored:
+            squared = np.abs(poles) ** 2
+        return np.asarray(np.sqrt(squared) * self.unit / (2.0 * np.pi))
+
+    def loss(self, poles: _Complex) -> _Real:
+        """Return loss factors."""
+        if self.mirrored:
+            return np.asarray(-2.0 * poles.real / np.abs(poles))
+        return np.asarray(poles.imag / poles.real)
+
+    def width(self, poles: _Complex) -> _Real:
+        """Return the distance of the half-power points from a pole, in the unit of x."""
+        width = np.abs(poles.real if self.mirrored else poles.imag)
+        return np.maximum(width, _UNDAMPED * np.abs(poles))
+
+    def std_frequency(self, poles: _Complex, std: _Real) -> _Real:
+        """Return standard deviations in Hz from those of real and imaginary part, shape (2, k)."""
+        if self.mirrored:
+            return np.asarray(std[1] * self.unit / (2.0 * np.pi))
+        return np.asarray(self.frequency(poles) * std[0] / (2.0 * np.abs(poles.real)))
+
+    def std_loss(self, poles: _Complex, std: _Real) -> _Real:
+        """Return standard deviations of loss factors, as `std_frequency`."""
+        if self.mirrored:
+            return np.asarray(2.0 * std[0] / np.abs(poles))
+        return np.asarray(np.hypot(std[1], self.loss(poles) * std[0]) / np.abs(poles.real))
+
+    def modal(self, poles: _Complex, residues: _Complex) -> _Complex:
+        """Return phi phi^T from residues of accelerance, both of shape (k, ...).
+
+        s^2 A / (s - p) has the residue p^2 A, where A = phi phi^T / (2 i omega_d); x A / (x - p)
+        has p A.
+        """
+        factor = 2j * poles.imag / poles**2 if self.mirrored else 1.0 / poles
+        return np.asarray(residues * factor.reshape(-1, *(1,) * (residues.ndim - 1)))

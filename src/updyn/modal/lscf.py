@@ -1,0 +1,99 @@
+"""Poles of FRFs by the polyreference least-squares complex frequency method, order by order.
+
+P. Guillaume, P. Verboven, S. Vanlanduit, H. Van der Auweraer & B. Peeters, "A poly-reference
+implementation of the least-squares complex frequency-domain estimator", Proc. IMAC XXI (2003);
+B. Peeters, H. Van der Auweraer, P. Guillaume & J. Leuridan, Shock Vib. 11 (2004) 395-409. Of the
+denominator the coefficient that is set to one is the one that leaves poles of noise unstable
+(B. Cauberghe, P. Guillaume, P. Verboven, S. Vanlanduit & E. Parloo, Proc. SEM X (2004), on clear
+stabilisation diagrams).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["poles_by_order"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: A real part up to this share of the pole is that of a pole without damping.
+_UNSTABLE = 1e-4
+
+
+def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator[_Complex]:
+    """Yield the stable poles within the band that fits of increasing order find.
+
+    Parameters
+    ----------
+    omega : ndarray of float, shape (n_f,)
+        Circular frequencies, ascending.
+    Y : ndarray of complex, shape (n_f, n_o, n_r)
+        The functions, each line scaled by how much it is to count; poles common to the columns.
+    orders : iterable of int
+        Of the matrix polynomial, ascending; each has n_r poles an order, those in conjugate pairs
+        counted twice.
+
+    Yields
+    ------
+    ndarray of complex, shape (k,)
+        Poles s in rad/s; those that are unstable by rounding reflected.
+
+    Notes
+    -----
+    Right matrix fraction Y(omega) = B(omega) A(omega)^-1 in powers of z = exp(-i (omega - omega_1)
+    T), where the band is half of the circle. The numerators are eliminated from the normal
+    equations, whose blocks are of Toeplitz form (Peeters et al. 2004, equations 10-17).
+    """
+    orders = list(orders)
+    n_r, largest = Y.shape[2], max(orders)
+    step = np.pi / (omega[-1] - omega[0])
+    powers = np.exp(-1j * step * np.outer(omega - omega[0], np.arange(largest + 1)))
+    level = np.mean(np.abs(Y) ** 2, axis=(1, 2))
+    weight = 1.0 / np.sqrt(level + 1e-12 * level.max())
+    scaled = Y * weight[:, None, None]
+    products = np.einsum("foa,fob->fab", scaled.conj(), scaled).reshape(len(omega), -1)
+    moments = (powers.T @ np.hstack([(weight**2)[:, None], products])).T
+    crossed = (powers.T @ (weight[:, None, None] * scaled).reshape(len(omega), -1)).T
+    back = (powers.conj().T @ (weight[:, None, None] * scaled).reshape(len(omega), -1)).T
+    lag = np.arange(largest + 1)[None, :] - np.arange(largest + 1)[:, None]
+    R = moments[0].real[np.abs(lag)]
+    T = _toeplitz(moments[1:].reshape(n_r, n_r, -1), products, powers, lag)
+    S = np.where(lag >= 0, crossed[:, np.abs(lag)], back[:, np.abs(lag)]).real
+    S = -S.reshape(-1, n_r, *lag.shape).transpose(0, 2, 3, 1)  # (n_o, row, column, reference)
+    for n in orders:
+        size = n + 1
+        own = S[:, :size, :size].reshape(len(S), size, size * n_r)
+        whole = T[:size, :size].transpose(0, 2, 1, 3).reshape(size * n_r, size * n_r)
+        solved = np.linalg.lstsq(R[:size, :size], np.hstack(list(own)), rcond=None)[0]
+        left = own.transpose(1, 0, 2).reshape(size, len(S), size * n_r)
+        right = solved.reshape(size, len(S), size * n_r)
+        M = whole - np.einsum("koa,kob->ab", left, right)
+        yield _roots(M, n, n_r, step, omega)
+
+
+def _toeplitz(
+    moments: _Complex, products: _Complex, powers: _Complex, lag: NDArray[np.int_]
+) -> _Real:
+    n_r = len(moments)
+    back = (powers.conj().T @ products).T.reshape(n_r, n_r, -1)
+    blocks = np.where(lag >= 0, moments[:, :, np.abs(lag)], back[:, :, np.abs(lag)]).real
+    return np.ascontiguousarray(blocks.transpose(2, 3, 0, 1))  # (row, column, a, b)
+
+
+def _roots(M: _Real, n: int, n_r: int, step: float, omega: _Real) -> _Complex:
+    """Return stable poles in the band: the last coefficient is one, the others solve M."""
+    below = np.linalg.lstsq(M[:-n_r, :-n_r], M[:-n_r, -n_r:], rcond=None)[0]
+    companion = np.zeros((n * n_r, n * n_r))
+    companion[:n_r] = np.hstack(list(below.reshape(n, n_r, n_r).transpose(0, 2, 1)[::-1]))
+    companion[n_r:, :-n_r] = np.eye((n - 1) * n_r)
+    z = np.linalg.eigvals(companion)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = -np.log(z) / step
+    inside = np.isfinite(s) & (s.imag > 0.0) & (s.imag < np.pi / step)
+    s = s[inside] + 1j * omega[0]
+    s = s[s.real < _UNSTABLE * np.abs(s)]
+    return np.asarray(-np.abs(s.real) + 1j * s.imag)

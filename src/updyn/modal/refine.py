@@ -1,0 +1,341 @@
+"""Poles refined to maximum likelihood, with standard deviations, window by window.
+
+A window holds a few neighbouring modes. There every FRF is a sum of fractions with common poles and
+a polynomial for all modes outside; residues and polynomial follow from the poles by linear least
+squares, the poles by Gauss-Newton steps on what that leaves (variable projection: G. H. Golub &
+V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the approximation of L. Kaufman, BIT 15 (1975)
+49-57). Values are weighted by their noise, in each channel a share of the response and a floor,
+estimated from what the fit leaves. Standard deviations are those of the normal equations
+(R. Pintelon & J. Schoukens, System Identification, 2nd ed. 2012, section 9.10).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.vector_fitting import Basis
+
+__all__ = ["ROUGH", "Noise", "Solved", "Weights", "Window", "moved", "reweighted", "solved"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Most steps; they end where one is a smaller share of the width, or would lower the cost by less
+#: than `GAIN`: half of it is a standard deviation of one pole, squared.
+_STEPS, _SETTLED = 30, 1e-10
+GAIN, ROUGH = 1e-3, 0.3
+#: Rounds of weights from residuals and poles from weights.
+_ALIKE = 2
+#: Least share of its noise that a fit is taken to leave of a value.
+_LEFT = 0.05
+#: Rounds in which a share and a floor of noise are found.
+_LIKELIER = 20
+#: Noise below this share of the largest value of a channel is rounding.
+_ROUNDING = 1e-12
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Lines of some modes, and the poles beside them that stay.
+
+    Attributes
+    ----------
+    basis : Basis
+        Of the fractions; its degree is that of the polynomial.
+    x : ndarray of complex, shape (n_f,)
+        The variable.
+    Y : ndarray of complex, shape (p, n_f)
+        The channels.
+    beside : ndarray of complex, shape (m,)
+        Poles that are fitted with free residues, but not moved.
+    """
+
+    basis: Basis
+    x: _Complex
+    Y: _Complex
+    beside: _Complex
+
+    def columns(self, poles: _Complex) -> NDArray[Any]:
+        """Return the functions of which the channels are sums, shape (rows, m); poles first."""
+        middle = 0.5 * (self.x[0] + self.x[-1])
+        reach = max(float(np.abs(self.x[-1] - middle)), _TINY)
+        powers = ((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1)
+        if self.basis.mirrored:  # far modes have complex tails
+            powers = np.hstack([powers, 1j * powers])
+        fractions = self.basis.fractions(self.x, poles)
+        beside = self.basis.fractions(self.x, self.beside)
+        return self.basis.parts(np.hstack([fractions, beside, powers]))
+
+    def slopes(self, poles: _Complex, residues: _Complex) -> NDArray[Any]:
+        """Return the derivatives of the channels by the poles, shape (p, rows, k or 2 k).
+
+        Of a function of complex poles those by the poles; where poles have mirror images, by their
+        real parts and then by their imaginary parts.
+        """
+        own = 1.0 / (self.x[:, None] - poles) ** 2
+        if not self.basis.mirrored:
+            return np.asarray(own * residues.T[:, None, :])
+        image = 1.0 / (self.x[:, None] - poles.conj()) ** 2
+        upper, lower = own * residues.T[:, None, :], image * residues.conj().T[:, None, :]
+        both = np.concatenate([upper + lower, 1j * (upper - lower)], axis=2)
+        return np.concatenate([both.real, both.imag], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """Noise of each channel: a share of its values, and a floor.
+
+    Attributes
+    ----------
+    share, floor : ndarray of float, shape (p,)
+        Variances: of the share, and of the floor in units of the channel.
+    """
+
+    share: _Real
+    floor: _Real
+
+    @classmethod
+    def of(cls, squares: _Real, size: _Real) -> Noise:
+        """Return the likeliest share and floor of exponentially distributed squares.
+
+        Parameters
+        ----------
+        squares : ndarray of float, shape (p, n_f)
+            Squared errors.
+        size : ndarray of float, shape (p, n_f)
+            Squared values without noise.
+
+        Notes
+        -----
+        By multiplicative updates, which never become negative (C. Fevotte, N. Bertin &
+        J.-L. Durrieu, Neural Comput. 21 (2009) 793-830, equation 4.2).
+        """
+        least = _ROUNDING**2 * size.max(axis=1) + _TINY
+        floor = 0.5 * np.mean(squares, axis=1) + least
+        share = floor / (np.mean(size, axis=1) + _TINY)
+        for _ in range(_LIKELIER):
+            u = 1.0 / (share[:, None] * size + floor[:, None])
+            told = squares * u * u
+            share = share * np.sum(size * told, axis=1) / (np.sum(size * u, axis=1) + _TINY)
+            floor = np.maximum(floor * np.sum(told, axis=1) / np.sum(u, axis=1), least)
+        return cls(share, floor)
+
+    def deviation(self, size: _Real) -> _Real:
+        """Return standard deviations, shape (p, n_f), of values with these squares."""
+        return np.asarray(np.sqrt(self.share[:, None] * size + self.floor[:, None]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weights:
+    """Standard deviations of values, as a product; one factor for all channels makes fits cheap.
+
+    Attributes
+    ----------
+    channel : ndarray of float, shape (p, 1) or (1, 1)
+        Of each channel.
+    line : ndarray of float, shape (p, n_f) or (1, n_f)
+        Of each line, in all channels alike or in each of them.
+    """
+
+    channel: _Real
+    line: _Real
+
+    @classmethod
+    def of(cls, size: _Real) -> Weights:
+        """Return weights by which all channels count alike, from squared values."""
+        level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + _TINY
+        return cls(level, np.ones((1, size.shape[1])))
+
+    def of_channels(self, chosen: NDArray[np.bool_]) -> Weights:
+        """Return the weights of some channels."""
+        return Weights(*(a[chosen] if len(a) > 1 else a for a in (self.channel, self.line)))
+
+    @classmethod
+    def left_by(cls, fitted: Solved) -> Weights:
+        """Return weights from what a fit leaves: the nearest product to share and floor."""
+        noise = Noise.of(fitted.squares, fitted.size).deviation(fitted.size)
+        level = np.exp(np.mean(np.log(noise), axis=1, keepdims=True))
+        return cls(level, np.exp(np.mean(np.log(noise / level), axis=0, keepdims=True)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """The fit of a window for given poles.
+
+    Attributes
+    ----------
+    poles : ndarray of complex, shape (k,)
+        Those that may move.
+    residues : ndarray of complex, shape (k, p)
+        Of each channel.
+    cost : float
+        Sum of squared errors in units of their standard deviations.
+    worths : ndarray of float, shape (k, p)
+        By how much the cost of each channel would grow without each pole, the residues of the
+        others fitted again.
+    left : ndarray of float, shape (p, n_f)
+        Squared errors.
+    squares : ndarray of float, shape (p, n_f)
+        The same, each divided by the share of noise that the fit leaves of it.
+    size : ndarray of float, shape (p, n_f)
+        Squared values of the fit.
+    normal, gradient : ndarray, shapes (n, n) and (n,)
+        Of the cost by the poles, as `Window.slopes` has them.
+    """
+
+    poles: _Complex
+    residues: _Complex
+    cost: float
+    worths: _Real
+    left: _Real
+    squares: _Real
+    size: _Real
+    normal: NDArray[Any]
+    gradient: NDArray[Any]
+
+    @property
+    def worth(self) -> _Real:
+        """By how much the cost would grow without each pole, shape (k,)."""
+        return np.asarray(np.sum(self.worths, axis=1))
+
+    def damped(self, damping: float) -> tuple[_Complex, float]:
+        """Return a step, the diagonal made larger by a share, and the decrease that it promises."""
+        loaded = self.normal + damping * np.diag(np.diag(self.normal))
+        step = np.linalg.lstsq(loaded, self.gradient, rcond=None)[0]
+        promised = float(np.vdot(self.gradient, step).real)
+        k = len(self.poles)
+        return np.asarray(step if len(step) == k else step[:k] + 1j * step[k:]), promised
+
+    @property
+    def deviation(self) -> _Real:
+        """Standard deviations of the poles' real and imaginary parts, shape (2, k).
+
+        They hold where the errors were weighted with their own standard deviations.
+        """
+        k = len(self.poles)
+        spread = np.linalg.lstsq(self.normal, np.eye(len(self.normal)), rcond=None)[0]
+        both = np.sqrt(np.maximum(np.diag(spread).real, 0.0) / 2.0)
+        return np.array([both[:k], both[-k:]])
+
+
+def reweighted(
+    window: Window, poles: _Complex, widths: _Real, weights: Weights, gain: float = GAIN
+) -> tuple[Solved, Weights]:
+    """Return the fit with the likeliest poles where the noise is not known, and its weights.
+
+    Parameters
+    ----------
+    window : Window
+        Lines and what else there is.
+    poles : ndarray of complex, shape (k,)
+        To begin with.
+    widths : ndarray of float, shape (k,)
+        Their distances from the axis, in the unit of x: no step is longer.
+    weights : Weights
+        To begin with; then those of what the fit leaves.
+    gain : float
+        Steps that would lower the cost by less are left out.
+    """
+    fitted = moved(window, poles, widths, weights, gain)
+    for _ in range(_ALIKE):
+        weights = Weights.left_by(fitted)
+        fitted = moved(window, fitted.poles, widths, weights, gain)
+    return fitted, weights
+
+
+def moved(
+    window: Window, poles: _Complex, widths: _Real, weights: Weights, gain: float = GAIN
+) -> Solved:
+    """Return the fit with the poles moved to where the cost is smallest, as `reweighted`."""
+    here, damping = solved(window, poles, weights), 0.0
+    for _ in range(_STEPS if len(poles) else 0):
+        step, promised = here.damped(damping)
+        longest = float(np.max(np.abs(step) / widths, initial=0.0))
+        if longest < _SETTLED or promised < gain * min(1.0, here.cost):
+            break
+        there = solved(window, here.poles + step / max(1.0, longest), weights)
+        if there.cost <= here.cost:
+            here, damping = there, 0.1 * damping
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    return here
+
+
+def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
+    """Return the fit with given poles, by linear least squares.
+
+    Parameters
+    ----------
+    window : Window
+        Lines and what else there is.
+    poles : ndarray of complex, shape (k,)
+        Where they are.
+    weights : Weights
+        Of the values.
+    """
+    basis, n_f = window.basis, len(window.x)
+    level, weight = weights.channel, weights.line
+    A = window.columns(poles)
+    size = np.linalg.norm(A, axis=0) + _TINY
+    inverse = 1.0 / (np.hstack([weight, weight]) if basis.mirrored else weight)
+    Q, R = np.linalg.qr((A / size) * inverse[:, :, None])
+    R = _regular(R)
+    Y = window.Y / level
+    y = (np.hstack([Y.real, Y.imag]) if basis.mirrored else Y) * inverse
+    projected = np.matmul(Q.conj().swapaxes(1, 2), y[:, :, None])
+    error = y - np.matmul(Q, projected)[:, :, 0]
+    back = np.linalg.solve(R, np.broadcast_to(np.eye(R.shape[1]), R.shape))
+    scaled = np.matmul(back, projected)[:, :, 0]
+    residues = basis.residues((scaled / size).T * level.T, poles)
+    slopes = window.slopes(poles, residues / level.T) * inverse[:, :, None]
+    slopes = slopes - np.matmul(Q, np.matmul(Q.conj().swapaxes(1, 2), slopes))
+    J = slopes.reshape(y.size, slopes.shape[2])
+    left = 1.0 - np.sum(np.abs(Q) ** 2, axis=2)
+    unweighted = (error / inverse) * level
+    if basis.mirrored:
+        left = 0.5 * (left[:, :n_f] + left[:, n_f:])
+        unweighted = unweighted[:, :n_f] + 1j * unweighted[:, n_f:]
+    return Solved(
+        poles,
+        residues,
+        float(np.sum(np.abs(error) ** 2)),
+        _worths(basis, poles, scaled, back),
+        np.abs(unweighted) ** 2,
+        np.abs(unweighted) ** 2 / np.maximum(left, _LEFT),
+        np.abs(window.Y - unweighted) ** 2,
+        J.conj().T @ J,
+        J.conj().T @ error.reshape(-1),
+    )
+
+
+def _regular(R: NDArray[Any]) -> NDArray[Any]:
+    """Return triangles in which a column that the others span counts for nothing."""
+    diagonal = np.abs(np.diagonal(R, axis1=1, axis2=2))
+    spanned = diagonal < 1e-14 * diagonal.max(axis=1, keepdims=True)
+    if not spanned.any():
+        return R
+    R = R.copy()
+    at = np.nonzero(spanned)
+    R[at[0], at[1], at[1]] = 1e150
+    return R
+
+
+def _worths(basis: Basis, poles: _Complex, weights: NDArray[Any], back: NDArray[Any]) -> _Real:
+    """Return by how much the cost of each channel grows without the weights of each pole."""
+    k = len(poles)
+    columns = [[r] for r in range(k)]
+    if basis.mirrored:
+        images = np.cumsum(poles.imag != 0) - 1 + k
+        columns = [[r, images[r]] if poles[r].imag != 0 else [r] for r in range(k)]
+    out = np.zeros((k, len(weights)))
+    for r, own in enumerate(columns):
+        rows = back[:, own]
+        spread = np.matmul(rows, rows.conj().swapaxes(1, 2))
+        found = weights[:, own, None]
+        out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
+    return out

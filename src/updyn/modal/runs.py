@@ -1,0 +1,233 @@
+"""Modes whose frequency varies from run to run, told from modes that are close to each other.
+
+Where a sensor moves with its mass, or the structure changes between runs, one mode has another pole
+in every run, and a fit with common poles needs several of them. On the side that stays they have
+one shape, by which they are told; with few channels there, several common poles and one pole for
+each run, which have about as many free values, are compared by how well they fit. What roves,
+responses or references, is tried both ways.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.refine import Solved, Weights, Window, moved, solved
+from updyn.modal.search import near, seen
+
+__all__ = ["Mode", "Weighted", "modes_of"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Poles nearer than this many of their widths together may be one mode.
+_CLOSE = 1.5
+#: MAC of shapes that are the same, and the channels that can tell.
+_ALIKE, _TELL = 0.97, 4
+#: A run knows a pole that is worth more than this share of the one that is worth most to it.
+_KNOWN = 0.01
+#: Runs that have to know a mode, counted by how evenly its squares are spread over them.
+_RUNS = 1.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighted:
+    """A window, its fit, and the weights of the fit."""
+
+    window: Window
+    solved: Solved
+    weights: Weights
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mode:
+    """A mode as the fits have it.
+
+    Attributes
+    ----------
+    pole : complex
+        In the unit of the variable; where it varies from run to run, the mean.
+    std : ndarray of float, shape (2,)
+        Of its real and imaginary part: where it varies from run to run, of the runs.
+    residues : ndarray of complex, shape (p,)
+        Of each channel.
+    quality : float
+        Share that it explains of what the others leave, within its half-power band.
+    seen : float
+        How large its part of the FRFs is there, as a share of all of them.
+    everywhere : bool
+        Whether more than one run knows it.
+    """
+
+    pole: complex
+    std: _Real
+    residues: _Complex
+    quality: float
+    seen: float
+    everywhere: bool = True
+
+
+def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> list[Mode]:
+    """Return the modes of a window.
+
+    Parameters
+    ----------
+    fit : Weighted
+        With common poles.
+    runs : tuple of ndarray of int, shapes (p,)
+        Numbers of the response and of the reference of each channel, either of which may be runs.
+    """
+    modes = []
+    for bundle in _bundles(fit.solved.poles, fit.window):
+        for alike, roving in _alike(fit, bundle, runs):
+            each = [_each(fit, alike, of) for of in roving if of.max() > 0]
+            if len(roving) > 1:  # not told by the shapes
+                common = _criterion(fit, fit.solved.cost, len(alike), len(alike))
+                each = [one for one in each if one.criterion < common and not one.apart]
+            if each:
+                modes.append(min(each, key=lambda one: one.criterion).mode)
+            else:
+                modes += [_common(fit, r) for r in alike]
+    return modes
+
+
+def _alike(
+    fit: Weighted, bundle: list[int], runs: tuple[NDArray[np.intp], NDArray[np.intp]]
+) -> list[tuple[list[int], tuple[NDArray[np.intp], ...]]]:
+    """Return parts of a bundle of one shape, and what may be runs: the side where they differ.
+
+    Poles into which runs have split one mode have its shape on the side that stayed; two modes have
+    the same shape nowhere, but a side of few channels cannot tell.
+    """
+    rows, columns = runs
+    residues = fit.solved.residues[bundle].reshape(len(bundle), rows.max() + 1, columns.max() + 1)
+    parts: list[tuple[list[int], tuple[NDArray[np.intp], ...]]] = []
+    left = list(range(len(bundle)))
+    for side, roving in ((residues, columns), (residues.swapaxes(1, 2), rows)):
+        if side.shape[1] < _TELL:
+            continue
+        shapes = np.array([np.linalg.svd(one)[0][:, 0] for one in side])
+        mac = np.abs(shapes.conj() @ shapes.T) ** 2
+        for seed in range(len(bundle)):
+            own = [r for r in left if seed in left and mac[seed, r] > _ALIKE]
+            if len(own) > 1:
+                parts.append(([bundle[r] for r in own], (roving,)))
+                left = [r for r in left if r not in own]
+    if left:
+        parts.append(([bundle[r] for r in left], runs))
+    return parts
+
+
+def _bundles(poles: _Complex, window: Window) -> list[list[int]]:
+    """Return positions of poles, those together that are close."""
+    mirrored = window.basis.mirrored
+    along, width = (poles.imag, -poles.real) if mirrored else (poles.real, poles.imag)
+    order = np.argsort(along, kind="stable")
+    bundles: list[list[int]] = []
+    for r in order:
+        if bundles:
+            last = bundles[-1][-1]
+            if along[r] - along[last] < _CLOSE * (width[r] + width[last]):
+                bundles[-1].append(int(r))
+                continue
+        bundles.append([int(r)])
+    return bundles
+
+
+def _criterion(fit: Weighted, cost: float, poles: int, residues: int) -> float:
+    """Return what a fit leaves and what its free values are worth by chance.
+
+    After G. Schwarz, Ann. Stat. 6 (1978) 461-464.
+    """
+    p, n_f = fit.window.Y.shape
+    return float(2.0 * cost + (2 * poles + 2 * p * residues) * np.log(2 * p * n_f))
+
+
+def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+    """Return whether each run knows one of the poles only.
+
+    So do sensors in two directions of a structure that moves in one and in the other: a pole for
+    each run fits these as well, but there is one for each direction.
+    """
+    worth = np.array([np.bincount(runs, one) for one in fit.solved.worths[bundle]])
+    known = worth > _KNOWN * worth.max(axis=0)
+    return len(bundle) > 1 and bool((known.sum(axis=0) == 1).all())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Each:
+    criterion: float
+    apart: bool
+    mode: Mode
+
+
+def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
+    """Return one mode with a pole for each run, instead of several common ones."""
+    window, poles = fit.window, fit.solved.poles
+    others = np.delete(poles, bundle)
+    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
+    begin = np.array([np.sum(poles[bundle] * weight) / np.sum(weight)])
+    beside = np.concatenate([window.beside, others])
+    p = len(window.Y)
+    residues = np.zeros(p, dtype=np.complex128)
+    cost, found, deviations = 0.0, [], []
+    squares = np.zeros(window.Y.shape)
+    for run in range(int(runs.max()) + 1):
+        own = runs == run
+        alone = Window(window.basis, window.x, window.Y[own], beside)
+        weights = fit.weights.of_channels(own)
+        one = moved(alone, begin, _width(window, begin), weights)
+        cost += one.cost
+        residues[own] = one.residues[0]
+        squares[own] = one.left
+        found.append(one.poles[0])
+        deviations.append(one.deviation[:, 0])
+    each, std = np.array(found), np.array(deviations).T
+    sure = 1.0 / np.maximum(std, 1e-12 * np.abs(begin)) ** 2
+    parts = np.array([each.real, each.imag])
+    mean = np.sum(parts * sure, axis=1) / np.sum(sure, axis=1)
+    spread = np.sqrt(np.sum((parts - mean[:, None]) ** 2 * sure, axis=1) / np.sum(sure, axis=1))
+    pole = complex(mean[0], mean[1])
+    without = solved(Window(window.basis, window.x, window.Y, beside), each[:0], fit.weights)
+    mode = _mode(fit, pole, spread, residues, squares, without.left)
+    share = np.bincount(runs, np.abs(residues) ** 2)
+    everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
+    mode = replace(mode, everywhere=everywhere)
+    return _Each(_criterion(fit, cost, len(found), 1), _apart(fit, bundle, runs), mode)
+
+
+def _common(fit: Weighted, r: int) -> Mode:
+    """Return a mode with a pole that all channels share."""
+    window, found = fit.window, fit.solved
+    others = Window(
+        window.basis,
+        window.x,
+        window.Y,
+        np.concatenate([window.beside, np.delete(found.poles, r)]),
+    )
+    without = solved(others, found.poles[:0], fit.weights)
+    return _mode(
+        fit,
+        complex(found.poles[r]),
+        found.deviation[:, r],
+        found.residues[r],
+        found.left,
+        without.left,
+    )
+
+
+def _mode(
+    fit: Weighted, pole: complex, std: _Real, residues: _Complex, left: _Real, without: _Real
+) -> Mode:
+    window = fit.window
+    at = near(window, pole, float(_width(window, np.array([pole]))[0]))
+    weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
+    weight = np.broadcast_to(weight, left.shape)[:, at]
+    quality = 1.0 - np.sum(left[:, at] * weight) / max(np.sum(without[:, at] * weight), 1e-300)
+    return Mode(pole, std, residues, float(quality), seen(window, pole, residues, at))
+
+
+def _width(window: Window, poles: _Complex) -> _Real:
+    return np.abs(poles.real if window.basis.mirrored else poles.imag)

@@ -1,0 +1,137 @@
+"""The two sides of a measurement, responses and references: shapes from residues at both.
+
+The residue of a mode is its shape at the responses times its shape at the references; a drive point
+gives the scale (Ewins, Modal Testing, 2nd ed. 2000, section 4.5). Two modes of one frequency show
+as a residue of rank two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.dofs import Dof
+from updyn.frf import FRF
+
+__all__ = ["Sides"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+
+#: A singular value of a residue above this share of the first is a further mode at the same
+#: frequency.
+_SECOND = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """The two sides of a measurement, responses and references, and where they meet.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int, shape (n_d,)
+        Responses and references of the drive points.
+    sign : ndarray of float, shape (n_d,)
+        Product of their signs.
+    more : ndarray of int
+        References that are not among the responses.
+    at_references : bool
+        Without a drive point, whether the references say more than the responses, as when the
+        hammer roves.
+    dofs : list of Dof
+        Of the shapes.
+    row_scale, column_scale : ndarray of float, shapes (n_i,) and (n_j,)
+        Factors on responses and references that make rotations and translations equally large:
+        1 for translations.
+    """
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    sign: NDArray[np.float64]
+    more: NDArray[np.intp]
+    at_references: bool
+    dofs: list[Dof]
+    row_scale: _Real
+    column_scale: _Real
+
+    @classmethod
+    def of(cls, frf: FRF) -> Sides:
+        """Return the sides of a measurement.
+
+        Parameters
+        ----------
+        frf : FRF
+            The measurement.
+        """
+        driven = np.array([d in frf.responses for d in frf.references])
+        columns, more = np.flatnonzero(driven), np.flatnonzero(~driven)
+        match = frf.responses.match(frf.references[columns], "reference")
+        responses, references = list(frf.responses), list(frf.references)
+        roving = not len(columns) and len(references) > len(responses)
+        dofs = responses
+        if roving:
+            dofs = references
+        elif len(columns):
+            dofs = [*responses, *frf.references[more]]
+        scale = _scale_of_rotations(frf)
+        row_scale = np.where(frf.responses.axes >= 3, scale, 1.0)
+        column_scale = np.where(frf.references.axes >= 3, scale, 1.0)
+        return cls(match.index, columns, match.sign, more, roving, dofs, row_scale, column_scale)
+
+    @property
+    def scaled(self) -> bool:
+        """Whether the shapes have unit modal mass."""
+        return len(self.rows) > 0
+
+    def shapes(self, product: _Complex) -> list[_Complex]:
+        """Return the shapes of one frequency at `dofs`, one or more.
+
+        Parameters
+        ----------
+        product : ndarray of complex, shape (n_i, n_j)
+            Sum over these modes of the shape at the responses times the shape at the references.
+
+        Notes
+        -----
+        With the singular vectors, product = U W^T, the shapes are U G and W G^-T. At drive points
+        they are equal, so that U S = W there with the symmetric S = G G^T (Ewins 2000, section 4.5,
+        for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of
+        one channel may outweigh a mode that another shows, and pass for a second mode.
+        """
+        scaled = product * self.row_scale[:, None] * self.column_scale
+        U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
+        largest = max(1, min(len(s), len(self.rows) or len(s)))
+        rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
+        U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
+        U, W = U / self.row_scale[:, None], W / self.column_scale[:, None]
+        if not self.scaled:
+            if self.at_references:
+                return list(W.T)
+            return list(U.T)
+        S = np.linalg.lstsq(U[self.rows], W[self.columns] * self.sign[:, None], rcond=None)[0]
+        G = scipy.linalg.sqrtm((S + S.T) / 2)
+        at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T
+        return list(np.concatenate([at_responses, at_references[self.more]]).T)
+
+
+def _scale_of_rotations(frf: FRF) -> float:
+    """Return the factor on a rotation that makes it as large as a translation.
+
+    The root mean squares of the kinds of FRF (by force and torque, of translation and rotation) are
+    taken as level q^-n with n the number of rotations, by least squares in the
+    logarithm.
+    """
+    rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
+    rows, levels = [], []
+    for n in np.unique(rotations):
+        level = float(np.sqrt(np.mean(np.abs(frf.values[:, rotations == n]) ** 2)))
+        if level > 0:
+            rows.append([1.0, -float(n)])
+            levels.append(np.log(level))
+    if len(rows) < 2:
+        return 1.0
+    return float(np.exp(np.linalg.lstsq(np.array(rows), np.array(levels), rcond=None)[0][1]))

@@ -1,0 +1,172 @@
+"""The stabilisation diagram: poles of fits of increasing order, and those that stay.
+
+Poles of the structure appear in every fit of sufficient order at nearly the same place, poles of
+noise do not (H. Van der Auweraer & B. Peeters, Sound and Vibration 38 (1) (2004) 28-33). A long
+band is fitted in overlapping parts, since the order needed grows with the number of modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.lscf import poles_by_order
+
+__all__ = ["Diagram", "stabilised"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Lines of a part of the band without its overlaps, each half as long.
+_PART = 200
+#: Orders of the fits, and lines an order at least.
+_LARGEST, _STEP, _LINES = 32, 2, 5
+#: A pole has stayed where the next order has one within this share of its damping, or of the
+#: distance of the lines.
+_NEAR, _BETWEEN = 0.3, 0.2
+#: Orders that a pole has to stay for.
+_STAYS = 3
+#: Columns of which the poles are common at most: of more the strongest combinations.
+_COLUMNS = 4
+#: Damping ratio above which a pole is no mode.
+_HEAVY = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagram:
+    """Poles of fits of increasing order.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (n,)
+        Of the polynomial that has the pole.
+    frequency : ndarray of float, shape (n,)
+        In Hz.
+    damping : ndarray of float, shape (n,)
+        As a share of critical damping.
+    stable : ndarray of bool, shape (n,)
+        Whether the order before has the pole at nearly the same place.
+    """
+
+    order: NDArray[np.int_]
+    frequency: _Real
+    damping: _Real
+    stable: NDArray[np.bool_]
+
+
+def stabilised(freq: _Real, Y: _Complex) -> tuple[_Complex, Diagram]:
+    """Return the poles that stay, and the diagram.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz, ascending.
+    Y : ndarray of complex, shape (n_f, n_i, n_j)
+        The functions, scaled so that all count alike.
+
+    Returns
+    -------
+    poles : ndarray of complex, shape (k,)
+        s in rad/s, by ascending frequency.
+    diagram : Diagram
+        All poles of all orders.
+    """
+    found: list[_Complex] = []
+    rows: list[tuple[int, complex, bool]] = []
+    for first, last, low, high in _parts(freq):
+        fits = _fits(freq[first:last], Y[first:last])
+        lines = 2.0 * np.pi * float(np.median(np.diff(freq[first:last])))
+        chains, stable = _chains([poles for _, poles in fits], _BETWEEN * lines)
+        own = [chain for chain in chains if low <= abs(chain) / (2.0 * np.pi) < high]
+        found.append(np.array(own, dtype=np.complex128))
+        for (order, poles), marks in zip(fits, stable, strict=True):
+            inside = (np.abs(poles) >= 2 * np.pi * low) & (np.abs(poles) < 2 * np.pi * high)
+            rows += [
+                (order, complex(p), bool(m))
+                for p, m in zip(poles[inside], marks[inside], strict=True)
+            ]
+    poles = np.concatenate(found)
+    size = np.array([abs(p) for _, p, _ in rows])
+    diagram = Diagram(
+        np.array([order for order, _, _ in rows], dtype=np.int_),
+        size / (2.0 * np.pi),
+        np.array([-p.real for _, p, _ in rows]) / np.maximum(size, 1e-300),
+        np.array([mark for _, _, mark in rows], dtype=np.bool_),
+    )
+    return poles[np.argsort(np.abs(poles), kind="stable")], diagram
+
+
+def _parts(freq: _Real) -> list[tuple[int, int, float, float]]:
+    """Return parts of the band: lines from, to, and the frequencies that are the part's own."""
+    n = len(freq)
+    count = max(1, round(n / _PART))
+    edges = np.linspace(0, n, count + 1).astype(int)
+    half = -(-n // (2 * count))
+    out = []
+    for k in range(count):
+        low = freq[edges[k]] if k else 0.0
+        high = freq[edges[k + 1]] if k < count - 1 else np.inf
+        first, last = max(0, edges[k] - half), min(n, edges[k + 1] + half)
+        out.append((first, last, float(low), float(high)))
+    return out
+
+
+def _fits(freq: _Real, Y: _Complex) -> list[tuple[int, _Complex]]:
+    """Return orders and their poles of one part."""
+    Y = _combined(Y)
+    largest = max(2, min(_LARGEST, len(freq) // _LINES))
+    orders = list(range(2, largest + 1, _STEP))
+    omega = 2.0 * np.pi * freq
+    fits = []
+    for order, poles in zip(orders, poles_by_order(omega, Y, orders), strict=True):
+        size = np.abs(poles)
+        inside = (size <= omega[-1]) & (size >= omega[0]) & (-poles.real < _HEAVY * size)
+        fits.append((order, poles[inside]))
+    return fits
+
+
+def _combined(Y: _Complex) -> _Complex:
+    """Return the functions with the smaller side as columns, of many the strongest combinations."""
+    if Y.shape[2] > Y.shape[1]:
+        Y = Y.transpose(0, 2, 1)
+    if Y.shape[2] <= _COLUMNS:
+        return Y
+    rows = Y.reshape(-1, Y.shape[2])
+    gram = (rows.conj().T @ rows).real
+    strongest = np.linalg.eigh(gram)[1][:, ::-1][:, :_COLUMNS]
+    return np.asarray(Y @ strongest)
+
+
+def _chains(fits: list[_Complex], least: float) -> tuple[list[complex], list[NDArray[np.bool_]]]:
+    """Return the poles that stay up to the last order, and of each order which have stayed."""
+    ended: list[complex] = []
+    stable: list[NDArray[np.bool_]] = []
+    length = np.zeros(0, dtype=int)
+    before: _Complex = np.zeros(0, dtype=np.complex128)
+    for poles in fits:
+        longer, marks = np.ones(len(poles), dtype=int), np.zeros(len(poles), dtype=bool)
+        for here, there in _nearest(poles, before, least):
+            longer[here], marks[here] = length[there] + 1, True
+        before, length = poles, longer
+        stable.append(marks)
+    ended = [complex(p) for p, n in zip(before, length, strict=True) if n >= _STAYS]
+    return ended, stable
+
+
+def _nearest(poles: _Complex, before: _Complex, least: float) -> list[tuple[int, int]]:
+    """Return pairs of poles, one to one, nearest first, that are as good as equal."""
+    if not len(poles) or not len(before):
+        return []
+    apart = np.abs(poles[:, None] - before)
+    reach = np.maximum(_NEAR * -before.real, least)
+    share = apart / reach
+    pairs: list[tuple[int, int]] = []
+    for flat in np.argsort(share, axis=None, kind="stable"):
+        here, there = np.unravel_index(flat, share.shape)
+        if share[here, there] > 1.0:
+            break
+        if all(here != h and there != t for h, t in pairs):
+            pairs.append((int(here), int(there)))
+    return pairs

@@ -1,0 +1,140 @@
+"""`updyn modes`: the table, both files, modes picked by the job, and what is refused with its line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import updyn
+from pages_read import attributes, dump
+from updyn.cli import main
+from updyn.demos import chain
+from updyn.io import read_modes
+from updyn.modal import ModeSet
+
+JOB = """\
+[model]
+file = "chain.h5"
+
+[test]
+file = "chain.uff"
+
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+"""
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("chain")
+    chain.write_inputs(folder)
+    text = (folder / "job.toml").read_text(encoding="utf-8")
+    measured = next(
+        line for line in text.splitlines() if line.startswith("file =") and "uff" in line
+    )
+    (folder / "modes.toml").write_text(
+        JOB.replace('file = "chain.uff"', measured), encoding="utf-8"
+    )
+    return folder
+
+
+def job(inputs: Path, further: str = "") -> Path:
+    path = inputs / "picked.toml"
+    text = (inputs / "modes.toml").read_text(encoding="utf-8")
+    path.write_text(text + further, encoding="utf-8")
+    return path
+
+
+def measured(inputs: Path) -> ModeSet:
+    (path,) = inputs.glob("*.uff")
+    return updyn.identify_modes(updyn.read_frf(path))
+
+
+def test_both_files_and_the_table(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["modes", str(job(inputs)), "--out", str(tmp_path / "out")]) == 0
+    found = measured(inputs)
+    said = capsys.readouterr().out
+    assert f"Modes: {len(found)} from" in said
+    files = {p.name for p in (tmp_path / "out").iterdir()}
+    assert files == {"modes.html", "modes.unv", "manifest.json"}
+    written = read_modes(tmp_path / "out" / "modes.unv")
+    assert written.frequency == pytest.approx(found.frequency, rel=1e-5)
+    assert written.std_frequency == pytest.approx(found.std_frequency, rel=1e-5)
+    page = (tmp_path / "out" / "modes.html").read_text(encoding="utf-8")
+    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
+    traces = {trace["name"]: trace for trace in figures["diagram"]["data"]}
+    assert traces["mode"]["x"] == pytest.approx(found.frequency.tolist())
+    assert set(traces) >= {"stays from the order before", "new in this order", "level of all FRFs"}
+
+
+def test_the_job_picks(inputs: Path, tmp_path: Path) -> None:
+    found = measured(inputs).frequency
+    pick = f"\n[modes]\npick = [{1.003 * found[2]:.6g}, {found[0]:.6g}]\n"
+    assert main(["modes", str(job(inputs, pick)), "--out", str(tmp_path / "out")]) == 0
+    written = read_modes(tmp_path / "out" / "modes.unv")
+    assert written.frequency == pytest.approx(found[[0, 2]], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("further", "fragment"),
+    [
+        ("[modes]\npick = [0.2]\n", "no mode is found within 2 % of 0.2 Hz; the nearest is at"),
+        ("[modes]\npick = []\n", "expected an array of frequencies in Hz"),
+        ('[modes]\ndamping = "viscos"\n', "viscous"),
+        ("[modes]\npicks = [1.0]\n", "pick"),
+    ],
+)
+def test_what_is_refused(
+    inputs: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    further: str,
+    fragment: str,
+) -> None:
+    path = job(inputs, "\n" + further)
+    assert main(["modes", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert fragment in said
+    assert "picked.toml:" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_mode_is_picked_twice(inputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    f = float(measured(inputs).frequency[0])
+    path = job(inputs, f"\n[modes]\npick = [{f:.6g}, {1.001 * f:.6g}]\n")
+    assert main(["modes", str(path)]) == 2
+    assert "two picks are nearest to the mode at" in capsys.readouterr().err
+
+
+#: What a user does: picks a mode and a pole, and takes the mode back.
+CLICKS = """<script>
+(() => {
+  const place = document.querySelector("[data-figure=diagram]"), out = document.getElementById("picks"), said = [];
+  const click = (x) => { place.emit("plotly_click", { points: [{ x, data: {} }] }); said.push(out.textContent.trim()); };
+  click(12.5); click(4.25); click(12.501);
+  document.documentElement.dataset.said = said.join("|").replaceAll("\\n", " ");
+  document.documentElement.dataset.lines = place.layout.shapes.length;
+})();
+</script></body>"""
+
+
+@pytest.mark.needs("browser")
+def test_a_click_picks_and_another_takes_back(inputs: Path, tmp_path: Path) -> None:
+    assert main(["modes", str(job(inputs)), "--out", str(tmp_path / "out")]) == 0
+    page = tmp_path / "clicked.html"
+    text = (tmp_path / "out" / "modes.html").read_text(encoding="utf-8")
+    page.write_text(CLICKS.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    found = attributes(dump(page, tmp_path / "profile"))
+    assert "errors" not in found, found["errors"]
+    assert found["said"].split("|") == [
+        "[modes] pick = [12.5]",
+        "[modes] pick = [4.25, 12.5]",
+        "[modes] pick = [4.25]",
+    ]
+    assert found["lines"] == "1"

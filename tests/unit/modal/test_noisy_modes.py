@@ -1,0 +1,172 @@
+"""Modes from data as tests give them: noise, close pairs, a band beyond the modes, sensors that rove."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.modal.axis import Axis
+from updyn.modal.lscf import poles_by_order
+from updyn.modal.refine import Weights, Window, moved, solved
+from updyn.modal.stabilisation import stabilised
+from updyn.modal.vector_fitting import Basis
+
+FREQ = np.linspace(0.5, 100.0, 400)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Modes in closed form: H = -omega^2 sum phi phi^T / (omega_r^2 (1 + i eta_r) - omega^2)."""
+
+    frequency: np.ndarray
+    loss: np.ndarray
+    shapes: np.ndarray  # rows: responses, then references
+    responses: int
+
+    def frf(self, freq: np.ndarray, noise: float, seed: int, shift: np.ndarray | None = None):
+        """Accelerances with proportional noise and a floor; shift: share by response and mode."""
+        at, driven = self.shapes[: self.responses], self.shapes[self.responses :]
+        shift = np.zeros(at.shape) if shift is None else shift
+        omega = 2 * np.pi * freq[:, None, None]
+        natural = 2 * np.pi * self.frequency * (1.0 + shift)
+        H = -(omega**2) * np.einsum(
+            "ir,jr,fir->fij", at, driven, 1 / (natural**2 * (1 + 1j * self.loss) - omega**2)
+        )
+        rng = np.random.default_rng(seed)
+        level = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
+        share, floor = rng.standard_normal((2, *H.shape, 2)) @ (1, 1j) / np.sqrt(2.0)
+        H = H * (1 + noise * share) + 0.1 * noise * level * floor
+        labels = [f"{k}:Z" for k in range(1, len(self.shapes) + 1)]
+        return updyn.FRF(freq, H, labels[: self.responses], labels[self.responses :], "accelerance")
+
+
+def structure(
+    frequency: list[float], loss: list[float], responses: int, references: int, seed: int = 0
+) -> Structure:
+    rng = np.random.default_rng(seed)
+    shapes = rng.standard_normal((responses + references, len(frequency)))
+    return Structure(np.array(frequency), np.array(loss), shapes, responses)
+
+
+FEW = structure([12.0, 31.0, 31.062, 58.0, 83.0], [0.01, 0.012, 0.008, 0.02, 0.005], 8, 1)
+
+
+def test_a_close_pair_is_found_under_noise_with_one_reference() -> None:
+    """Two modes 0.2 % apart, a fifth of their bandwidths; 5 % noise."""
+    for seed in range(3):
+        found = updyn.identify_modes(FEW.frf(FREQ, 0.05, seed))
+        assert found.frequency == pytest.approx(FEW.frequency, rel=1e-3)
+        assert found.loss_factor == pytest.approx(FEW.loss, rel=0.1)
+        assert found.damping == pytest.approx(0.5 * found.loss_factor)
+
+
+@pytest.mark.parametrize("damping", ["structural", "viscous"])
+def test_standard_deviations_are_those_of_repeats(damping: str) -> None:
+    alone = structure([12.0, 31.0, 58.0], [0.01, 0.012, 0.02], 4, 1, seed=2)
+    sets = [
+        updyn.identify_modes(alone.frf(FREQ, 0.03, seed), damping=damping) for seed in range(40)
+    ]
+    assert all(len(found) == 3 for found in sets)
+    for name in ("frequency", "damping"):
+        values = np.array([getattr(found, name) for found in sets])
+        stated = np.median([getattr(found, f"std_{name}") for found in sets], axis=0)
+        assert np.std(values, axis=0, ddof=1) == pytest.approx(stated, rel=0.35)
+
+
+def test_a_band_far_beyond_the_modes_and_a_line_at_zero() -> None:
+    """As on a bridge: eleven modes in the lower quarter of the band, an offset in the line at 0 Hz."""
+    rng = np.random.default_rng(4)
+    natural = 2.0 + np.cumsum(rng.uniform(1.2, 3.0, 11))
+    bridge = structure(natural.tolist(), rng.uniform(0.01, 0.03, 11).tolist(), 30, 1, seed=4)
+    freq = np.linspace(0.0, 100.0, 1601)
+    frf = bridge.frf(freq[1:], 0.03, 1)
+    values = np.concatenate([np.full((1, 30, 1), 50.0), frf.values])
+    frf = updyn.FRF(freq, values, frf.responses, frf.references, "accelerance")
+    found = updyn.identify_modes(frf)
+    assert found.frequency == pytest.approx(natural, rel=3e-3)
+    assert found.loss_factor == pytest.approx(bridge.loss, rel=0.1)
+
+
+def test_a_mode_that_a_roving_sensor_shifts_is_one_mode() -> None:
+    """The mass of a sensor lowers each frequency by its share of the modal mass where it is."""
+    alone = structure([12.0, 31.0, 58.0, 83.0], [0.01, 0.012, 0.008, 0.005], 20, 2, seed=3)
+    shift = -0.0008 * alone.shapes[:20] ** 2
+    for noise in (0.01, 0.05):
+        found = updyn.identify_modes(alone.frf(FREQ, noise, 5, shift))
+        assert found.frequency == pytest.approx(
+            alone.frequency * (1 + shift.mean(axis=0)), rel=2e-3
+        )
+        assert found.loss_factor == pytest.approx(alone.loss, rel=0.1)
+        # The deviation stated is that of the positions.
+        assert (found.std_frequency > 0.3 * shift.std(axis=0) * alone.frequency).all()
+
+
+def test_sensors_of_two_directions_see_two_modes() -> None:
+    """One pole for each sensor would fit as well; it is not simpler."""
+    shapes = np.array([[1.0, 0], [0.7, 0], [-0.5, 0], [0, 1.0], [0, 0.6], [0, -0.4], [1.0, 1.0]])
+    cross = Structure(np.array([31.0, 31.1]), np.array([0.01, 0.01]), shapes, 6)
+    found = updyn.identify_modes(cross.frf(FREQ, 0.01, 0))
+    assert found.frequency == pytest.approx([31.0, 31.1], rel=3e-4)
+
+
+def test_quality_tells_the_sure_from_the_unsure() -> None:
+    sure = updyn.identify_modes(FEW.frf(FREQ, 0.001, 0)).quality
+    assert (sure > 0.999).all()
+    unsure = updyn.identify_modes(FEW.frf(FREQ, 0.05, 0)).quality
+    assert ((unsure < sure) & (unsure > 0.5)).all()
+
+
+def test_poles_of_exact_data_stay_from_order_to_order() -> None:
+    H = FEW.frf(FREQ, 0.0, 0).values
+    poles, diagram = stabilised(FREQ, H / np.sqrt(np.mean(np.abs(H) ** 2)))
+    for f in FEW.frequency:
+        assert np.abs(np.abs(poles) / (2 * np.pi) / f - 1).min() < 1e-4
+    columns = (diagram.order, diagram.frequency, diagram.damping, diagram.stable)
+    assert len({len(column) for column in columns}) == 1
+    last = diagram.stable & (diagram.order == diagram.order.max())
+    for f in FEW.frequency:
+        assert np.abs(diagram.frequency[last] / f - 1).min() < 1e-3
+
+
+def test_matrix_fractions_with_two_references_find_a_repeated_pole_twice() -> None:
+    pair = structure([40.0, 40.0], [0.01, 0.01], 4, 2, seed=1)
+    H = pair.frf(np.linspace(20.0, 60.0, 200), 0.0, 0).values
+    (*_, last) = poles_by_order(2 * np.pi * np.linspace(20.0, 60.0, 200), H, [4, 8])
+    near = np.abs(np.abs(last) / (2 * np.pi) - 40.0) < 0.02
+    assert near.sum() == 2
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_gradient_is_that_of_central_differences(mirrored: bool) -> None:
+    rng = np.random.default_rng(0)
+    axis = Axis(mirrored, 2 * np.pi * 100.0)
+    x = axis.at(FREQ)
+    Y = rng.standard_normal((3, len(x))) + 1j * rng.standard_normal((3, len(x)))
+    window = Window(Basis(2, mirrored), x, Y, axis.pole(np.array([70.0]), 0.02))
+    poles = axis.pole(np.array([30.0, 50.0]), np.array([0.05, 0.08]))
+    weights = Weights(np.ones((1, 1)), 0.5 + rng.random((3, len(x))))
+    fitted = solved(window, poles, weights)
+    gradient = fitted.gradient
+    if not mirrored:  # of an analytic function: by the real, then by the imaginary part
+        gradient = np.concatenate([gradient.real, gradient.imag])
+    step = 1e-6
+    for k, turn in enumerate((1.0, 1.0, 1j, 1j)):
+        change = np.zeros(2, dtype=complex)
+        change[k % 2] = step * turn
+        up, down = (solved(window, poles + s * change, weights).cost for s in (1, -1))
+        assert -2.0 * gradient[k] == pytest.approx((up - down) / (2 * step), rel=1e-4)
+
+
+def test_worth_is_what_the_cost_grows_by() -> None:
+    frf = FEW.frf(FREQ, 0.02, 0)
+    axis = Axis(False, 2 * np.pi * FREQ[-1])
+    window = Window(axis.basis, axis.at(FREQ), frf.values[:, :, 0].T, np.zeros(0, dtype=complex))
+    weights = Weights.of(np.abs(window.Y) ** 2)
+    poles = axis.pole(FEW.frequency, FEW.loss)
+    fitted = moved(window, poles, axis.width(poles), weights)
+    for r in range(len(poles)):
+        fewer = solved(window, np.delete(fitted.poles, r), weights)
+        assert fitted.worth[r] == pytest.approx(fewer.cost - fitted.cost, rel=1e-6)
