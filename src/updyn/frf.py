@@ -26,6 +26,8 @@ ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
 #: What to do about missing values.
+#: What a coherence may be above 1: two steps of single precision, in which analysers compute it.
+_ROUNDING = 2.0**-22
 _GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
     "dynamic stiffness": "receptance",
@@ -84,7 +86,8 @@ class FRF:
     quantity : {"receptance", "mobility", "accelerance"}
         What `values` holds. It has no default: where a file does not state it, the user must.
     coherence : array_like of float, shape of `values`, optional
-        Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence").
+        Ordinary coherence gamma^2 between 0 and 1 (what analysers store as "coherence"). What is
+        above 1 by rounding in single precision (2.4e-7 at most) is taken as 1.
     variance : array_like of float, shape of `values`, optional
         E|dH|^2 of each value, in the unit of `values` squared.
     averages : int, optional
@@ -154,6 +157,9 @@ class FRF:
         if given is None:
             return None
         array = self._array(name, given, np.float64, shape)
+        if name == "coherence" and (array > 1.0).any():
+            array = np.where((array > 1.0) & (array <= 1.0 + _ROUNDING), 1.0, array)
+            array.flags.writeable = False
         outside = (array < 0.0) | (array > high)
         if outside.any():
             at = np.argwhere(outside)[0]

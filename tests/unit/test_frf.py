@@ -482,3 +482,20 @@ def test_a_dataset_without_its_parts(frf):
     data["freq"].attrs["units"] = "rad/s"
     with raises("dataset: freq is in 'rad/s'; expected 'Hz'"):
         FRF.from_xarray(data)
+
+
+@pytest.mark.parametrize("above", [np.float32(1 + 1e-7), np.float32(1) + 2 * np.float32(2**-23)])
+def test_coherence_that_rounding_puts_above_1_is_1(above: np.float32) -> None:
+    assert above > 1.0
+    coherence = np.array([[[0.5]], [[above]], [[0.0]]], dtype=np.float32)
+    frf = FRF([1.0, 2.0, 3.0], np.ones((3, 1, 1)), ["1:X"], ["1:X"], "mobility", coherence)
+    assert frf.coherence is not None
+    assert frf.coherence.ravel().tolist() == [0.5, 1.0, 0.0]
+    assert not frf.coherence.flags.writeable
+    assert coherence[1, 0, 0] == above  # what was given stays as it is
+
+
+@pytest.mark.parametrize("value", [1.0 + 3e-7, np.float32(1 + 1e-6), -1e-7])
+def test_coherence_further_off_is_refused(value: float) -> None:
+    with pytest.raises(DataError, match=r"coherence at 1 Hz.*expected 0 to 1"):
+        FRF([1.0], np.ones((1, 1, 1)), ["1:X"], ["1:X"], "mobility", [[[value]]])
