@@ -75,6 +75,15 @@ def _is_of_records(path: Path) -> bool:
         return False
 
 
+def _is_of_geometry(path: Path) -> bool:
+    """Return whether the suffix of a file is of a format that holds nothing but a geometry."""
+    try:
+        found = find_format(path, "read_geometry")
+    except FormatError:
+        return False
+    return found.can == ("read_geometry",) and path.suffix.lower() in found.suffixes
+
+
 #: Kinds of content by name, in the order in which a file is tried. A room or another package adds
 #: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
 FILE_KINDS: Registry[FileKind] = Registry(
@@ -90,7 +99,9 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "modes": FileKind(
             "modes", read_modes, describe_modes, _has_format("read_modes"), is_beside=True
         ),
-        "geometry": FileKind("a geometry", read_geometry, describe_geometry, is_beside=True),
+        "geometry": FileKind(
+            "a geometry", read_geometry, describe_geometry, _is_of_geometry, is_beside=True
+        ),
         "plant": "updyn.control.files.description:PLANT",
     },
 )

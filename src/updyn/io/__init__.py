@@ -142,12 +142,13 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     Parameters
     ----------
     path : path
-        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, or a table ``node,x,y,z`` in
-        m.
+        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, an Exodus II mesh, or a
+        table ``node,x,y,z``.
     format : str, optional
-        Format name, to force it: "uff", "nastran" or "csv".
+        Format name, to force it: "uff", "nastran", "exodus" or "csv".
     **options
-        What the reader of that format takes, checked by name.
+        What the reader of that format takes, checked by name: of each ``unit``, the unit of length
+        of a file that does not say it, "m" where it is not given either.
 
     Returns
     -------

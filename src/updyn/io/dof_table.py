@@ -17,6 +17,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
 from updyn.io.items import placed, utf8_text
+from updyn.io.lengths import length
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
@@ -57,14 +58,28 @@ def write_dofs(dofs: DofSet, path: str | Path) -> None:
     Path(path).write_text("\n".join(["dof", *dofs.labels, ""]), encoding="utf-8")
 
 
-def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geometry:
+def read_geometry(
+    path: str | Path, lines_path: str | Path | None = None, *, unit: str = "m"
+) -> Geometry:
     """Read node positions, and lines to draw where there is a table of them.
+
+    Parameters
+    ----------
+    path : path
+        The table of positions.
+    lines_path : path, optional
+        That of lines.
+    unit : {"m", "cm", "mm", "in", "ft"}
+        Unit of length of the positions.
 
     Raises
     ------
     FormatError
         If a header or a line is not as described, or the geometry is not valid.
+    OptionError
+        If the unit is not known.
     """
+    scale = length(unit)
     header, rows = _table(path, (_POINT, _POINT + _AXES), has_numbers=True)
     nodes = np.zeros(len(rows), dtype=np.int64)
     numbers = np.zeros((len(rows), len(header) - 1))
@@ -80,7 +95,8 @@ def read_geometry(path: str | Path, lines_path: str | Path | None = None) -> Geo
         for line, cells in lines:
             pairs.append([_whole(cell, lines_path, line) for cell in cells])
     with placed(path):
-        return Geometry(nodes, numbers[:, :3], np.array(pairs, dtype=np.int64).reshape(-1, 2), axes)
+        joined = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        return Geometry(nodes, numbers[:, :3] * scale, joined, axes)
 
 
 def write_geometry(geometry: Geometry, path: str | Path) -> None:

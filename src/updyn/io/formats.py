@@ -62,6 +62,7 @@ _NASTRAN = ("read_model", "read_geometry", "write_properties")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
+_EXODUS = (".exo", ".e", ".ex2", ".exii", ".g", ".gen")
 _DECK = ("read_model", "write_properties")
 #: A header of 100 words (flags: whole numbers), of file type 4 or 2.
 _ANSYS = b"d\0\0\0\0\0\0\x80"
@@ -97,6 +98,7 @@ _BUILT_IN = (
     Format("lvm", "updyn.io.lvm", (".lvm",), (b"LabVIEW Measurement",), ("read_records",)),
     Format("wav", "updyn.io.wav", (".wav",), (b"RIFF", b"RIFX"), ("read_records",)),
     Format("mesh", "updyn.io.mesh", (".msh", ".vtu", ".vtk", ".med"), (), ("read_model",)),
+    Format("exodus", "updyn.io.exodus", _EXODUS, (_HDF5, b"CDF"), ("read_geometry",)),
 )
 #: All formats in order of preference where several share a suffix.
 FORMATS: Registry[Format] = Registry("format", "updyn.readers", {f.name: f for f in _BUILT_IN})

@@ -32,7 +32,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
-from updyn.errors import FormatError, InputError, suggest
+from updyn.errors import AbsentError, FormatError, InputError, suggest
 from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
@@ -184,11 +184,12 @@ def check_kind(root: Folder, path: str | Path, expected: str) -> None:
     Raises
     ------
     FormatError
-        If the file says that it is another kind, says nothing, or is of a later format.
+        If the file says that it is another kind, says nothing (`AbsentError`), or is of a later
+        format.
     """
     if "updyn_kind" not in root.attributes:
         held = ", ".join(sorted(root.members)[:8]) or "nothing"
-        raise FormatError(
+        raise AbsentError(
             "HDF5 file without the attribute 'updyn_kind': it was not written by updyn as a"
             f" {expected}. It holds: {held}; expected for a model: 'dofs' and 'groups', see"
             " updyn.io.hdf5",

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from updyn.errors import FormatError, OptionError
+from updyn.errors import AbsentError, FormatError, OptionError
 from updyn.foreign.plain import Other
 from updyn.frf import FRF
 from updyn.io.hdf5 import Folder, check_kind, put_kind
@@ -59,8 +59,8 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
     Raises
     ------
     FormatError
-        If the file is damaged, holds a model or a result (the right reader is named), or lacks a
-        variable.
+        If the file is damaged, holds a model or a result (the right reader is named), lacks a
+        variable, or holds something else (`AbsentError`).
     """
     if duplicates != "raise":
         raise OptionError(
@@ -69,7 +69,7 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         )
     with Path(path).open("rb") as file:
         if file.read(3) == b"CDF":
-            raise FormatError(
+            raise AbsentError(
                 "a netCDF file of the classic format (version 3); expected netCDF-4 (HDF5)", path
             )
     found = load_netcdf(path, "frf", "netCDF-4 file", wanted=("frf", "frf_real"))
@@ -77,7 +77,7 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         check_kind(found.root, path, "frf")
     elif not {"frf", "frf_real"} & set(found.root.members):
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
-        raise FormatError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
+        raise AbsentError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
     with library(path, "netCDF-4 file"), placed(path):
         return FRF.from_xarray(_joined(found.data(), path), quantity=quantity)
 

@@ -36,6 +36,7 @@ from updyn.io.nastran.deck import (
     geometry_of,
     materials_of,
     read_deck,
+    read_points,
     values,
 )
 from updyn.io.nastran.mystran import Matrices, Program, adapted, find_executable, run
@@ -145,7 +146,7 @@ def read_model(
 
 
 def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = ()) -> Geometry:
-    """Read where the grids of a deck stand.
+    """Read where the grids of a deck stand; cards that say nothing of it are passed over.
 
     Parameters
     ----------
@@ -169,7 +170,7 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
     OptionError
         If the unit is not known.
     """
-    return geometry_of(read_deck(path, ignore), unit)
+    return geometry_of(read_points(path, ignore), unit)
 
 
 def write_properties(

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import FormatError, suggest
+from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
 from updyn.io.items import placed
@@ -36,6 +36,7 @@ __all__ = [
     "geometry_of",
     "materials_of",
     "read_deck",
+    "read_points",
     "values",
 ]
 
@@ -438,6 +439,52 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
     return deck
 
 
+def read_points(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
+    """Read the cards of a deck that say where points stand, and its elements.
+
+    All others are left out, known or not, but for those that are called nearly as a card of points.
+
+    Parameters
+    ----------
+    path : path
+        The main file: a whole deck, or bulk data alone.
+    ignore : iterable of str
+        Names of cards to leave out besides.
+
+    Returns
+    -------
+    Deck
+        These cards; there need be no properties and materials.
+
+    Raises
+    ------
+    FormatError
+        If an included file is missing, a card may be one of points and is not known, or an element
+        is at a grid that is not there; the message says file and line.
+    """
+    path = Path(path)
+    left_out = {name.upper() for name in ignore}
+    case, bulk = _sections(list(lines_of(path)))
+    points = (*_POINTS, *SYSTEMS)
+    cards: list[Card] = []
+    for card in parse(iter(bulk)):
+        if card.name in left_out:
+            continue
+        if card.name in points or card.name in ELEMENTS:
+            cards += _single(card)
+        elif card.name not in _KNOWN and nearest(card.name, points):
+            raise card.error(
+                f"card {card.name} is not known and may say where points stand;"
+                f" {suggest(card.name, points)} "
+                f'(to leave it out: ignore=["{card.name}"])'
+            )
+    deck = Deck(path, tuple(case), tuple(cards))
+    _check_points(deck)
+    for card in deck.elements:
+        _check_grids(deck, card)
+    return deck
+
+
 def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
     """Return the lines of executive and case control, and those of bulk data."""
     case: list[Line] = []
@@ -486,19 +533,27 @@ def _near(number: int, known: Mapping[int, Card]) -> str:
     return f"nearest: {_list(best)}" if best else "there is none"
 
 
-def _check(deck: Deck) -> None:
+def _check_points(deck: Deck) -> None:
     if not deck.grids and not deck.points:
         raise FormatError(
             "no GRID card: not a deck, or bulk data that belongs to another file", deck.path
         )
+
+
+def _check_grids(deck: Deck, element: Card) -> None:
+    for node in deck.nodes_of(element):
+        if node and node not in deck.grids and node not in deck.points:
+            raise element.error(
+                f"{element.name} {element.text(0)}: no grid {node}; {_near(node, deck.grids)}"
+            )
+
+
+def _check(deck: Deck) -> None:
+    _check_points(deck)
     places = deck.grids | deck.points
     for card in deck.elements:
         _check_property(deck, card)
-        for node in deck.nodes_of(card):
-            if node and node not in places:
-                raise card.error(
-                    f"{card.name} {card.text(0)}: no grid {node}; {_near(node, deck.grids)}"
-                )
+        _check_grids(deck, card)
     for card in deck.groups.values():
         values(card)
         for number in card.integers(materials_of(card)):

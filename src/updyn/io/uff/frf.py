@@ -51,6 +51,7 @@ from updyn.errors import AbsentError, FormatError, InputError, OptionError, Updy
 from updyn.frf import FRF, check_quantity
 from updyn.geometry import Geometry
 from updyn.io.items import chosen, counted, placed
+from updyn.io.lengths import length
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, Collector, Units
@@ -193,13 +194,16 @@ def read_frf(
         )
 
 
-def read_geometry(path: str | Path) -> Geometry:
+def read_geometry(path: str | Path, *, unit: str | None = None) -> Geometry:
     """Read nodes, their directions and trace lines of a universal file.
 
     Parameters
     ----------
     path : path
         The file.
+    unit : {"m", "cm", "mm", "in", "ft"}, optional
+        Unit of length, where the file has no dataset 164, by default m; a contradiction is an
+        error.
 
     Returns
     -------
@@ -210,8 +214,11 @@ def read_geometry(path: str | Path) -> Geometry:
     Raises
     ------
     FormatError
-        If the file is damaged or holds no nodes.
+        If the file is damaged or holds no nodes, or its dataset 164 says another unit.
+    OptionError
+        If the unit is not known.
     """
+    stated = None if unit is None else length(unit)
     collector = Collector(path)
     others = Counter[int]()
     for dataset in datasets(path):
@@ -219,12 +226,29 @@ def read_geometry(path: str | Path) -> Geometry:
             collector.take(dataset)
         else:
             others[dataset.number] += 1
+    if stated is not None:
+        collector.units = _with_length(collector.units, stated, str(unit), path)
     geometry = collector.geometry()
     if geometry is None:
         raise AbsentError(
             f"holds no nodes (dataset 15 or 2411); it holds {_datasets(others)}", path
         )
     return geometry
+
+
+def _with_length(units: Units, stated: float, unit: str, path: str | Path) -> Units:
+    """Return the units with the stated one of length (m), which is not to contradict the file."""
+    if not units.line:
+        return Units(1.0 / stated, units.force)
+    if not np.isclose(units.length * stated, 1.0, rtol=1e-3, atol=0.0):
+        raise FormatError(
+            f"unit {unit!r} contradicts dataset 164, by which a metre is {units.length:g} units of"
+            " length of the file",
+            path,
+            units.line,
+            key=("unit",),
+        )
+    return units
 
 
 def _options(duplicates: str, scalar_direction: str | None, scale: float | None) -> Dof | None:
