@@ -182,6 +182,7 @@ class _Measured:
         return np.asarray(part)
 
     def bandwidth(self, poles: _Complex) -> _Real:
+        """Return the widths of half power in Hz."""
         return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
 
     def inside(self, poles: _Complex) -> NDArray[np.bool_]:

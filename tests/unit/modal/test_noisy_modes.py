@@ -170,3 +170,41 @@ def test_worth_is_what_the_cost_grows_by() -> None:
     for r in range(len(poles)):
         fewer = solved(window, np.delete(fitted.poles, r), weights)
         assert fitted.worth[r] == pytest.approx(fewer.cost - fitted.cost, rel=1e-6)
+
+
+def test_channels_and_lines_without_signal_and_any_unit_do_no_harm() -> None:
+    frf = FEW.frf(FREQ, 0.01, 0)
+    sound = updyn.identify_modes(frf).frequency
+    dead, faint, gap = (frf.values.copy() for _ in range(3))
+    dead[:, 3], gap[100] = 0.0, 0.0
+    faint[:, 3] *= 1e-14
+    for values in (dead, faint, gap, 1e-120 * frf.values, 1e120 * frf.values):
+        given = updyn.FRF(FREQ, values, frf.responses, frf.references, "accelerance")
+        assert updyn.identify_modes(given).frequency == pytest.approx(sound, rel=3e-4)
+
+
+def test_lines_need_not_be_even() -> None:
+    found = updyn.identify_modes(FEW.frf(np.geomspace(5.0, 100.0, 300), 0.01, 0))
+    assert found.frequency == pytest.approx(FEW.frequency, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["constant", "mass line", "noise"])
+def test_what_has_no_mode_is_refused(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    made = {
+        "constant": np.ones(FREQ.shape),
+        "mass line": -1.0 / (2 * np.pi * FREQ) ** 2,
+        "noise": rng.standard_normal(FREQ.shape),
+    }[kind]
+    values = np.broadcast_to(made[:, None, None], (len(FREQ), 4, 1))
+    quantity = "receptance" if kind == "mass line" else "accelerance"
+    frf = updyn.FRF(FREQ, values, [f"{k}:Z" for k in range(4)], ["0:Z"], quantity)
+    with pytest.raises(updyn.UpdynError, match=r"none is found between 0\.5 and 100 Hz"):
+        updyn.identify_modes(frf)
+
+
+def test_heavy_damping() -> None:
+    heavy = structure([12.0, 31.0, 58.0], [0.3, 0.2, 0.4], 6, 2)
+    found = updyn.identify_modes(heavy.frf(FREQ, 0.02, 0))
+    assert found.frequency == pytest.approx(heavy.frequency, rel=3e-3)
+    assert found.loss_factor == pytest.approx(heavy.loss, rel=0.03)
