@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation import fdac
 from updyn.correlation.figures import figure_text
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
@@ -34,8 +36,15 @@ __all__ = [
     "agreement_figures",
     "correlation_maps",
     "csac_lines",
+    "fdac_maps",
     "level_difference",
 ]
+
+
+#: Lines of a map of the FDAC, and its height in pixels.
+_LINES, _MAP_HEIGHT = 120, 420
+#: Channels from which the FDAC says something; FDAC of a line that is like another one.
+_CHANNELS, _RIDGE = 3, 0.8
 
 
 def correlation_maps(data: ReportData) -> dict[str, Figure]:
@@ -135,6 +144,76 @@ def csac_lines(data: ReportData) -> Figure | None:
     }
 
 
+def fdac_maps(data: ReportData) -> dict[str, Figure]:
+    """Return maps of the FDAC at the start and updated, by name of the figure."""
+    made = {}
+    lines = _few_lines(data)
+    if len(data.responses) * len(data.references) >= _CHANNELS and len(lines) > 1:
+        for when, values in (("before", data.before), ("after", data.after)):
+            if values is not None:
+                found = fdac(data.measured[lines], values[lines])
+                made[f"fdac-{when}"] = _fdac_map(data.freq[lines], found)
+    return made
+
+
+def _few_lines(data: ReportData) -> NDArray[np.intp]:
+    """Return the lines of a map: all, or of many the one in each even step that says most."""
+    compared = np.arange(len(data.freq))[data.compared]
+    if len(compared) <= _LINES:
+        return compared
+    level = np.sum(np.abs(data.measured[compared]) ** 2, axis=(1, 2))
+    edges = np.linspace(0, len(compared), _LINES + 1).astype(int)
+    kept = [low + int(np.argmax(level[low:high])) for low, high in pairwise(edges)]
+    return np.asarray(compared[kept])
+
+
+def _fdac_map(freq: NDArray[np.float64], found: NDArray[np.float64]) -> Figure:
+    """Return a map, measured lines across, computed lines up, with its ridge and the diagonal."""
+    x = numbers(freq, packed=False)
+    likest = np.argmax(found, axis=0)
+    sure = found[likest, np.arange(len(freq))] >= _RIDGE
+    ends = [float(freq[0]), float(freq[-1])]
+    lines = "measured %{x:.5g} Hz, computed %{y:.5g} Hz"
+    traces: list[dict[str, Any]] = [
+        {
+            "type": "heatmap",
+            "z": numbers(np.round(found, 3)),
+            "x": x,
+            "y": x,
+            "zmin": 0.0,
+            "zmax": 1.0,
+            "colorscale": [[0.0, "#f7f7f7"], [0.5, "#6a9fd4"], [1.0, "#08306b"]],
+            "colorbar": colour_bar("FDAC", (0, 0.5, 1), _MAP_HEIGHT),
+            "hovertemplate": f"{lines}<br>FDAC %{{z:.3f}}<extra></extra>",
+        },
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": ends,
+            "y": ends,
+            "line": {"color": "@muted", "width": 1, "dash": "dot"},
+            "hoverinfo": "skip",
+        },
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": numbers(freq[sure], packed=False),
+            "y": numbers(freq[likest[sure]], packed=False),
+            "marker": {"color": "@before", "size": 4},
+            "hovertemplate": f"most alike: {lines}<extra></extra>",
+        },
+    ]
+    return {
+        "data": traces,
+        "height": _MAP_HEIGHT,
+        "layout": {
+            "xaxis": {"title": {"text": "measured (Hz)"}, "range": ends},
+            "yaxis": {"title": {"text": "computed (Hz)"}, "range": ends},
+            "showlegend": False,
+        },
+    }
+
+
 def level_difference(
     measured: NDArray[np.complex128], computed: NDArray[np.complex128]
 ) -> NDArray[np.float64]:
@@ -205,7 +284,7 @@ class Agreement(Section):
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the maps of the FRF correlation, and CSAC over frequency."""
         data = content.data
-        return correlation_maps(data) | existing({"csac": csac_lines(data)})
+        return correlation_maps(data) | existing({"csac": csac_lines(data)}) | fdac_maps(data)
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the lines compared and the figures of agreement of the fit."""

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from pages_read import Page
+from pages_read import values as plotted
 from report_case import all_figures, chain, measured, realistic, smallest
+from updyn.correlation import fdac
 from updyn.report import data as report_data
-from updyn.report.agreement import level_difference
+from updyn.report.agreement import fdac_maps, level_difference
 from updyn.report.data import gather, keep_lines
 from updyn.report.formats import (
     change,
@@ -209,7 +211,7 @@ def test_every_figure_is_there_and_finite(result, data):
         "changes", "worst-channel", "median-channel", "frf-correlation-before", "frf-correlation-after", "csac",
         "singular-values", "correlation", "cost", "factor-paths", "loss-factor-paths", "level-differences",
         "residual-by-channel", "misfit-map",
-        "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
+        "fdac-before", "fdac-after", "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
     }  # fmt: skip
     np.testing.assert_allclose(
         figures["frf-correlation-after"]["data"][0]["z"], data.correlation_after
@@ -217,6 +219,23 @@ def test_every_figure_is_there_and_finite(result, data):
     assert figures["correlation"]["data"][0]["z"][2][2] is None  # mass of bay 5 is open
     shares = [np.sum(numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]]
     np.testing.assert_allclose(shares, 100.0)
+
+
+def test_fdac_maps_have_the_ridge_where_the_lines_are_alike(data):
+    for when, values in (("before", data.before), ("after", data.after)):
+        heat, diagonal, ridge = fdac_maps(data)[f"fdac-{when}"]["data"]
+        at = np.searchsorted(data.freq, heat["x"])
+        np.testing.assert_allclose(data.freq[at], heat["x"])
+        expected = fdac(data.measured[at], values[at])
+        z = plotted(heat["z"])
+        np.testing.assert_allclose(z.reshape(expected.shape), expected, atol=6e-4)
+        assert diagonal["x"] == diagonal["y"]
+        for x, y in zip(ridge["x"], ridge["y"], strict=True):
+            column = expected[:, heat["x"].index(x)]
+            assert column[heat["x"].index(y)] == column.max() >= 0.8
+    # Updated, each line is most like itself or the one beside it.
+    apart = np.abs(np.array(ridge["x"]) - ridge["y"])
+    assert np.median(apart) <= np.median(np.diff(data.freq))
 
 
 def test_intervals():
