@@ -1,7 +1,8 @@
 """`identify_modes`: natural frequencies, loss factors and mode shapes from measured FRFs.
 
 1. Poles are looked for with matrix fractions of increasing order, in overlapping parts of the band;
-   those that stay from order to order are candidates (`stabilisation`, `lscf`).
+   those that stay from order to order are candidates (`stabilisation`, `lscf`). Few lines without
+   noise determine all poles at once (`vector_fitting`).
 2. Window by window, candidates are taken one after the other while they explain more than chance
    would (`search`), and refined to maximum likelihood with standard deviations (`refine`).
 3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
@@ -23,10 +24,10 @@ from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.refine import Noise, Weights, Window, moved, reweighted, solved
 from updyn.modal.runs import Mode, Weighted, modes_of
-from updyn.modal.search import SEEN, TELLING, chance, searched
+from updyn.modal.search import SEEN, TELLING, chance, near, searched, seen
 from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, stabilised
-from updyn.modal.vector_fitting import Basis, fit, growing
+from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
 
 __all__ = ["DAMPING", "identify_modes"]
 
@@ -54,6 +55,12 @@ _MORE = 2
 #: What modes of data without noise leave unexplained at most, and an exact fit of them; the poles
 #: outside the band that may be needed for it, and combinations of the functions.
 _NEARLY, _EXACT, _OUTSIDE, _STRONGEST = 1e-4, 1e-18, 16, 12
+#: Up to this many lines are tried as data without noise, from so many poles of this loss factor.
+_RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
+#: The fewest poles are taken of exact fits that leave at most this many times the least.
+_AS_GOOD = 1e3
+#: Up to this many channels have weights of their own on each line.
+_OWN = 256
 #: Negative damping up to this is rounding.
 _ROUNDING = 1e-9
 
@@ -101,6 +108,10 @@ def identify_modes(
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
     frf = frf.select(band=band)
     measured = _Measured.of(frf, mirrored=damping == "viscous")
+    if len(measured.x) <= _RATIONAL:
+        modes = _of_rational_data(measured)
+        if modes:
+            return _mode_set(frf, measured, modes, None)
     candidates, diagram = stabilised(measured.freq, measured.cube)
     poles = _found(measured, measured.axis.poles(candidates))
     modes = [mode for fit in _settled(measured, poles) for mode in modes_of(fit, measured.runs)]
@@ -276,7 +287,10 @@ def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise |
     weights = Weights.of(np.abs(window.Y) ** 2)
     if noise is not None:
         size = solved(window, poles, weights).size
-        weights = Weights(np.ones((1, 1)), noise.deviation(size))
+        deviation = noise.deviation(size)
+        weights = Weights(np.ones((1, 1)), deviation)
+        if len(deviation) > _OWN:
+            weights = Weights.near(deviation)
     while True:
         if noise is None:
             fitted, weights = reweighted(window, poles, width(poles), weights)
@@ -296,16 +310,11 @@ def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
     """
     if not modes or min(mode.quality for mode in modes) < 1.0 - _NEARLY:
         return modes
-    axis, Y = measured.axis, measured.cube.reshape(len(measured.x), -1)
-    strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
     begin = np.array([mode.pole for mode in modes])
-    few = np.asarray(Y @ strongest)
-    basis = Basis(2, axis.mirrored)
-    *_, last = growing(basis, measured.x, few, begin, len(begin) + _OUTSIDE)
-    if last.cost > _EXACT * float(np.sum(np.abs(few) ** 2)):
+    whole = _rational(measured, begin, len(begin) + _OUTSIDE)
+    if whole is None:
         return modes
-    whole = fit(basis, measured.x, Y, last.poles)
-    nearest = [int(np.argmin(np.abs(last.poles - pole))) for pole in begin]
+    nearest = [int(np.argmin(np.abs(whole.poles - pole))) for pole in begin]
     if len(set(nearest)) < len(nearest):
         return modes
     return [
@@ -314,7 +323,43 @@ def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
     ]
 
 
-def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram) -> ModeSet:
+def _of_rational_data(measured: _Measured) -> list[Mode]:
+    """Return the modes of few lines without noise; none where there is noise, or no mode.
+
+    Few lines may be too far apart for poles to be looked for part by part, but without noise they
+    determine all poles together.
+    """
+    axis, most = measured.axis, len(measured.x) // _LINES_A_MODE
+    f = np.linspace(measured.freq[0], measured.freq[-1], min(_FIRST, most) + 2)[1:-1]
+    whole = _rational(measured, axis.pole(f, _LOSS), most)
+    if whole is None:
+        return []
+    Y = measured.cube.reshape(len(measured.x), -1).T
+    window = Window(axis.basis, measured.x, Y, whole.poles[:0])
+    modes = []
+    for r in np.flatnonzero(measured.inside(whole.poles)):
+        pole, residues = complex(whole.poles[r]), whole.residues[r]
+        at = near(window, pole, float(axis.width(whole.poles[r : r + 1])[0]))
+        modes.append(Mode(pole, np.zeros(2), residues, 1.0, seen(window, pole, residues, at)))
+    return sorted(modes, key=lambda mode: abs(mode.pole))
+
+
+def _rational(measured: _Measured, begin: _Complex, most: int) -> Fitted | None:
+    """Return the rational functions that the data are, by vector fitting; None where not exact."""
+    Y = measured.cube.reshape(len(measured.x), -1)
+    strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
+    few = np.asarray(Y @ strongest)
+    basis = Basis(2, measured.axis.mirrored)
+    fits = list(growing(basis, measured.x, few, begin, most))
+    least = min(fitted.cost for fitted in fits)
+    if least > _EXACT * float(np.sum(np.abs(few) ** 2)):
+        return None
+    # More poles than there are fit the last digits, which are rounding, only.
+    first = next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least)
+    return fit(basis, measured.x, Y, first.poles)
+
+
+def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram | None) -> ModeSet:
     """Return the modes that are seen, with their shapes."""
     axis, sides = measured.axis, Sides.of(frf)
     columns = []

@@ -158,9 +158,13 @@ class Weights:
     @classmethod
     def left_by(cls, fitted: Solved) -> Weights:
         """Return weights from what a fit leaves: the nearest product to share and floor."""
-        noise = Noise.of(fitted.squares, fitted.size).deviation(fitted.size)
-        level = np.exp(np.mean(np.log(noise), axis=1, keepdims=True))
-        return cls(level, np.exp(np.mean(np.log(noise / level), axis=0, keepdims=True)))
+        return cls.near(Noise.of(fitted.squares, fitted.size).deviation(fitted.size))
+
+    @classmethod
+    def near(cls, deviation: _Real) -> Weights:
+        """Return the product that is nearest to standard deviations, shape (p, n_f)."""
+        level = np.exp(np.mean(np.log(deviation), axis=1, keepdims=True))
+        return cls(level, np.exp(np.mean(np.log(deviation / level), axis=0, keepdims=True)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

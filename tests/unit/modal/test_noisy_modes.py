@@ -208,3 +208,11 @@ def test_heavy_damping() -> None:
     found = updyn.identify_modes(heavy.frf(FREQ, 0.02, 0))
     assert found.frequency == pytest.approx(heavy.frequency, rel=3e-3)
     assert found.loss_factor == pytest.approx(heavy.loss, rel=0.03)
+
+
+def test_few_lines_far_apart_without_noise_determine_all_modes() -> None:
+    """Fewer lines than poles would show as peaks; heavy and light damping."""
+    gears = structure([4.1, 6.6, 34.0, 62.0], [1e-6, 0.33, 0.07, 0.45], 4, 2)
+    found = updyn.identify_modes(gears.frf(np.linspace(0.8, 90.0, 30), 0.0, 0))
+    assert found.frequency == pytest.approx(gears.frequency, rel=1e-7)
+    assert found.loss_factor == pytest.approx(gears.loss, abs=1e-7)
