@@ -387,7 +387,8 @@ def compare(
     """
     from updyn.comparison.table import listing
     from updyn.job import check_out, load_job, prepare
-    from updyn.job.comparison import COMPARED, compare_job, default_comparison_out
+    from updyn.job.comparison import COMPARED, compare_job
+    from updyn.job.folder import default_out
     from updyn.updating.fit.methods import METHODS
 
     if list_:
@@ -401,7 +402,7 @@ def compare(
     names = None
     if methods is not None:
         names = [name.strip() for name in methods.split(",") if name.strip()]
-    folder = check_out(loaded, out or default_comparison_out(loaded), COMPARED)
+    folder = check_out(loaded, out or default_out(loaded, "compare"), COMPARED)
     ready = prepare(loaded)
     stages = [Stage(name) for name in names or METHODS]
     with (
@@ -443,10 +444,11 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
         Folder DIR; by default the job's name with -modes, beside it.
     """
     from updyn.job import load_job
-    from updyn.job.identification import default_modes_out, modes_job
+    from updyn.job.folder import default_out
+    from updyn.job.identification import modes_job
 
     loaded = load_job(job)
-    folder = out or default_modes_out(loaded)
+    folder = out or default_out(loaded, "modes")
     print_text(describe_modes(modes_job(loaded, folder)))
     print_text(f"\nModes in {folder}: {folder / 'modes.html'}")
     return DONE
@@ -466,10 +468,11 @@ def plan(job: Path, /, *, out: Path | None = None) -> int:
         Folder DIR; by default the job's name with -plan, beside it.
     """
     from updyn.job import load_job
-    from updyn.job.planning import default_plan_out, plan_job
+    from updyn.job.folder import default_out
+    from updyn.job.planning import plan_job
 
     loaded = load_job(job, before_test=True)
-    folder = out or default_plan_out(loaded)
+    folder = out or default_out(loaded, "plan")
     made = plan_job(loaded, folder, say=lambda text: print_note(text, "dim"))
     print_text(made.summary())
     print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")

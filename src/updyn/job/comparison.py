@@ -14,7 +14,7 @@ from updyn.errors import FormatError, suggest
 from updyn.group import is_number
 from updyn.io.items import once
 from updyn.io.toml_text import parse_toml
-from updyn.job.folder import check_out
+from updyn.job.folder import check_out, default_out
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.run import as_tests, job_selection, update_keys
@@ -35,28 +35,11 @@ if TYPE_CHECKING:
 __all__ = [
     "COMPARED",
     "compare_job",
-    "default_comparison_out",
     "read_truth",
 ]
 
 #: What a comparison writes.
 COMPARED = ("compare.html", "compare.json")
-
-
-def default_comparison_out(job: Job) -> Path:
-    """Return the folder of a comparison where none is named.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-
-    Returns
-    -------
-    Path
-        The job's stem with ``-compare``, beside it.
-    """
-    return job.path.with_name(f"{job.path.stem}-compare")
 
 
 def compare_job(
@@ -109,7 +92,7 @@ def compare_job(
     """
     from updyn.report import write_comparison
 
-    out = check_out(job, out or default_comparison_out(job), COMPARED)
+    out = check_out(job, out or default_out(job, "compare"), COMPARED)
     ready = prepare(job) if prepared is None else prepared
     true_values = None
     if truth is not None:

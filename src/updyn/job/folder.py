@@ -71,20 +71,24 @@ def outputs(job: Job) -> tuple[str, ...]:
     return tuple(names)
 
 
-def default_out(job: Job) -> Path:
-    """Return the folder of a run where none is named.
+def default_out(job: Job, work: str = "") -> Path:
+    """Return the folder of a run, or of other work on a job, where none is named.
 
     Parameters
     ----------
     job : Job
         The job.
+    work : str
+        What it is, such as "plan"; empty: a run.
 
     Returns
     -------
     Path
-        The job's stem, beside it.
+        The job's stem, with the work behind it, beside the job.
     """
-    return job.path.with_suffix("")
+    if not work:
+        return job.path.with_suffix("")
+    return job.path.with_name(f"{job.path.stem}-{work}")
 
 
 def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | None = None) -> Path:

@@ -12,14 +12,14 @@ from updyn.errors import JobError, key_path
 from updyn.frf import FRF
 from updyn.io import write_modes
 from updyn.job.base import Table, is_number
-from updyn.job.folder import check_out
+from updyn.job.folder import check_out, default_out
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import measurement
 from updyn.job.schema import Job
 from updyn.modal import ModeSet, identify_modes
 from updyn.outputs.switch import open_folder, replaced
 
-__all__ = ["MODES", "MODES_FILES", "ModesTable", "default_modes_out", "modes_job"]
+__all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 
 #: What ``updyn modes`` writes.
 MODES_FILES = ("modes.html", "modes.unv")
@@ -52,22 +52,6 @@ class _ModesJobTable(JobTable):
 MODES = _ModesJobTable()
 
 
-def default_modes_out(job: Job) -> Path:
-    """Return the folder of the modes where none is named.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-
-    Returns
-    -------
-    Path
-        The job's stem with ``-modes``, beside it.
-    """
-    return job.path.with_name(f"{job.path.stem}-modes")
-
-
 def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
     """Identify the modes of a job's test, and write them.
 
@@ -97,7 +81,7 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
     with job.located():
         if len(job.parts) > 1:
             raise JobError("modes are those of one test; leave one [[test]]", key=("test", 1))
-    out = check_out(job, out or default_modes_out(job), MODES_FILES)
+    out = check_out(job, out or default_out(job, "modes"), MODES_FILES)
     with job.located():
         frf: FRF = measurement(job)
         found = identify_modes(frf, damping=table.damping)

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, Strict
 
 from updyn.errors import JobError, key_path
 from updyn.job.base import Pair, Table, Texts, is_number
-from updyn.job.folder import check_out
+from updyn.job.folder import check_out, default_out
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import prepare_model
 from updyn.job.schema import Job
@@ -22,7 +22,7 @@ from updyn.store.planning import write_plan_json
 if TYPE_CHECKING:
     from updyn.planning import Plan
 
-__all__ = ["PLAN", "PLANNED", "PlanTable", "default_plan_out", "plan_job"]
+__all__ = ["PLAN", "PLANNED", "PlanTable", "plan_job"]
 
 #: What ``updyn plan`` writes.
 PLANNED = ("plan.html", "plan.json")
@@ -83,22 +83,6 @@ class _PlanJobTable(JobTable):
 PLAN = _PlanJobTable()
 
 
-def default_plan_out(job: Job) -> Path:
-    """Return the folder of a plan where none is named.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-
-    Returns
-    -------
-    Path
-        The job's stem with ``-plan``, beside it.
-    """
-    return job.path.with_name(f"{job.path.stem}-plan")
-
-
 def plan_job(
     job: Job,
     out: str | Path | None = None,
@@ -134,7 +118,7 @@ def plan_job(
     from updyn.report import write_plan
 
     table = _table(job)
-    out = check_out(job, out or default_plan_out(job), PLANNED)
+    out = check_out(job, out or default_out(job, "plan"), PLANNED)
     model, unknowns = prepare_model(job)
     options = table.model_dump()
     title = job.title or job.path.stem

@@ -14,9 +14,6 @@ __all__ = ["Axis"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least width of a pole, as a share of its size: without damping it has none.
-_UNDAMPED = 1e-6
-
 
 @dataclass(frozen=True, slots=True)
 class Axis:
@@ -70,11 +67,6 @@ class Axis:
         if self.mirrored:
             return np.asarray(-2.0 * poles.real / np.abs(poles))
         return np.asarray(poles.imag / poles.real)
-
-    def width(self, poles: _Complex) -> _Real:
-        """Return the distance of the half-power points from a pole, in the unit of x."""
-        width = np.abs(poles.real if self.mirrored else poles.imag)
-        return np.maximum(width, _UNDAMPED * np.abs(poles))
 
     def std_frequency(self, poles: _Complex, std: _Real) -> _Real:
         """Return standard deviations in Hz from those of real and imaginary part, shape (2, k)."""

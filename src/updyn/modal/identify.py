@@ -24,7 +24,7 @@ from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.refine import Noise, Weights, Window, moved, reweighted, solved
 from updyn.modal.runs import Mode, Weighted, modes_of
-from updyn.modal.search import SEEN, TELLING, chance, near, searched, seen
+from updyn.modal.search import SEEN, TELLING, chance, searched, seen
 from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, stabilised
 from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
@@ -236,7 +236,7 @@ def _found(measured: _Measured, candidates: _Complex) -> _Complex:
         lines, window = measured.window(own, np.concatenate([found, after]))
         trials = np.concatenate([own, _grid(measured, lines, own, low, high)])
         most = min(_MORE * len(own) + 2, max(1, (lines.stop - lines.start) // _LINES_A_MODE))
-        poles = searched(window, trials, axis.width, most).poles
+        poles = searched(window, trials, most).poles
         at = axis.frequency(poles)
         kept = measured.inside(poles) & (at >= low) & (at < high)
         found = np.concatenate([found, poles[kept]])
@@ -283,7 +283,7 @@ def _settled(measured: _Measured, poles: _Complex) -> list[Weighted]:
 
 def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise | None) -> Weighted:
     """Return the fit of a window without the poles that are no modes."""
-    width, least = measured.axis.width, chance(window)
+    least = chance(window)
     weights = Weights.of(np.abs(window.Y) ** 2)
     if noise is not None:
         size = solved(window, poles, weights).size
@@ -293,9 +293,9 @@ def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise |
             weights = Weights.near(deviation)
     while True:
         if noise is None:
-            fitted, weights = reweighted(window, poles, width(poles), weights)
+            fitted, weights = reweighted(window, poles, weights)
         else:
-            fitted = moved(window, poles, width(poles), weights)
+            fitted = moved(window, poles, weights)
         worth = np.where(measured.inside(fitted.poles), 2.0 * fitted.worth, 0.0)
         if not len(poles) or worth.min() > least:
             return Weighted(window, fitted, weights)
@@ -339,7 +339,7 @@ def _of_rational_data(measured: _Measured) -> list[Mode]:
     modes = []
     for r in np.flatnonzero(measured.inside(whole.poles)):
         pole, residues = complex(whole.poles[r]), whole.residues[r]
-        at = near(window, pole, float(axis.width(whole.poles[r : r + 1])[0]))
+        at = window.near(pole)
         modes.append(Mode(pole, np.zeros(2), residues, 1.0, seen(window, pole, residues, at)))
     return sorted(modes, key=lambda mode: abs(mode.pole))
 

@@ -37,6 +37,8 @@ _LIKELIER = 20
 #: Noise below this share of the largest value of a channel is rounding.
 _ROUNDING = 1e-12
 _TINY = 1e-300
+#: Least width of a pole, as a share of its size: without damping it has none.
+_UNDAMPED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +61,17 @@ class Window:
     x: _Complex
     Y: _Complex
     beside: _Complex
+
+    def width(self, poles: _Complex) -> _Real:
+        """Return the distance of the half-power points from poles, in the unit of x, shape (k,)."""
+        width = np.abs(poles.real if self.basis.mirrored else poles.imag)
+        return np.maximum(width, _UNDAMPED * np.abs(poles))
+
+    def near(self, pole: complex) -> NDArray[np.bool_]:
+        """Return the lines within the half-power band of a pole, or the three that are nearest."""
+        distance = np.abs(self.x - (1j * pole.imag if self.basis.mirrored else pole.real))
+        third = float(np.sort(distance)[min(2, len(distance) - 1)])
+        return np.asarray(distance <= max(float(self.width(np.array([pole]))[0]), third))
 
     def columns(self, poles: _Complex) -> NDArray[Any]:
         """Return the functions of which the channels are sums, shape (rows, m); poles first."""
@@ -228,7 +241,7 @@ class Solved:
 
 
 def reweighted(
-    window: Window, poles: _Complex, widths: _Real, weights: Weights, gain: float = GAIN
+    window: Window, poles: _Complex, weights: Weights, gain: float = GAIN
 ) -> tuple[Solved, Weights]:
     """Return the fit with the likeliest poles where the noise is not known, and its weights.
 
@@ -238,25 +251,22 @@ def reweighted(
         Lines and what else there is.
     poles : ndarray of complex, shape (k,)
         To begin with.
-    widths : ndarray of float, shape (k,)
-        Their distances from the axis, in the unit of x: no step is longer.
     weights : Weights
         To begin with; then those of what the fit leaves.
     gain : float
         Steps that would lower the cost by less are left out.
     """
-    fitted = moved(window, poles, widths, weights, gain)
+    fitted = moved(window, poles, weights, gain)
     for _ in range(_ALIKE):
         weights = Weights.left_by(fitted)
-        fitted = moved(window, fitted.poles, widths, weights, gain)
+        fitted = moved(window, fitted.poles, weights, gain)
     return fitted, weights
 
 
-def moved(
-    window: Window, poles: _Complex, widths: _Real, weights: Weights, gain: float = GAIN
-) -> Solved:
+def moved(window: Window, poles: _Complex, weights: Weights, gain: float = GAIN) -> Solved:
     """Return the fit with the poles moved to where the cost is smallest, as `reweighted`."""
     here, damping = solved(window, poles, weights), 0.0
+    widths = window.width(poles)  # no step is longer
     for _ in range(_STEPS if len(poles) else 0):
         step, promised = here.damped(damping)
         longest = float(np.max(np.abs(step) / widths, initial=0.0))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.refine import Solved, Weights, Window, moved, solved
-from updyn.modal.search import near, seen
+from updyn.modal.search import seen
 
 __all__ = ["Mode", "Weighted", "modes_of"]
 
@@ -122,8 +122,7 @@ def _alike(
 
 def _bundles(poles: _Complex, window: Window) -> list[list[int]]:
     """Return positions of poles, those together that are close."""
-    mirrored = window.basis.mirrored
-    along, width = (poles.imag, -poles.real) if mirrored else (poles.real, poles.imag)
+    along, width = poles.imag if window.basis.mirrored else poles.real, window.width(poles)
     order = np.argsort(along, kind="stable")
     bundles: list[list[int]] = []
     for r in order:
@@ -178,7 +177,7 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
         own = runs == run
         alone = Window(window.basis, window.x, window.Y[own], beside)
         weights = fit.weights.of_channels(own)
-        one = moved(alone, begin, _width(window, begin), weights)
+        one = moved(alone, begin, weights)
         cost += one.cost
         residues[own] = one.residues[0]
         squares[own] = one.left
@@ -222,12 +221,8 @@ def _mode(
     fit: Weighted, pole: complex, std: _Real, residues: _Complex, left: _Real, without: _Real
 ) -> Mode:
     window = fit.window
-    at = near(window, pole, float(_width(window, np.array([pole]))[0]))
+    at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
     weight = np.broadcast_to(weight, left.shape)[:, at]
     quality = 1.0 - np.sum(left[:, at] * weight) / max(np.sum(without[:, at] * weight), 1e-300)
     return Mode(pole, std, residues, float(quality), seen(window, pole, residues, at))
-
-
-def _width(window: Window, poles: _Complex) -> _Real:
-    return np.abs(poles.real if window.basis.mirrored else poles.imag)

@@ -7,14 +7,12 @@ more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-4
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.refine import ROUGH, Solved, Weights, Window, moved, reweighted
 
-__all__ = ["SEEN", "TELLING", "chance", "near", "searched", "seen"]
+__all__ = ["SEEN", "TELLING", "chance", "searched", "seen"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -40,9 +38,7 @@ def chance(window: Window) -> float:
     return float((2 * p + 2) * np.log(2 * p * n_f))
 
 
-def searched(
-    window: Window, trials: _Complex, width: Callable[[_Complex], _Real], most: int
-) -> Solved:
+def searched(window: Window, trials: _Complex, most: int) -> Solved:
     """Return the fit of a window with as many modes as it shows.
 
     Parameters
@@ -51,33 +47,31 @@ def searched(
         Lines and what else there is.
     trials : ndarray of complex, shape (k,)
         Poles that may be modes.
-    width : callable
-        Distance of a pole from the axis.
     most : int
         Largest number of modes.
     """
     none = np.zeros(0, dtype=np.complex128)
-    fitted, weights = reweighted(window, none, np.zeros(0), Weights.of(np.abs(window.Y) ** 2))
+    fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
     whole = float(np.sum(np.abs(window.Y) ** 2 / weights.channel**2 / weights.line**2))
     refused: list[complex] = []
     while len(fitted.poles) < most and len(refused) < _REFUSALS:
-        own = width(fitted.poles)
+        own = window.width(fitted.poles)
         sides = [fitted.poles - _BESIDE * own, fitted.poles + _BESIDE * own]
         tried = np.concatenate([trials, *sides])
         promise = _explained(window, fitted, weights, tried)
         for pole in refused:
-            promise[np.abs(tried - pole) <= width(tried)] = 0.0
+            promise[np.abs(tried - pole) <= window.width(tried)] = 0.0
         best = tried[int(np.argmax(promise))]
         poles = np.append(fitted.poles, best)
-        more = moved(window, poles, width(poles), weights, ROUGH)
+        more = moved(window, poles, weights, ROUGH)
         rounding = _EXACT * whole
         gain = 2 * window.Y.size * np.log((fitted.cost + rounding) / (more.cost + rounding))
         if gain <= chance(window):
             break
-        at = near(window, more.poles[-1], float(width(more.poles[-1:])[0]))
+        at = window.near(complex(more.poles[-1]))
         told = _told(at, fitted, more, weights) >= _LEAST
         if told and seen(window, more.poles[-1], more.residues[-1], at) >= SEEN:
-            fitted, weights = reweighted(window, more.poles, width(more.poles), weights, ROUGH)
+            fitted, weights = reweighted(window, more.poles, weights, ROUGH)
         else:
             refused.append(complex(best))
     return fitted
@@ -94,12 +88,6 @@ def seen(window: Window, pole: complex, residues: _Complex, at: NDArray[np.bool_
     """Return how large the part of a pole is at some lines, as a share of all channels."""
     own = np.sum(np.abs(residues[:, None] / (window.x[at] - pole)) ** 2)
     return float(np.sqrt(own / max(np.sum(np.abs(window.Y[:, at]) ** 2), 1e-300)))
-
-
-def near(window: Window, pole: complex, width: float) -> NDArray[np.bool_]:
-    """Return the lines within the half-power band, or the three that are nearest."""
-    distance = np.abs(window.x - (1j * pole.imag if window.basis.mirrored else pole.real))
-    return np.asarray(distance <= max(width, float(np.sort(distance)[min(2, len(distance) - 1)])))
 
 
 def _explained(window: Window, fitted: Solved, weights: Weights, tried: _Complex) -> _Real:

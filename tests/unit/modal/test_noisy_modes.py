@@ -166,7 +166,7 @@ def test_worth_is_what_the_cost_grows_by() -> None:
     window = Window(axis.basis, axis.at(FREQ), frf.values[:, :, 0].T, np.zeros(0, dtype=complex))
     weights = Weights.of(np.abs(window.Y) ** 2)
     poles = axis.pole(FEW.frequency, FEW.loss)
-    fitted = moved(window, poles, axis.width(poles), weights)
+    fitted = moved(window, poles, weights)
     for r in range(len(poles)):
         fewer = solved(window, np.delete(fitted.poles, r), weights)
         assert fitted.worth[r] == pytest.approx(fewer.cost - fitted.cost, rel=1e-6)
