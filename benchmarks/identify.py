@@ -9,8 +9,8 @@ mass times the squared shape there); the frequencies looked for are the means.
 
 A mode counts as found where one that is returned lies within 0.3 % of its frequency and 10 % of its
 loss factor, one for each; what is returned beside is spurious, a mode outside these limits counts
-as one as well. Coverage: true frequencies, and loss factors, within 1.96 standard deviations of
-those found.
+as one as well. Coverage: true frequencies, loss factors, and components of the shapes of unit
+length, within 1.96 standard deviations of those found.
 
 Beside it stands sdypy-EMA (least-squares complex frequency method, order 100), if it is installed
 (`--peer`). It asks the user to pick the poles; here it is told the true frequencies and gives the
@@ -72,6 +72,7 @@ class Truth:
 
     frequency: np.ndarray
     loss: np.ndarray
+    shapes: np.ndarray  # rows: responses, then references
     frf: updyn.FRF
 
 
@@ -104,7 +105,8 @@ def drawn(case: Case, seed: int) -> Truth:
     frf = updyn.FRF(
         freq, H, labels[: case.responses], labels[case.responses :], quantity="accelerance"
     )
-    return Truth((natural * (1 + shift.mean(axis=0)))[inside], loss[inside], frf)
+    mean = natural * (1 + shift.mean(axis=0))
+    return Truth(mean[inside], loss[inside], shapes[:, inside], frf)
 
 
 def modes_of(case: Case, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -131,13 +133,16 @@ class Score:
     found: int
     returned: int
     spurious: int
-    covered: tuple[int, int]
+    covered: tuple[float, float, float]  # of a shape the share of its components
     asked: int
     seconds: float
 
 
-def score(truth: Truth, frequency, loss, std_frequency, std_loss, seconds: float) -> Score:
-    """Return how the modes returned compare with the true ones, paired one to one."""
+def score(truth: Truth, frequency, loss, std_frequency, std_loss, within, seconds: float) -> Score:
+    """Return how the modes returned compare with the true ones, paired one to one.
+
+    `within` has the share of the components of each shape (rows) that cover those of each true one.
+    """
     off = np.abs(frequency[:, None] / truth.frequency - 1.0) / NEAR
     damped = np.abs(loss[:, None] / truth.loss - 1.0) / DAMPED
     good = (off <= 1.0) & (damped <= 1.0)
@@ -151,7 +156,7 @@ def score(truth: Truth, frequency, loss, std_frequency, std_loss, seconds: float
         len(rows),
         len(frequency),
         len(frequency) - len(rows),
-        (int(within_f.sum()), int(within_l.sum())),
+        (within_f.sum(), within_l.sum(), within[rows, columns].sum()),
         len(rows),
         seconds,
     )
@@ -162,9 +167,21 @@ def ours(truth: Truth) -> Score:
     begin = time.perf_counter()
     found = updyn.identify_modes(truth.frf)
     seconds = time.perf_counter() - begin
-    missing = np.full(len(found), np.nan)
-    std = getattr(found, "std_frequency", missing), getattr(found, "std_loss_factor", missing)
-    return score(truth, found.frequency, found.loss_factor, *std, seconds)
+    std = found.std_frequency, found.std_loss_factor
+    return score(truth, found.frequency, found.loss_factor, *std, covering(found, truth), seconds)
+
+
+def covering(found: updyn.ModeSet, truth: Truth) -> np.ndarray:
+    """Return of each shape found the share of its components that cover those of each true one."""
+    if found.std_shapes is None:
+        return np.zeros((len(found), len(truth.frequency)))
+    true = truth.shapes[[int(str(dof).split(":")[0]) - 1 for dof in found.dofs]]
+    true = true / np.linalg.norm(true, axis=0)
+    length = np.linalg.norm(found.real_shapes, axis=0)
+    shapes, std = found.real_shapes / length, found.std_shapes / length
+    signed = np.sign(shapes.T @ true)  # (found, true)
+    off = np.abs(shapes[:, :, None] * signed - true[:, None, :])
+    return np.mean(off <= 1.96 * std[:, :, None], axis=0)
 
 
 def peer(truth: Truth) -> Score:
@@ -180,7 +197,8 @@ def peer(truth: Truth) -> Score:
     seconds = time.perf_counter() - begin
     missing = np.full(len(model.nat_freq), np.nan)
     frequency, loss = np.array(model.nat_freq), 2.0 * np.array(model.nat_xi)
-    return score(truth, frequency, loss, missing, missing, seconds)
+    within = np.zeros((len(frequency), len(truth.frequency)))
+    return score(truth, frequency, loss, missing, missing, within, seconds)
 
 
 def row(name: str, scores: list[Score]) -> str:
@@ -188,13 +206,13 @@ def row(name: str, scores: list[Score]) -> str:
     modes, found = sum(s.modes for s in scores), sum(s.found for s in scores)
     returned, spurious = sum(s.returned for s in scores), sum(s.spurious for s in scores)
     asked = max(1, sum(s.asked for s in scores))
-    covered = (100.0 * sum(s.covered[k] for s in scores) / asked for k in (0, 1))
+    covered = (100.0 * sum(s.covered[k] for s in scores) / asked for k in (0, 1, 2))
     # Without noise the fit is exact, and states no deviation.
-    f, d = (f"{share:.0f} %" if CASES[name].noise else "-" for share in covered)
+    f, d, phi = (f"{share:.0f} %" if CASES[name].noise else "-" for share in covered)
     seconds = np.median([s.seconds for s in scores])
     return (
         f"| {name} | {modes} | {100 * found / modes:.1f} % |"
-        f" {100 * spurious / max(1, returned):.1f} % | {f} | {d} | {seconds:.1f} |"
+        f" {100 * spurious / max(1, returned):.1f} % | {f} | {d} | {phi} | {seconds:.1f} |"
     )
 
 
@@ -206,8 +224,10 @@ def main() -> None:
     asked.add_argument("--peer", action="store_true")
     options = asked.parse_args()
     identify = peer if options.peer else ours
-    print("| case | modes | found | spurious | coverage, frequency | loss factor | seconds |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| case | modes | found | spurious | coverage, frequency | loss factor | shape | seconds |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for name in options.cases.split(";"):
         scores = [identify(drawn(CASES[name], seed)) for seed in range(options.draws)]
         print(row(name, scores), flush=True)

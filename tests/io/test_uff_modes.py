@@ -165,6 +165,40 @@ def test_round_trip(tmp_path: Path, phase: float) -> None:
     )
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.3])
+def test_deviations_of_shapes_round_trip(tmp_path: Path, phase: float) -> None:
+    """Known of two of three modes; signs of labels do not change them."""
+    shapes = np.arange(1.0, 13.0).reshape(4, 3) * np.exp(1j * phase)
+    std = 0.01 * shapes.real
+    std[:, 1] = np.nan
+    modes = ModeSet(
+        [10.0, 20.0, 35.5], shapes, ["3:X", "3:-RZ", "11:Z", "12:-Y"], scaled=True, std_shapes=std
+    )
+    path = tmp_path / "written.unv"
+    updyn.write_modes(modes, path)
+    again = updyn.read_modes(path)
+    order = again.dofs.match(modes.dofs)
+    assert len(again) == 3
+    assert again.std_shapes[order.index] == pytest.approx(std, rel=1e-5, nan_ok=True)
+    text = path.read_text(encoding="ascii")
+    for old, new, message in [
+        (
+            "Frequency   3.55000E+01\n         1         0",
+            "Frequency   3.0\n         1         0",
+            "standard deviations of 'Mode          3 Frequency   3.0' at 3 nodes; the mode before is",
+        ),
+        (
+            "         1         0         3         8         2",
+            "         1         0         3         8         5",
+            "record 6: data type 5 with 6 values a node; expected 2 with 3 or 6",
+        ),
+    ]:
+        assert old in text
+        path.write_text(text.replace(old, new, 1), encoding="ascii")
+        with pytest.raises(FormatError, match=message):
+            updyn.read_modes(path)
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_pyuff_reads_what_is_written_and_writes_what_is_read(tmp_path: Path) -> None:
     modes = ModeSet([10.0, 20.0], [[1.0, -0.5], [0.25, 2.0]], ["3:X", "4:Z"], [0.01, 0.02], True)

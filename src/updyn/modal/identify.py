@@ -22,7 +22,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
-from updyn.modal.refine import Noise, Weights, Window, moved, reweighted, solved
+from updyn.modal.refine import Errors, Noise, Weights, Window, moved, reweighted, solved
 from updyn.modal.runs import Mode, Weighted, modes_of
 from updyn.modal.search import SEEN, TELLING, chance, searched, seen
 from updyn.modal.sides import Sides
@@ -180,10 +180,11 @@ class _Measured:
         order = np.argsort(beyond, kind="stable")[: (last - first) // _LINES_A_POLE]
         near = order[beyond[order] < reach]
         Y = self.cube[lines].reshape(last - first, -1).T
-        if residues is not None:
-            far = np.delete(np.arange(len(others)), near)
-            Y = Y - self._part(self.x[lines], others[far], residues[far]).T
-        return lines, Window(self.axis.basis, self.x[lines], Y, others[near])
+        if residues is None:
+            return lines, Window(self.axis.basis, self.x[lines], Y, others[near])
+        far = np.delete(np.arange(len(others)), near)
+        apart = self._part(self.x[lines], others[far], residues[far]).T
+        return lines, Window(self.axis.basis, self.x[lines], Y - apart, others[near], apart)
 
     def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
         """Return the part of some modes in the functions, shape (n, p)."""
@@ -317,8 +318,11 @@ def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
     nearest = [int(np.argmin(np.abs(whole.poles - pole))) for pole in begin]
     if len(set(nearest)) < len(nearest):
         return modes
+    none = Errors.none(whole.residues.shape[1])
+    found = zip(whole.poles, whole.residues, strict=True)
+    exact = [Mode(complex(p), np.zeros(2), residues, none, 1.0, 1.0) for p, residues in found]
     return [
-        replace(mode, pole=complex(whole.poles[r]), residues=whole.residues[r], std=np.zeros(2))
+        replace(exact[r], quality=mode.quality, seen=mode.seen, everywhere=mode.everywhere)
         for mode, r in zip(modes, nearest, strict=True)
     ]
 
@@ -340,7 +344,8 @@ def _of_rational_data(measured: _Measured) -> list[Mode]:
     for r in np.flatnonzero(measured.inside(whole.poles)):
         pole, residues = complex(whole.poles[r]), whole.residues[r]
         at = window.near(pole)
-        modes.append(Mode(pole, np.zeros(2), residues, 1.0, seen(window, pole, residues, at)))
+        sure = np.zeros(2), residues, Errors.none(len(residues)), 1.0
+        modes.append(Mode(pole, *sure, seen(window, pole, residues, at)))
     return sorted(modes, key=lambda mode: abs(mode.pole))
 
 
@@ -367,7 +372,7 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
         residues = mode.residues.reshape(measured.level.shape)
         if _physical(mode, residues):
             pole = np.array([mode.pole])
-            product = axis.modal(pole, residues[None])[0]
+            factor = axis.modal(pole, np.ones(1, dtype=np.complex128))[0] * measured.level
             figures = (
                 float(axis.frequency(pole)[0]),
                 float(axis.loss(pole)[0]),
@@ -375,13 +380,18 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
                 float(axis.std_loss(pole, mode.std[:, None])[0]),
                 mode.quality,
             )
-            columns += [(shape, *figures) for shape in sides.shapes(product * measured.level)]
+            product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
+            noise = mode.errors.noise.reshape(factor.shape) * np.abs(factor) ** 2
+            deviations = sides.deviations(product, noise, common * factor)
+            columns += [(shape, deviations, *figures) for shape in sides.shapes(product)]
     if not columns:
         raise DataError(
             f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
             " more than noise would"
         )
-    shapes, frequency, loss, std_frequency, std_loss, quality = zip(*columns, strict=True)
+    shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality = zip(
+        *columns, strict=True
+    )
     return ModeSet(
         frequency,
         np.array(shapes).T,
@@ -392,6 +402,7 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
         frf.source,
         std_frequency=std_frequency,
         std_loss_factor=std_loss,
+        std_shapes=np.array(std_shapes).T,
         diagram=diagram,
     )
 

@@ -29,6 +29,7 @@ _FIELDS = (
     "source",
     "std_frequency",
     "std_loss_factor",
+    "std_shapes",
 )
 
 
@@ -58,6 +59,12 @@ class ModeSet:
         Standard deviations of the frequencies, in Hz. None: not known (nan).
     std_loss_factor : array_like of float, shape (n,), optional
         Of the loss factors.
+    std_shapes : array_like of float, shape (N, n), optional
+        Standard deviations of the components of `real_shapes`, in their unit, at fixed length and
+        sign: errors in phase and in scale, which leave a shape what it is, are not in them. So
+        std_shapes / |shape| are those of the shape of unit length, |shape| the root of the sum of
+        squares of `real_shapes`. A column of nan: not known of this mode. None, or nan throughout:
+        not known.
     diagram : Diagram, optional
         The stabilisation diagram from which the modes were found.
 
@@ -65,7 +72,8 @@ class ModeSet:
     ------
     DataError
         If there is no mode, shapes of arrays disagree, a number is not finite, a frequency is
-        negative, or a shape is zero.
+        negative, a shape is zero, or a standard deviation of a shape is negative, infinite or known
+        of some of its components only.
     DofError
         If a label cannot be read or stands twice.
     """
@@ -79,6 +87,7 @@ class ModeSet:
     source: str
     std_frequency: _Real
     std_loss_factor: _Real
+    std_shapes: _Real | None
     diagram: Diagram | None
     digest: str = field(init=False)
 
@@ -94,6 +103,7 @@ class ModeSet:
         *,
         std_frequency: ArrayLike | None = None,
         std_loss_factor: ArrayLike | None = None,
+        std_shapes: ArrayLike | None = None,
         diagram: Diagram | None = None,
     ) -> None:
         labels = DofSet(dofs)
@@ -133,6 +143,10 @@ class ModeSet:
         }
         for name, values in given.items():
             arrays[name] = _row(name, np.nan if values is None else values, n)[order]
+        std = None if std_shapes is None else _std_shapes(std_shapes, phi.shape, f)
+        object.__setattr__(self, "std_shapes", None)
+        if std is not None:
+            arrays["std_shapes"] = std[:, order]
         hashed = blake2b("".join(labels.labels).encode(), digest_size=8)
         for name, array in arrays.items():
             array.flags.writeable = False
@@ -251,6 +265,7 @@ class ModeSet:
             source=self.source,
             std_frequency=self.std_frequency[keep],
             std_loss_factor=self.std_loss_factor[keep],
+            std_shapes=None if self.std_shapes is None else self.std_shapes[:, keep],
             diagram=self.diagram,
         )
 
@@ -269,6 +284,21 @@ def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
         return array.astype(dtype)
     except ValueError as error:
         raise DataError(f"modes: {name}: expected numbers ({error})") from error
+
+
+def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | None:
+    """Return standard deviations of shapes; None where none is known."""
+    std = _array("std_shapes", given, np.float64)
+    if std.shape != shape:
+        raise DataError(f"modes: expected std_shapes as shapes, {shape}, found {std.shape}")
+    unknown = np.isnan(std)
+    bad = ~unknown.all(axis=0) & ~(np.isfinite(std) & (std >= 0)).all(axis=0)
+    if bad.any():
+        raise DataError(
+            f"modes: std_shapes at {f[bad][0]:g} Hz: expected finite numbers of at least 0, or nan"
+            " in the whole column"
+        )
+    return None if unknown.all() else std
 
 
 def _row(name: str, given: ArrayLike, n: int) -> NDArray[np.float64]:

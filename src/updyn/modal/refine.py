@@ -11,7 +11,7 @@ estimated from what the fit leaves. Standard deviations are those of the normal 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,18 @@ from numpy.typing import NDArray
 
 from updyn.modal.vector_fitting import Basis
 
-__all__ = ["ROUGH", "Noise", "Solved", "Weights", "Window", "moved", "reweighted", "solved"]
+__all__ = [
+    "ROUGH",
+    "Errors",
+    "Noise",
+    "Solved",
+    "Weights",
+    "Window",
+    "errors_of",
+    "moved",
+    "reweighted",
+    "solved",
+]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -55,12 +66,15 @@ class Window:
         The channels.
     beside : ndarray of complex, shape (m,)
         Poles that are fitted with free residues, but not moved.
+    apart : ndarray of complex, shape (p, n_f) or (1, 1)
+        What was taken out of the channels; their noise is a share of all that they were.
     """
 
     basis: Basis
     x: _Complex
     Y: _Complex
     beside: _Complex
+    apart: _Complex = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
 
     def width(self, poles: _Complex) -> _Real:
         """Return the distance of the half-power points from poles, in the unit of x, shape (k,)."""
@@ -200,7 +214,7 @@ class Solved:
     squares : ndarray of float, shape (p, n_f)
         The same, each divided by the share of noise that the fit leaves of it.
     size : ndarray of float, shape (p, n_f)
-        Squared values of the fit.
+        Squared values of the fit and of what was taken out before.
     normal, gradient : ndarray, shapes (n, n) and (n,)
         Of the cost by the poles, as `Window.slopes` has them.
     """
@@ -238,6 +252,67 @@ class Solved:
         spread = np.linalg.lstsq(self.normal, np.eye(len(self.normal)), rcond=None)[0]
         both = np.sqrt(np.maximum(np.diag(spread).real, 0.0) / 2.0)
         return np.array([both[:k], both[-k:]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """Random errors of the residues of a pole.
+
+    Attributes
+    ----------
+    noise : ndarray of float, shape (p,)
+        Variances of those that come from the noise at given poles, independent from channel to
+        channel and of all phases alike.
+    common : ndarray of complex, shape (q, p)
+        What comes from the errors of the poles: these rows times independent errors of unit
+        variance.
+    """
+
+    noise: _Real
+    common: _Complex
+
+    @classmethod
+    def none(cls, p: int) -> Errors:
+        """Return those of data without noise."""
+        return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
+
+
+def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
+    """Return the errors of the residues of each pole, in noise with the deviations of the weights.
+
+    Of the normal equations of poles and residues together: residues follow the poles by
+    -A^+ dA/dpoles, and at the poles fitted have the noise of a linear fit.
+    """
+    basis, k = window.basis, len(fitted.poles)
+    A = window.columns(fitted.poles)
+    size = np.linalg.norm(A, axis=0) + _TINY
+    inverse = 1.0 / weights.line
+    if basis.mirrored:
+        inverse = np.hstack([inverse, inverse])
+    Q, R = np.linalg.qr((A / size) * inverse[:, :, None])
+    R = _regular(R)
+    back = np.linalg.solve(R, np.broadcast_to(np.eye(R.shape[1]), R.shape)) / size[:, None]
+    slopes = window.slopes(fitted.poles, fitted.residues / weights.channel.T)
+    follow = -np.matmul(
+        back, np.matmul(Q.conj().swapaxes(1, 2), slopes * inverse[:, :, None])
+    )  # shape (p, m, q)
+    values, vectors = np.linalg.eigh(fitted.normal)
+    kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
+    spread = np.matmul(follow, vectors[:, kept] / np.sqrt(values[kept]))
+    variance = np.sum(np.abs(back) ** 2, axis=2)
+    level = weights.channel.T
+    common = np.array([basis.residues(one, fitted.poles) for one in spread.T])
+    common = common.reshape(-1, k, len(window.Y)) * (level / np.sqrt(2.0))
+    if basis.mirrored:
+        pair = np.flatnonzero(fitted.poles.imag != 0)
+        noise = 0.5 * variance[:, :k]
+        noise[:, pair] += 0.5 * variance[:, k : k + len(pair)]
+    else:
+        noise = variance[:, :k]
+        common = np.concatenate([common, 1j * common])  # errors of both parts of the poles
+    noise = noise.T * level**2
+    noise = np.broadcast_to(noise, (k, len(window.Y)))
+    return [Errors(noise[r], common[:, r]) for r in range(k)]
 
 
 def reweighted(
@@ -321,7 +396,7 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
         _worths(basis, poles, scaled, back),
         np.abs(unweighted) ** 2,
         np.abs(unweighted) ** 2 / np.maximum(left, _LEFT),
-        np.abs(window.Y - unweighted) ** 2,
+        np.abs(window.Y + window.apart - unweighted) ** 2,
         J.conj().T @ J,
         J.conj().T @ error.reshape(-1),
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.refine import Solved, Weights, Window, moved, solved
+from updyn.modal.refine import Errors, Solved, Weights, Window, errors_of, moved, solved
 from updyn.modal.search import seen
 
 __all__ = ["Mode", "Weighted", "modes_of"]
@@ -53,6 +53,8 @@ class Mode:
         Of its real and imaginary part: where it varies from run to run, of the runs.
     residues : ndarray of complex, shape (p,)
         Of each channel.
+    errors : Errors
+        Of the residues.
     quality : float
         Share that it explains of what the others leave, within its half-power band.
     seen : float
@@ -64,6 +66,7 @@ class Mode:
     pole: complex
     std: _Real
     residues: _Complex
+    errors: Errors
     quality: float
     seen: float
     everywhere: bool = True
@@ -79,7 +82,7 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
     runs : tuple of ndarray of int, shapes (p,)
         Numbers of the response and of the reference of each channel, either of which may be runs.
     """
-    modes = []
+    modes, errors = [], errors_of(fit.window, fit.solved, fit.weights)
     for bundle in _bundles(fit.solved.poles, fit.window):
         for alike, roving in _alike(fit, bundle, runs):
             each = [_each(fit, alike, of) for of in roving if of.max() > 0]
@@ -89,7 +92,7 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
             if each:
                 modes.append(min(each, key=lambda one: one.criterion).mode)
             else:
-                modes += [_common(fit, r) for r in alike]
+                modes += [_common(fit, r, errors[r]) for r in alike]
     return modes
 
 
@@ -171,6 +174,7 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
     beside = np.concatenate([window.beside, others])
     p = len(window.Y)
     residues = np.zeros(p, dtype=np.complex128)
+    noise, common = np.zeros(p), []
     cost, found, deviations = 0.0, [], []
     squares = np.zeros(window.Y.shape)
     for run in range(int(runs.max()) + 1):
@@ -183,6 +187,10 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
         squares[own] = one.left
         found.append(one.poles[0])
         deviations.append(one.deviation[:, 0])
+        (errors,) = errors_of(alone, one, weights)
+        noise[own] = errors.noise
+        common.append(np.zeros((len(errors.common), p), dtype=np.complex128))
+        common[-1][:, own] = errors.common
     each, std = np.array(found), np.array(deviations).T
     sure = 1.0 / np.maximum(std, 1e-12 * np.abs(begin)) ** 2
     parts = np.array([each.real, each.imag])
@@ -190,14 +198,15 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
     spread = np.sqrt(np.sum((parts - mean[:, None]) ** 2 * sure, axis=1) / np.sum(sure, axis=1))
     pole = complex(mean[0], mean[1])
     without = solved(Window(window.basis, window.x, window.Y, beside), each[:0], fit.weights)
-    mode = _mode(fit, pole, spread, residues, squares, without.left)
+    errors = Errors(noise, np.concatenate(common))
+    mode = _mode(fit, pole, spread, residues, errors, squares, without.left)
     share = np.bincount(runs, np.abs(residues) ** 2)
     everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
     mode = replace(mode, everywhere=everywhere)
     return _Each(_criterion(fit, cost, len(found), 1), _apart(fit, bundle, runs), mode)
 
 
-def _common(fit: Weighted, r: int) -> Mode:
+def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
     """Return a mode with a pole that all channels share."""
     window, found = fit.window, fit.solved
     others = Window(
@@ -212,17 +221,24 @@ def _common(fit: Weighted, r: int) -> Mode:
         complex(found.poles[r]),
         found.deviation[:, r],
         found.residues[r],
+        errors,
         found.left,
         without.left,
     )
 
 
 def _mode(
-    fit: Weighted, pole: complex, std: _Real, residues: _Complex, left: _Real, without: _Real
+    fit: Weighted,
+    pole: complex,
+    std: _Real,
+    residues: _Complex,
+    errors: Errors,
+    left: _Real,
+    without: _Real,
 ) -> Mode:
     window = fit.window
     at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
     weight = np.broadcast_to(weight, left.shape)[:, at]
     quality = 1.0 - np.sum(left[:, at] * weight) / max(np.sum(without[:, at] * weight), 1e-300)
-    return Mode(pole, std, residues, float(quality), seen(window, pole, residues, at))
+    return Mode(pole, std, residues, errors, float(quality), seen(window, pole, residues, at))

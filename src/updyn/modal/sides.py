@@ -102,12 +102,7 @@ class Sides:
         for one mode: phi_j = r_jj^(1/2)). Rotations are scaled first: in rad and N m the noise of
         one channel may outweigh a mode that another shows, and pass for a second mode.
         """
-        scaled = product * self.row_scale[:, None] * self.column_scale
-        U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
-        largest = max(1, min(len(s), len(self.rows) or len(s)))
-        rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
-        U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
-        U, W = U / self.row_scale[:, None], W / self.column_scale[:, None]
+        U, W = self._factors(product)
         if not self.scaled:
             if self.at_references:
                 return list(W.T)
@@ -116,6 +111,93 @@ class Sides:
         G = scipy.linalg.sqrtm((S + S.T) / 2)
         at_responses, at_references = U @ G, np.linalg.solve(G, W.T).T
         return list(np.concatenate([at_responses, at_references[self.more]]).T)
+
+    def _factors(self, product: _Complex) -> tuple[_Complex, _Complex]:
+        """Return U and W, shapes (n_i, rank) and (n_j, rank)."""
+        scaled = product * self.row_scale[:, None] * self.column_scale
+        U, s, Vh = np.linalg.svd(scaled, full_matrices=False)
+        largest = max(1, min(len(s), len(self.rows) or len(s)))
+        rank = max(1, int((s[:largest] > _SECOND * s[0]).sum()))
+        U, W = U[:, :rank] * np.sqrt(s[:rank]), Vh[:rank].T * np.sqrt(s[:rank])
+        return U / self.row_scale[:, None], W / self.column_scale[:, None]
+
+    def deviations(self, product: _Complex, noise: _Real, common: _Complex) -> _Real:
+        """Return standard deviations of the real shape at `dofs` relative to its own scale.
+
+        Parameters
+        ----------
+        product : ndarray of complex, shape (n_i, n_j)
+            As for `shapes`.
+        noise : ndarray of float, shape (n_i, n_j)
+            Variances of the errors of the product that are independent.
+        common : ndarray of complex, shape (q, n_i, n_j)
+            Further errors: these times independent ones of unit variance.
+
+        Returns
+        -------
+        ndarray of float, shape (N,)
+            In the unit of the shape; nan where the product holds two modes, whose shapes are
+            arbitrary within their plane.
+
+        Notes
+        -----
+        First order. With dP = dU W^T + U dW^T and dU orthogonal to U, dU and dW follow from the
+        projections dP W^* / |W|^2 and dP^T U^* / |U|^2 alone (in the scale of `shapes`). Of the
+        shape x + i y, turned so that x . y = 0, an error in phase or in scale has no part in the
+        real shape at fixed length: dx is taken orthogonal to x.
+        """
+        shapes = self.shapes(product)
+        if len(shapes) > 1:
+            return np.full(len(self.dofs), np.nan)
+        U, W = (side[:, 0] for side in self._factors(product))
+        u, w = (U * self.row_scale**2).conj(), (W * self.column_scale**2).conj()
+        u, w = u / np.sum(u * U), w / np.sum(w * W)
+        by_rows, by_columns = self._derivatives(U, W)
+        by_rows = by_rows - np.outer(by_rows @ U, u)
+        by_rows, by_columns = (_real_part(shapes[0], by) for by in (by_rows, by_columns))
+        squares = np.abs(by_rows) ** 2 @ (noise @ np.abs(w) ** 2)
+        squares += np.abs(by_columns) ** 2 @ (noise.T @ np.abs(u) ** 2)
+        crossed = (by_rows @ (noise * w * u.conj()[:, None])) * by_columns.conj()
+        squares = 0.5 * squares + np.sum(crossed.real, axis=1)
+        fixed = by_rows @ (common @ w).T + by_columns @ (common.swapaxes(1, 2) @ u).T
+        return np.asarray(np.sqrt(np.maximum(squares + np.sum(fixed.real**2, axis=1), 0.0)))
+
+    def _derivatives(self, U: _Complex, W: _Complex) -> tuple[_Complex, _Complex]:
+        """Return the derivatives of the shape at `dofs` by U and by W, of one mode."""
+        N = len(self.dofs)
+        by_rows, by_columns = (np.zeros((N, len(side)), dtype=np.complex128) for side in (U, W))
+        if not self.scaled:
+            own = by_columns if self.at_references else by_rows
+            np.fill_diagonal(own, 1.0)
+            return by_rows, by_columns
+        driven = U[self.rows]
+        S = np.vdot(driven, W[self.columns] * self.sign) / np.vdot(driven, driven)
+        G = np.sqrt(S)
+        np.fill_diagonal(by_rows, G)
+        by_columns[np.arange(len(U), N), self.more] = 1.0 / G
+        scale = np.concatenate([U, -W[self.more] / S]) / (2.0 * G)
+        share = driven.conj() / np.vdot(driven, driven)
+        by_rows[:, self.rows] -= np.outer(scale, S * share)
+        by_columns[:, self.columns] += np.outer(scale, self.sign * share)
+        return by_rows, by_columns
+
+
+def _real_part(shape: _Complex, slope: _Complex) -> _Complex:
+    """Return derivatives whose real part is that of the real shape at fixed length.
+
+    Parameters
+    ----------
+    shape : ndarray of complex, shape (N,)
+        The shape.
+    slope : ndarray of complex, shape (N, n)
+        Its derivatives.
+    """
+    turn = np.exp(-0.5j * np.angle(np.sum(shape**2)))
+    x, y = (shape * turn).real, (shape * turn).imag
+    slope = slope * turn
+    along = x @ slope / (x @ x)
+    turned = (y - 1j * x) @ slope / max(x @ x - y @ y, 1e-300)
+    return np.asarray(slope - np.outer(x, along) + np.outer(y, turned))
 
 
 def _scale_of_rotations(frf: FRF) -> float:

@@ -120,6 +120,7 @@ class ModesSection(Section):
     def context(self, content: Content) -> dict[str, Any]:
         """Return the rows."""
         modes: ModeSet = content.further["identified"].modes
+        shape = _shape_errors(modes)
         rows = []
         for k in range(len(modes)):
             rows.append(
@@ -129,11 +130,25 @@ class ModesSection(Section):
                     number(float(modes.std_frequency[k]), 2),
                     percentage(float(modes.damping[k])),
                     percentage(float(modes.std_damping[k])),
+                    _known(float(shape[k])),
                     f"{modes.phase_collinearity[k]:.3f}",
                     f"{modes.quality[k]:.4f}",
                 ]
             )
         return {"rows": rows}
+
+
+def _shape_errors(modes: ModeSet) -> np.ndarray[Any, Any]:
+    """Return the rms of the standard deviations of each shape as a share of the shape's."""
+    if modes.std_shapes is None:
+        return np.full(len(modes), np.nan)
+    return np.asarray(
+        np.linalg.norm(modes.std_shapes, axis=0) / np.linalg.norm(modes.real_shapes, axis=0)
+    )
+
+
+def _known(share: float) -> str:
+    return "not known" if np.isnan(share) else percentage(share)
 
 
 def _diagram(found: Identified) -> Figure:

@@ -24,7 +24,7 @@ from updyn.modal.mode_set import ModeSet
 __all__ = ["from_text", "plain", "plain_fields", "plain_records", "to_text"]
 
 _MODES = ("frequency", "shapes", "dofs", "loss_factor", "scaled", "quality", "source")
-_STD = ("std_frequency", "std_loss_factor")
+_STD = ("std_frequency", "std_loss_factor", "std_shapes")
 _WIDEST = 4096  # bytes of an entry of an array
 
 

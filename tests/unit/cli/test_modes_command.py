@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import updyn
@@ -14,6 +15,7 @@ from updyn.cli import main
 from updyn.demos import chain
 from updyn.io import read_modes
 from updyn.modal import ModeSet
+from updyn.report.formats import number
 
 JOB = """\
 [model]
@@ -66,7 +68,12 @@ def test_both_files_and_the_table(
     written = read_modes(tmp_path / "out" / "modes.unv")
     assert written.frequency == pytest.approx(found.frequency, rel=1e-5)
     assert written.std_frequency == pytest.approx(found.std_frequency, rel=1e-5)
+    scale = np.abs(found.real_shapes).max()
+    assert written.std_shapes == pytest.approx(found.std_shapes, rel=1e-5, abs=1e-6 * scale)
     page = (tmp_path / "out" / "modes.html").read_text(encoding="utf-8")
+    share = np.linalg.norm(found.std_shapes, axis=0) / np.linalg.norm(found.real_shapes, axis=0)
+    first = [text.strip() for text in re.findall(r"<td[^>]*>(.*?)</td>", page, re.DOTALL)[:7]]
+    assert first[4] == f"{number(100 * float(share[0]), 2)} %"
     figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
     traces = {trace["name"]: trace for trace in figures["diagram"]["data"]}
     assert traces["mode"]["x"] == pytest.approx(found.frequency.tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from importlib import resources
 from typing import Any
 
@@ -243,6 +244,37 @@ def test_mode_set_is_sorted_and_selected() -> None:
 def test_mode_set_refuses(given: tuple[Any, ...], message: str) -> None:
     with pytest.raises(DataError, match=message):
         ModeSet(*given)
+
+
+def test_deviations_of_shapes_go_with_their_modes() -> None:
+    shapes = [[1.0, 2.0], [3.0, 4.0]]
+    modes = ModeSet([20.0, 10.0], shapes, ["1:X", "2:X"], std_shapes=[[0.1, np.nan], [0.3, np.nan]])
+    assert modes.std_shapes[:, 1].tolist() == [0.1, 0.3]
+    assert np.isnan(modes.std_shapes[:, 0]).all()
+    assert modes.select(band=(15.0, 30.0)).std_shapes.tolist() == [[0.1], [0.3]]
+    assert modes.select([0]).std_shapes is None  # nan throughout
+    assert modes.renamed(["3:X", "4:X"]).std_shapes[:, 1].tolist() == [0.1, 0.3]
+    bare = ModeSet([20.0, 10.0], shapes, ["1:X", "2:X"])
+    assert bare.std_shapes is None
+    assert bare.digest != modes.digest
+    assert copy.copy(modes).digest == modes.digest
+    with pytest.raises(ValueError, match="read-only"):
+        modes.std_shapes[0] = 3.0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([[0.1]], r"expected std_shapes as shapes, \(2, 1\), found \(1, 1\)"),
+        ([[0.1], [-0.1]], "std_shapes at 1 Hz: expected finite numbers of at least 0"),
+        ([[np.inf], [0.1]], "std_shapes at 1 Hz: expected finite numbers of at least 0"),
+        ([[np.nan], [0.1]], "or nan in the whole column"),
+        ([["a"], ["b"]], "std_shapes: expected numbers"),
+    ],
+)
+def test_deviations_of_shapes_are_checked(given: Any, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        ModeSet([1.0], [[1.0], [2.0]], ["1:X", "2:X"], std_shapes=given)
 
 
 def test_mode_set_without_what_is_asked_for() -> None:

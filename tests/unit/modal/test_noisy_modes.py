@@ -76,6 +76,48 @@ def test_standard_deviations_are_those_of_repeats(damping: str) -> None:
         assert np.std(values, axis=0, ddof=1) == pytest.approx(stated, rel=0.35)
 
 
+@pytest.mark.parametrize(
+    ("responses", "references", "driven", "damping"),
+    [(4, 1, 0, "structural"), (2, 5, 0, "structural"), (5, 2, 1, "viscous")],
+)
+def test_standard_deviations_of_shapes_are_those_of_repeats(
+    responses: int, references: int, driven: int, damping: str
+) -> None:
+    """At responses, at the places of a hammer, and at both with the scale from a drive point."""
+    alone = structure([20.0, 31.0, 58.0], [0.01, 0.012, 0.02], responses, references, seed=2)
+    shapes = alone.shapes.copy()
+    shapes[responses : responses + driven] = shapes[:driven]
+    alone = Structure(alone.frequency, alone.loss, shapes, responses)
+    found, within = [], []
+    for seed in range(40):
+        frf = alone.frf(FREQ, 0.03, seed)
+        labels = [f"{k + 1}:Z" for k in range(driven)] + list(frf.references.labels[driven:])
+        frf = updyn.FRF(FREQ, frf.values, frf.responses, labels, "accelerance")
+        modes = updyn.identify_modes(frf, damping=damping)
+        true = shapes[[int(str(dof).split(":")[0]) - 1 for dof in modes.dofs]]
+        true = true / np.linalg.norm(true, axis=0)
+        length = np.linalg.norm(modes.real_shapes, axis=0)
+        unit, std = modes.real_shapes / length, modes.std_shapes / length
+        unit = unit * np.sign(np.sum(unit * true, axis=0))
+        found.append((unit, std))
+        within.append(np.abs(unit - true) <= 1.96 * std)
+    spread = np.std([unit for unit, _ in found], axis=0, ddof=1)
+    stated = np.median([std for _, std in found], axis=0)
+    ratio = spread / stated
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.15)
+    assert ratio.max() < 1.5
+    assert ratio.min() > 0.65
+    assert 0.90 <= np.mean(within) <= 0.98
+
+
+def test_two_modes_of_one_frequency_have_shapes_of_no_stated_deviation() -> None:
+    """Any two shapes of their plane are as good."""
+    twin = structure([20.0, 31.0, 31.0], [0.01, 0.012, 0.012], 6, 2, seed=2)
+    found = updyn.identify_modes(twin.frf(FREQ, 0.02, 0))
+    assert found.frequency == pytest.approx([20.0, 31.0, 31.0], rel=1e-3)
+    assert np.isnan(found.std_shapes).all(axis=0).tolist() == [False, True, True]
+
+
 def test_a_band_far_beyond_the_modes_and_a_line_at_zero() -> None:
     """As on a bridge: eleven modes in the lower quarter of the band, an offset in the line at 0 Hz."""
     rng = np.random.default_rng(4)
@@ -158,6 +200,20 @@ def test_the_gradient_is_that_of_central_differences(mirrored: bool) -> None:
         change[k % 2] = step * turn
         up, down = (solved(window, poles + s * change, weights).cost for s in (1, -1))
         assert -2.0 * gradient[k] == pytest.approx((up - down) / (2 * step), rel=1e-4)
+
+
+def test_noise_is_a_share_of_all_that_was_measured() -> None:
+    """Also of modes outside the window, which are taken out of what is fitted there."""
+    whole = FEW.frf(FREQ, 0.0, 0).values[:, :, 0].T
+    near = Structure(FEW.frequency[:1], FEW.loss[:1], FEW.shapes[:, :1], 8)
+    own = near.frf(FREQ, 0.0, 0).values[:, :, 0].T
+    axis = Axis(False, 2 * np.pi * FREQ[-1])
+    none = np.zeros(0, dtype=complex)
+    window = Window(axis.basis, axis.at(FREQ), own, none, whole - own)
+    poles = axis.pole(FEW.frequency[:1], FEW.loss[:1])
+    assert solved(window, poles, Weights.of(np.abs(own) ** 2)).size == pytest.approx(
+        np.abs(whole) ** 2, rel=1e-6
+    )
 
 
 def test_worth_is_what_the_cost_grows_by() -> None:

@@ -14,6 +14,8 @@ Layout: SDRC, universal file format, datasets 55 and 2414. What is read, and how
   Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
 - Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units,
   else they are SI.
+- `write_modes` puts the standard deviations of a shape behind it, as a dataset 55 of analysis type
+  0 (unknown) with a title of its own, by which they are read back.
 - Dataset 2414 has frequency, modal mass and damping ratios in fields 2, 4, 5 and 6 of its real
   parameters, eigenvalue and modal A in fields 7 to 10. Of type 7 these last may be a modal mass
   instead; its shapes stay unscaled. Data on elements, and results that are no motions (stresses,
@@ -26,9 +28,10 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +67,7 @@ _LOCATIONS = {1: "at nodes", 2: "on elements", 3: "at nodes on elements", 5: "at
 _NUMBER = r"([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)"
 _QUALITY = re.compile(rf"^quality {_NUMBER}\b")
 _STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
+_UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
 
@@ -74,12 +78,13 @@ class _Layout:
 
     number: int
     quality: int  # the identification that `write_modes` uses
+    title: int  # another
     about: int  # analysis, data characteristic, result, data type and width
     head: int  # lines before the nodes
 
 
-_55 = _Layout(55, 3, 5, 8)
-_2414 = _Layout(2414, 6, 8, 13)
+_55 = _Layout(55, 3, 4, 5, 8)
+_2414 = _Layout(2414, 6, 7, 8, 13)
 _LAYOUTS = {layout.number: layout for layout in (_55, _2414)}
 
 
@@ -93,10 +98,12 @@ class _Mode:
     loss: float
     conjugate: bool
     factor: complex  # turns the shape into one of unit modal mass, for SI units; 0: not known
+    title: str  # number and frequency, as `write_modes` puts them
     nodes: list[int]
     shape: _Complex  # shape (n_nodes, 6)
     quality: float
     std: tuple[float, float]  # of the frequency in Hz, and of the loss factor
+    std_shape: NDArray[np.float64] | None = None  # shape (n_nodes, 6)
 
 
 def read_modes(path: str | Path) -> ModeSet:
@@ -128,7 +135,9 @@ def read_modes(path: str | Path) -> ModeSet:
     others = Counter[int]()
     left = Counter[str]()
     for dataset in datasets(path):
-        if dataset.number in _LAYOUTS:
+        if found and dataset.number == _55.number and _is_uncertainty(dataset):
+            found[-1] = _with_deviations(found[-1], dataset, path)
+        elif dataset.number in _LAYOUTS:
             mode = _read(dataset, path)
             if isinstance(mode, _Mode):
                 found.append(mode)
@@ -242,11 +251,44 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
         loss,
         conjugate,
         factor,
+        texts[layout.title],
         nodes,
         shape,
         quality,
         std,
     )
+
+
+def _is_uncertainty(dataset: Dataset) -> bool:
+    return text_of(dataset.body.lstrip(b"\n").split(b"\n", 1)[0]).rstrip() == _UNCERTAIN
+
+
+def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
+    """Return a mode with the standard deviations of its shape."""
+    texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
+    at = dataset.line + 1
+    if len(texts) < _55.head:
+        raise FormatError(
+            f"dataset 55: {len(texts)} lines; expected at least {_55.head}", path, dataset.line
+        )
+    _, _, _, _, kind, width = whole_fields(texts[_55.about], 6, "record 6", path, at + _55.about)
+    if kind != 2 or width not in _WIDTHS.values():
+        raise FormatError(
+            f"record 6: data type {kind} with {width} values a node; expected 2 with 3 or 6, as"
+            " standard deviations of a mode shape are written",
+            path,
+            at + _55.about,
+        )
+    nodes, std = _nodes(texts, _55, width, False, path, at)
+    if mode.std_shape is not None or nodes != mode.nodes or texts[_55.title] != mode.title:
+        raise FormatError(
+            f"dataset 55: standard deviations of {texts[_55.title]!r} at {len(nodes)} nodes; the"
+            f" mode before is {mode.title!r} at {len(mode.nodes)} nodes, and expects"
+            f" {'them once' if mode.std_shape is None else 'no second ones'}",
+            path,
+            dataset.line,
+        )
+    return replace(mode, std_shape=std.real)
 
 
 _Head = tuple[float, float, bool, complex]
@@ -387,15 +429,23 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
     nodes = list(dict.fromkeys(chain.from_iterable(mode.nodes for mode in found)))
     row = {node: i for i, node in enumerate(nodes)}
     shapes = np.zeros((len(found), len(nodes), 6), dtype=np.complex128)
+    std = np.zeros(shapes.shape)
     for k, mode in enumerate(found):
+        if mode.std_shape is None:
+            std[k] = np.nan
         if mode.nodes:
-            shapes[k, [row[n] for n in mode.nodes]] = mode.shape
+            own = [row[n] for n in mode.nodes]
+            shapes[k, own] = mode.shape
+            if mode.std_shape is not None:
+                std[k, own] = mode.std_shape
     shapes[:, :, :3] /= units.length
+    std[:, :, :3] /= units.length
     # A modal mass has the unit of energy over that of the shape squared: force times length.
     unit = np.sqrt(units.force * units.length)
     for k, mode in enumerate(found):
         if mode.factor:
             shapes[k] *= mode.factor * unit
+            std[k] *= abs(mode.factor) * unit
         if mode.conjugate:
             shapes[k] = shapes[k].conj()
     seen = np.argwhere(shapes.any(axis=0))
@@ -415,6 +465,7 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
             Path(path).name,
             std_frequency=[m.std[0] for m in found],
             std_loss_factor=[m.std[1] for m in found],
+            std_shapes=std[:, seen[:, 0], seen[:, 1]].T,
         )
 
 
@@ -422,6 +473,7 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
 def _lines(modes: ModeSet, number: int) -> Iterator[str]:
     real = not modes.shapes.imag.any()
     f = float(modes.frequency[number])
+    title = f"Mode {number + 1:10d} Frequency {f:13.5E}"
     loss = float(modes.loss_factor[number])
     if np.isnan(loss):
         loss = 0.0
@@ -434,7 +486,7 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
     yield from ("    -1", f"{55:6d}", "Mode shape", "NONE")
     yield f"standard deviations {std[0]:.6g} Hz, {std[1]:.6g}" if np.isfinite(std).all() else "NONE"
     yield "NONE" if np.isnan(quality) else f"quality {quality:.6g}"
-    yield f"Mode {number + 1:10d} Frequency {f:13.5E}"
+    yield title
     if real:
         yield _whole_row(1, _NORMAL, characteristic, 8, 2, width)
         yield _whole_row(2, 4, 1, number + 1)
@@ -446,15 +498,27 @@ def _lines(modes: ModeSet, number: int) -> Iterator[str]:
         yield _whole_row(2, 6, 1, number + 1)
         yield _row([-0.5 * loss * omega, damped, 0.0, 2.0 * damped * scaled, 0.0, 0.0])
     shape = modes.shapes[:, number] * modes.dofs.signs
-    for node in dict.fromkeys(modes.dofs.nodes.tolist()):
-        own = np.flatnonzero(modes.dofs.nodes == node)
-        values = np.zeros(width, dtype=np.complex128)
-        values[modes.dofs.axes[own]] = shape[own]
-        yield f"{node:10d}"
-        flat = values.real if real else values.view(np.float64)
-        for start in range(0, len(flat), 6):
-            yield _row(flat[start : start + 6].tolist())
+    yield from _at_nodes(modes.dofs, shape.real if real else shape, width)
     yield "    -1"
+    if modes.std_shapes is None or np.isnan(modes.std_shapes[:, number]).any():
+        return
+    yield from ("    -1", f"{55:6d}", _UNCERTAIN, "NONE", "NONE", "NONE", title)
+    yield _whole_row(1, 0, characteristic, 8, 2, width)
+    yield _whole_row(1, 1, 1)
+    yield _row([0.0])
+    yield from _at_nodes(modes.dofs, modes.std_shapes[:, number], width)
+    yield "    -1"
+
+
+def _at_nodes(dofs: DofSet, values: NDArray[Any], width: int) -> Iterator[str]:
+    for node in dict.fromkeys(dofs.nodes.tolist()):
+        own = np.flatnonzero(dofs.nodes == node)
+        row = np.zeros(width, dtype=values.dtype)
+        row[dofs.axes[own]] = values[own]
+        yield f"{node:10d}"
+        flat = row.view(np.float64)
+        for start in range(0, width * row.itemsize // 8, 6):
+            yield _row(flat[start : start + 6].tolist())
 
 
 def _whole_row(*values: int) -> str:
