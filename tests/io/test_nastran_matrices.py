@@ -150,7 +150,7 @@ def test_dmig_alone_brings_its_labels(tmp_path):
         (
             "a.op4:KGG",
             "wing.bdf",
-            r"m.toml:5: stiffness: 'wing.bdf' beside OUTPUT4 or DMIG files; expected one of",
+            r"m.toml:5: stiffness: 'wing.bdf' beside OUTPUT4, OUTPUT2 or DMIG files; expected one of",
         ),
         (
             "loss_factor",

@@ -20,6 +20,7 @@ import ansys_samples
 import matlab73
 import meshes
 import native_samples
+import op2_samples
 import plants_by_hand
 import uff_samples as uff
 import updyn
@@ -38,15 +39,55 @@ from torture_readers import (
     written,
 )
 from updyn.elements.mesh import read_mesh
+from updyn.geometry import Geometry
 from updyn.io.atomic import write_json
 from updyn.io.items import guarded
 from updyn.io.named import frf_items, model_items
+from updyn.modal import ModeSet
 from updyn.model import Model
 
 __all__ = ["SAMPLES", "tortures"]
 
 _STEEL = {"E": 2.1e11, "nu": 0.3, "rho": 7850.0}
 _K = np.array([[2.0e3, -0.5, 0.0], [-0.5, 3.25e3, -12.0], [0.0, -12.0, 4.0e3]])
+
+
+# -- Nastran --------------------------------------------------------------------------------------
+@sample("OUTPUT2, geometry")
+def _op2_geometry() -> Sample:
+    out = op2_samples.Writer()
+    out.head()
+    op2_samples.geometry(out)
+
+    def read(folder: Path) -> Geometry:
+        return updyn.read_geometry(folder / "a.op2", format="op2")
+
+    return Sample({"a.op2": out.bytes()}, "a.op2", read, is_text=False)
+
+
+@sample("OUTPUT2, modes")
+def _op2_modes() -> Sample:
+    out = op2_samples.Writer(">", 8)
+    out.eigenvalues([(1, 4.0e4, 1.0), (2, 9.0e4, 4.0)])
+    out.shapes(op2_samples.MODES, scalar=(20,))
+
+    def read(folder: Path) -> ModeSet:
+        return updyn.read_modes(folder / "a.op2", format="op2")
+
+    return Sample({"a.op2": out.bytes()}, "a.op2", read, is_text=False)
+
+
+@sample("OUTPUT2, matrices")
+def _op2_matrices() -> Sample:
+    out = op2_samples.Writer()
+    out.table("EQEXINS", [[3, 1, 20, 2], [3, 11, 20, 72]])
+    out.matrix("KGG", op2_samples.stiffness())
+    table = b'[[group]]\nname = "a"\nstiffness = "a.op2:KGG"\n'
+
+    def read(folder: Path) -> Model:
+        return updyn.read_model(folder / "a.toml")
+
+    return Sample({"a.op2": out.bytes(), "a.toml": table}, "a.op2", read, is_text=False)
 
 
 # -- Ansys ----------------------------------------------------------------------------------------

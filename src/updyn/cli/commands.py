@@ -313,7 +313,8 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
 
     with suppress(InputError, OSError):  # each file is whole, whatever is known of the others
         recover(file.parent)
-    stated = {"frf": {"quantity": quantity}, "model": {"unit": unit}}
+    of_unit = {"unit": unit}
+    stated = {"contents": of_unit, "frf": {"quantity": quantity}, "model": of_unit}
     kinds, options = _kinds(tuple(FILE_KINDS), stated)
     kind, content = read_anything(file, kinds, options)
     print_text(FILE_KINDS[kind].describe(content))

@@ -22,7 +22,10 @@ from updyn.updating.problem.parameters import ParameterSet
 if TYPE_CHECKING:
     import xarray
 
+    from updyn.io.nastran.op2 import Contents
+
 __all__ = [
+    "describe_contents",
     "describe_frf",
     "describe_geometry",
     "describe_identifiability",
@@ -158,6 +161,23 @@ def describe_geometry(geometry: Geometry) -> str:
     return (
         f"Geometry: {len(geometry.nodes)} nodes, {len(geometry.lines)} lines to draw, in m: {box}"
     )
+
+
+def describe_contents(found: Contents) -> str:
+    """Return tables, matrices, geometry and modes of a file of several contents, as text."""
+    program = f" of {found.program}" if found.program.strip("X") else ""
+    texts = [f"OUTPUT2 file{program}: tables {', '.join(dict.fromkeys(found.tables)) or '-'}"]
+    for name, (rows, columns) in found.matrices.items():
+        texts.append(f"Matrix {name}: {rows} x {columns}")
+    if isinstance(found.geometry, Geometry):
+        texts.append(describe_geometry(found.geometry))
+    else:
+        texts.append(f"No geometry: {found.geometry}")
+    if isinstance(found.modes, ModeSet):
+        texts.append(describe_modes(found.modes))
+    else:
+        texts.append(f"No modes: {found.modes}")
+    return "\n".join(texts)
 
 
 def describe_records(given: xarray.DataArray) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.cli.describe import (
+    describe_contents,
     describe_frf,
     describe_geometry,
     describe_model,
@@ -15,7 +16,14 @@ from updyn.cli.describe import (
     describe_records,
 )
 from updyn.errors import AbsentError, FormatError, InputError
-from updyn.io import read_frf, read_geometry, read_model, read_modes, read_records
+from updyn.io import (
+    read_contents,
+    read_frf,
+    read_geometry,
+    read_model,
+    read_modes,
+    read_records,
+)
 from updyn.io.formats import find_format
 from updyn.io.items import is_file
 from updyn.registry import Registry
@@ -44,6 +52,8 @@ class FileKind:
     is_beside : bool
         Whether it may stand in one file with contents of other kinds: it is then no answer where
         one of these is there but damaged.
+    is_tried : bool
+        Whether a file is read as this kind where it is not recognised.
     """
 
     noun: str
@@ -52,6 +62,7 @@ class FileKind:
     recognises: Callable[[Path], bool] = lambda path: False
     other: str = ""
     is_beside: bool = False
+    is_tried: bool = True
 
 
 def _has_format(verb: str) -> Callable[[Path], bool]:
@@ -90,6 +101,13 @@ FILE_KINDS: Registry[FileKind] = Registry(
     "kind of file",
     "updyn.file_kinds",
     {
+        "contents": FileKind(
+            "contents of several kinds",
+            read_contents,
+            describe_contents,
+            _has_format("read_contents"),
+            is_tried=False,
+        ),
         "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
@@ -145,6 +163,8 @@ def read_anything(
     reasons: dict[str, InputError] = {}
     for kind in kinds:
         if FILE_KINDS[kind].is_beside and _damaged(path, reasons):
+            continue
+        if not (FILE_KINDS[kind].is_tried or FILE_KINDS[kind].recognises(path)):
             continue
         try:
             return kind, FILE_KINDS[kind].read(path, **options.get(kind, {}))

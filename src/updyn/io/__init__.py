@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from updyn.signals.records import Records
 
 __all__ = [
+    "read_contents",
     "read_frf",
     "read_geometry",
     "read_model",
@@ -142,10 +143,10 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
     Parameters
     ----------
     path : path
-        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, an Exodus II mesh, or a
-        table ``node,x,y,z``.
+        A universal file (datasets 15, 2411, 2420, 82), a Nastran deck, an OUTPUT2 file of Nastran,
+        an Exodus II mesh, or a table ``node,x,y,z``.
     format : str, optional
-        Format name, to force it: "uff", "nastran", "exodus" or "csv".
+        Format name, to force it: "uff", "nastran", "op2", "exodus" or "csv".
     **options
         What the reader of that format takes, checked by name: of each ``unit``, the unit of length
         of a file that does not say it, "m" where it is not given either.
@@ -216,11 +217,13 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     Parameters
     ----------
     path : path
-        A universal file with datasets 55 or 2414 (normal or complex modes).
+        A universal file with datasets 55 or 2414 (normal or complex modes), or an OUTPUT2 file of
+        Nastran (.op2).
     format : str, optional
-        Format name, to force it: "uff".
+        Format name, to force it: "uff" or "op2".
     **options
-        What the reader of that format takes, checked by name.
+        What the reader of that format takes, checked by name: of an OUTPUT2 file ``unit`` and
+        ``subcase``.
 
     Returns
     -------
@@ -236,6 +239,33 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
         If the format has no such option; the nearest is named.
     """
     return _read(path, "read_modes", format, options)  # type: ignore[no-any-return]
+
+
+def read_contents(path: str | Path, *, format: str | None = None, **options: Any) -> Any:
+    """Read all that a file of several kinds of content holds, to say what is in it.
+
+    Parameters
+    ----------
+    path : path
+        A Nastran OUTPUT2 file (.op2).
+    format : str, optional
+        Format name, to force it: "op2".
+    **options
+        What the reader of that format takes, checked by name: ``unit``.
+
+    Returns
+    -------
+    Contents
+        As `updyn.io.nastran.op2` has it: names of tables and matrices, geometry and modes.
+
+    Raises
+    ------
+    FormatError
+        If there is no such file, no format fits, or the file is damaged.
+    OptionError
+        If the format has no such option; the nearest is named.
+    """
+    return _read(path, "read_contents", format, options)
 
 
 def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) -> None:

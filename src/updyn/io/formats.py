@@ -8,10 +8,10 @@ or an entry point of the group ``updyn.readers`` that names such an object. The 
 when a file of that format is met. It offers, as far as it can,
 ``read_frf(path, *, quantity, duplicates, ...)``, ``write_frf(frf, path)``, ``read_model(path)``,
 ``write_model(model, path)``, ``read_geometry(path)``, ``read_modes(path)``,
-``write_modes(modes, path)``, ``read_records(path)`` and
-``write_properties(changes, deck, path)``. A ``read_frf`` with
-``responses`` and ``references`` selects while it reads; with the others `updyn.io.read_frf` selects
-afterwards.
+``write_modes(modes, path)``, ``read_records(path)``,
+``write_properties(changes, deck, path)`` and ``read_contents(path)``, which returns all that a
+file of several kinds of content holds. A ``read_frf`` with ``responses`` and ``references`` selects
+while it reads; with the others `updyn.io.read_frf` selects afterwards.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Format:
         What files of this format may start with; empty if the content does not identify them.
     can : tuple of str
         Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
-        ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``.
+        ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``, ``read_contents``.
     """
 
     name: str
@@ -59,6 +59,14 @@ _FRF = ("read_frf", "write_frf")
 _MODEL = ("read_model", "write_model")
 _MODES = ("read_modes", "write_modes")
 _NASTRAN = ("read_model", "read_geometry", "write_properties")
+_OP2 = ("read_model", "read_geometry", "read_modes", "read_contents")
+#: The first record of `updyn.io.nastran.op2_file`: one word, 3 (of a date) or 2 (of a name).
+_OP2_STARTS = tuple(
+    size.to_bytes(4, order) + words.to_bytes(size, order) + size.to_bytes(4, order)
+    for order in ("little", "big")
+    for size in (4, 8)
+    for words in (3, 2)
+)
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 #: The first releases of MATLAB that wrote version 7.3 called it 7.0.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
@@ -92,6 +100,7 @@ _BUILT_IN = (
     Format("ansys_emat", "updyn.io.ansys.emat", (".emat",), (_ANSYS + b"\x02\0\0\0",), _DECK),
     Format("nastran", "updyn.io.nastran.bdf", (".bdf", ".nas", ".dat"), (), _NASTRAN),
     Format("op4", "updyn.io.nastran.matrices:OP4", (".op4",), (), _MODEL),
+    Format("op2", "updyn.io.nastran.op2", (".op2",), _OP2_STARTS, _OP2),
     Format("dmig", "updyn.io.nastran.matrices:DMIG", (".pch", ".dmig"), (), _MODEL),
     Format("calculix", "updyn.io.calculix", (".inp",), (), ("read_model", "write_properties")),
     Format("abaqus", "updyn.io.abaqus.model", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),

@@ -87,11 +87,19 @@ _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of a deck, without comment and trailing blanks, and where it stands."""
+    """One line of a deck, without comment and trailing blanks, and where it stands.
+
+    What stands in a binary file has no number.
+    """
 
     text: str
     path: Path
-    number: int
+    number: int | None
+
+    @property
+    def place(self) -> str:
+        """File and line, for a message."""
+        return self.path.name if self.number is None else f"{self.path.name}:{self.number}"
 
     def error(self, message: str) -> FormatError:
         """Return an error at this line."""

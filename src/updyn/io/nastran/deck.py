@@ -35,6 +35,7 @@ __all__ = [
     "end_of",
     "geometry_of",
     "materials_of",
+    "points_of",
     "read_deck",
     "read_points",
     "values",
@@ -478,6 +479,30 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
                 f" {suggest(card.name, points)} "
                 f'(to leave it out: ignore=["{card.name}"])'
             )
+    return points_of(path, cards, case)
+
+
+def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> Deck:
+    """Return a deck of cards that say where points stand, and of elements.
+
+    Parameters
+    ----------
+    path : Path
+        The main file.
+    cards : iterable of Card
+        The cards.
+    case : iterable of Line
+        Executive and case control.
+
+    Returns
+    -------
+    Deck
+
+    Raises
+    ------
+    FormatError
+        If there is no grid, or an element is at one that is not there.
+    """
     deck = Deck(path, tuple(case), tuple(cards))
     _check_points(deck)
     for card in deck.elements:
@@ -518,8 +543,7 @@ def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
     for card in cards:
         number = card.integer(0)
         if number in out:
-            first = out[number].lines[0]
-            raise card.error(f"{what} {number} stands twice: also {first.path.name}:{first.number}")
+            raise card.error(f"{what} {number} stands twice: also {out[number].lines[0].place}")
         out[number] = card
     return out
 

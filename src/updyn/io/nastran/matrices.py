@@ -1,4 +1,4 @@
-"""Models of OUTPUT4 and DMIG matrices, through the TOML file of `updyn.io.matrix_market`.
+"""Models of OUTPUT4, OUTPUT2 and DMIG matrices, through the TOML file of `updyn.io.matrix_market`.
 
 ::
 
@@ -18,7 +18,8 @@
 
 Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six
 DOFs each, and its scalar points, one each: the g-set as Nastran writes it where it has not been
-resequenced.
+resequenced. An OUTPUT2 file (``skin.op2:KGG``) may say the order of the g-set itself, by its table
+EQEXIN, so that neither ``dofs`` nor ``deck`` is needed.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import DofSet
-from updyn.errors import FormatError, ModelError, UpdynWarning
+from updyn.errors import AbsentError, FormatError, ModelError, UpdynWarning
 from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import system
 from updyn.io.damping import DAMPING, plain_damping
@@ -41,13 +42,14 @@ from updyn.io.items import placed
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.deck import Deck, geometry_of, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
+from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of
 from updyn.io.nastran.op4 import OP4Matrix, read_op4, select, write_op4
 from updyn.model import Group, Model
 
-__all__ = ["DMIG", "OP4", "SUFFIXES", "MatrixFiles", "names_nastran_files", "read_table"]
+__all__ = ["DMIG", "OP2", "OP4", "SUFFIXES", "MatrixFiles", "names_nastran_files", "read_table"]
 
 #: Which reader takes which files.
-SUFFIXES = {".op4": "op4", ".pch": "dmig", ".dmig": "dmig"}
+SUFFIXES = {".op4": "op4", ".op2": "op2", ".pch": "dmig", ".dmig": "dmig"}
 #: Suffix of the matrix file where the TOML file is named.
 _WRITTEN = {"op4": ".op4", "dmig": ".pch"}
 _MATRICES = ("stiffness", "mass", "viscous")
@@ -57,7 +59,7 @@ _NastranMatrix = OP4Matrix | DMIGMatrix
 
 
 def names_nastran_files(table: ModelTable) -> bool:
-    """Say whether a group of the table names an OUTPUT4 or a DMIG file."""
+    """Say whether a group of the table names an OUTPUT4, an OUTPUT2 or a DMIG file."""
     for group in table.content["group"]:
         for what in _MATRICES:
             given = group.get(what)
@@ -67,7 +69,7 @@ def names_nastran_files(table: ModelTable) -> bool:
 
 
 def read_table(table: ModelTable) -> Model:
-    """Build the model of a TOML file whose groups name OUTPUT4 and DMIG matrices.
+    """Build the model of a TOML file whose groups name OUTPUT4, OUTPUT2 and DMIG matrices.
 
     Parameters
     ----------
@@ -112,6 +114,8 @@ def read_table(table: ModelTable) -> Model:
         for what in _MATRICES:
             if what in parts:
                 named[name][what] = files.matrix(parts, what, number)
+    if dofs is None:
+        dofs = files.g_set()
     dofs, used = _used(table, list(chain(*(found.values() for found in named.values()))), dofs)
     groups = {}
     for number, (name, found) in enumerate(named.items()):
@@ -145,6 +149,7 @@ class _Files:
     def __init__(self, table: ModelTable) -> None:
         self._table = table
         self._read: dict[Path, Sequence[_NastranMatrix]] = {}
+        self._op2: dict[Path, OP2File] = {}
 
     def matrix(self, parts: Mapping[str, Any], key: str, number: int) -> _NastranMatrix:
         """Return the matrix that a key of the `number`-th group names."""
@@ -154,14 +159,26 @@ class _Files:
         kind = SUFFIXES.get(path.suffix.lower())
         if kind is None:
             raise FormatError(
-                f"{key}: {file!r} beside OUTPUT4 or DMIG files; expected one of"
+                f"{key}: {file!r} beside OUTPUT4, OUTPUT2 or DMIG files; expected one of"
                 f" {', '.join(SUFFIXES)}",
                 table.path,
                 table.line(key, "group", number),
             )
+        if kind == "op2":
+            if path not in self._op2:
+                self._op2[path] = OP2File(path)
+            return matrix_of(self._op2[path], select(self._op2[path].matrices, name, path))
         if path not in self._read:
             self._read[path] = read_op4(path) if kind == "op4" else read_dmig(path)
         return select(self._read[path], name, path)
+
+    def g_set(self) -> DofSet | None:
+        """Return the degrees of freedom that an OUTPUT2 file states, None where none does."""
+        for file in self._op2.values():
+            dofs = g_set(file)
+            if dofs is not None:
+                return dofs
+        return None
 
 
 def _dofs_of(deck: Deck) -> DofSet:
@@ -225,12 +242,13 @@ def _placed(matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int |
 
 
 class MatrixFiles:
-    """Models whose matrices are in one OUTPUT4 or DMIG file, with a TOML file of the same name.
+    """Models of the matrices in one OUTPUT4, OUTPUT2 or DMIG file, by a TOML file of its name.
 
     Parameters
     ----------
-    kind : {"op4", "dmig"}
-        Format of the matrices: binary OUTPUT4, or DMIG cards in large fields.
+    kind : {"op4", "op2", "dmig"}
+        Format of the matrices: binary OUTPUT4, OUTPUT2 (not written), or DMIG cards in large
+        fields.
     """
 
     def __init__(self, kind: str) -> None:
@@ -252,7 +270,7 @@ class MatrixFiles:
         ------
         FormatError
             If there is no such TOML file, or it names no such matrices; the message says what it
-            would hold.
+            would hold. Of an OUTPUT2 file, which may hold something else, an `AbsentError`.
         """
         path = Path(path)
         beside = path.with_suffix(".toml")
@@ -261,11 +279,24 @@ class MatrixFiles:
             if table.has_groups and names_nastran_files(table):
                 return read_table(table)
             raise FormatError(
-                f"its groups name no OUTPUT4 or DMIG matrices ({', '.join(SUFFIXES)})", beside
+                f"its groups name no OUTPUT4, OUTPUT2 or DMIG matrices ({', '.join(SUFFIXES)})",
+                beside,
             )
-        is_op4 = SUFFIXES.get(path.suffix.lower()) == "op4"
-        names = [m.name for m in (read_op4(path) if is_op4 else read_dmig(path))]
-        raise FormatError(
+        kind: type[FormatError] = FormatError
+        if self._kind == "op2":
+            names = [block.name for block in OP2File(path).matrices]
+            kind = AbsentError
+        elif SUFFIXES.get(path.suffix.lower()) == "op4":
+            names = [m.name for m in read_op4(path)]
+        else:
+            names = [m.name for m in read_dmig(path)]
+        if not names:
+            raise kind(
+                "holds no matrices (KGG, MGG, ...): let Nastran write them to an OUTPUT4 file or as"
+                " DMIG cards (PARAM,EXTOUT,DMIGPCH), which are read, or read the deck (.bdf)",
+                path,
+            )
+        raise kind(
             f"matrices alone ({', '.join(names)}) are not a model: write {beside.name!r} beside it"
             ' and read that. It holds: dofs = "dofs.csv" or deck = "wing.bdf", and for each part'
             f' [[group]] with name = "...", stiffness = "{path.name}:{names[0]}", mass = "...",'
@@ -318,5 +349,6 @@ class MatrixFiles:
             temporary.write_text(tomlkit.dumps(entry), encoding="utf-8")
 
 
+OP2 = MatrixFiles("op2")
 OP4 = MatrixFiles("op4")
 DMIG = MatrixFiles("dmig")

@@ -27,8 +27,11 @@ from updyn.io.nastran.cards import real
 from updyn.io.text_numbers import whole_of
 
 __all__ = [
+    "Collector",
     "Layout",
     "OP4Matrix",
+    "check_header",
+    "completed",
     "read_op4",
     "select",
     "write_op4",
@@ -95,7 +98,7 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     order = _byte_order(start)
     found = _read_text(path) if order is None else _read_binary(path, *order)
     return [
-        OP4Matrix(name, _completed(path, name, matrix, form), form) for name, matrix, form in found
+        OP4Matrix(name, completed(path, name, matrix, form), form) for name, matrix, form in found
     ]
 
 
@@ -259,7 +262,8 @@ class Collector:
         )
 
 
-def _completed(path: Path, name: str, matrix: Any, form: int) -> Any:
+def completed(path: Path, name: str, matrix: Any, form: int) -> Any:
+    """Return both triangles of a matrix of form 6; refuse one that is not symmetric."""
     if form != SYMMETRIC:
         return matrix
     if matrix.shape[0] != matrix.shape[1]:

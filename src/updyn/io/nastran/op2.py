@@ -1,0 +1,456 @@
+"""Nastran's OUTPUT2 files (.op2): geometry, modes, and what else they hold.
+
+- Geometry: tables GEOM1 and GEOM2, the bulk data as Nastran has read them (module `op2_cards`),
+  in the unit of the deck, which the file does not state.
+- Modes: eigenvectors of the table OUGV1 (or OUG1), real (approach 2) or complex (approach 9), of
+  one subcase. Their directions are those of displacement of each node, as in the deck. A direction
+  that is zero in every mode is held, and no degree of freedom of the modes.
+- Scale: with the table LAMA the shapes are scaled to unit modal mass; without it (MYSTRAN) the
+  scale is not known.
+- Matrices: `updyn.io.nastran.matrices`.
+
+A mode stands in the table as two records: one of 146 words that says what it is, and one with an
+entry a node (MSC Nastran DMAP Programmer's Guide, data block OUG): 10 times the number of the node
+plus a code, its type, and six numbers, or six real and six imaginary parts.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.errors import AbsentError, FormatError, InputError, UpdynWarning, suggest
+from updyn.geometry import Geometry
+from updyn.io.consistent_units import system
+from updyn.io.items import counted, placed
+from updyn.io.nastran.deck import geometry_of
+from updyn.io.nastran.matrices import OP2
+from updyn.io.nastran.op2_cards import deck_of
+from updyn.io.nastran.op2_file import Block, OP2File
+from updyn.modal import ModeSet
+from updyn.model import Model
+
+__all__ = ["Contents", "read_contents", "read_geometry", "read_model", "read_modes"]
+
+_SHAPES = ("OUGV1", "OUG1")
+_FREQUENCIES = "LAMA"
+_IDENT = 146  # words
+#: Words of the record that says what a mode is, counted from 0.
+_APPROACH, _TABLE, _SUBCASE, _MODE, _REAL, _IMAGINARY, _FORM, _WIDTH = 0, 1, 3, 4, 5, 6, 8, 9
+_NORMAL, _COMPLEX = 2, 9
+_APPROACHES = {
+    1: "statics",
+    5: "frequency response",
+    6: "transient response",
+    7: "buckling",
+    8: "buckling",
+    10: "non-linear statics",
+}
+_DISPLACEMENT, _EIGENVECTOR = 1, 7
+#: Words of an entry: real, and real and imaginary parts.
+_WIDTHS = {_NORMAL: 8, _COMPLEX: 14}
+_MAGNITUDE_AND_PHASE = 3
+_GRID, _SCALAR = 1, 2
+_LAMA_WIDTH = 7
+_LAMA_MODE, _LAMA_EIGENVALUE, _LAMA_MASS = 0, 2, 5
+#: Rounding of single precision, in which both tables keep the eigenvalue.
+_SAME = 1e-5
+#: Frequencies of rigid motion are rounding, up to this share of the largest.
+_RIGID = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What an OUTPUT2 file holds.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    program : str
+        What the file says of the program that wrote it.
+    tables : tuple of str
+        Names of the tables, in order.
+    matrices : mapping of str to (int, int)
+        Rows and columns of the matrices.
+    geometry, modes : Geometry, ModeSet, or str
+        What was read, or why it was not.
+    """
+
+    path: Path
+    program: str
+    tables: tuple[str, ...]
+    matrices: dict[str, tuple[int, int]]
+    geometry: Geometry | str
+    modes: ModeSet | str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mode:
+    """A mode, in the unit of the file."""
+
+    subcase: int
+    number: int
+    value: complex  # (rad/s)^2 of a real mode, 1/s of a complex one
+    approach: int
+    nodes: NDArray[np.int64]
+    kinds: NDArray[np.int64]
+    shape: NDArray[np.complex128]  # shape (n_nodes, 6)
+
+
+def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
+    """Read where the grids of an OUTPUT2 file stand.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : {"m", "mm", "in"}
+        Unit of length of the deck.
+
+    Returns
+    -------
+    Geometry
+        Positions in m in the basic system, the displacement directions of grids that have their
+        own, and the edges of the elements.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, or holds no geometry (`AbsentError`).
+    OptionError
+        If the unit is not known.
+
+    Warns
+    -----
+    UpdynWarning
+        If there are elements whose edges are not known; they are not drawn.
+    """
+    return geometry_of(deck_of(OP2File(path)), unit)
+
+
+def read_modes(path: str | Path, *, unit: str = "m", subcase: int | None = None) -> ModeSet:
+    """Read the modes of an OUTPUT2 file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : {"m", "mm", "in"}
+        Consistent units of the deck, by their unit of length.
+    subcase : int, optional
+        Number of the subcase, where the file has modes of several.
+
+    Returns
+    -------
+    ModeSet
+        At all nodes and directions that move in one of the modes, in the order of the file; to unit
+        modal mass where the file says the modal masses, in SI units.
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged, holds no modes (`AbsentError`), or modes of several subcases.
+    OptionError
+        If the unit is not known.
+
+    Warns
+    -----
+    UpdynWarning
+        If results that are no modes, or points that are neither grids nor scalar points, are left
+        out, or an eigenvalue is negative.
+    """
+    return _modes(OP2File(path), unit, subcase)
+
+
+def read_model(path: str | Path) -> Model:
+    """Read the model whose matrices are in an OUTPUT2 file, from the TOML file beside it.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    Model
+
+    Raises
+    ------
+    FormatError
+        If there is no such TOML file; the message says what it would hold. If the file holds no
+        matrices, an `AbsentError` that says how Nastran writes them.
+    """
+    return OP2.read_model(path)
+
+
+def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
+    """Read what an OUTPUT2 file holds: tables, matrices, geometry and modes.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    unit : {"m", "mm", "in"}
+        Consistent units of the deck, by their unit of length.
+
+    Returns
+    -------
+    Contents
+
+    Raises
+    ------
+    FormatError
+        If the file is damaged.
+    OptionError
+        If the unit is not known.
+    """
+    system(unit)
+    file = OP2File(path)
+    matrices = {}
+    for block in file.blocks:
+        if block.is_matrix:
+            matrices[block.name] = (block.trailer[2], block.trailer[1])
+    geometry: Geometry | str
+    modes: ModeSet | str
+    try:
+        geometry = geometry_of(deck_of(file), unit)
+    except InputError as error:
+        geometry = _said(error, path)
+    try:
+        modes = _modes(file, unit, None)
+    except InputError as error:
+        modes = _said(error, path)
+    tables = tuple(block.name for block in file.blocks if not block.is_matrix)
+    return Contents(Path(path), file.program, tables, matrices, geometry, modes)
+
+
+def _said(error: InputError, path: str | Path) -> str:
+    return str(error).removeprefix(f"{path}:").strip()
+
+
+# -- modes --------------------------------------------------------------------------------------
+def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
+    units = system(unit)
+    found: list[_Mode] = []
+    others = Counter[str]()
+    for block in file.named(*_SHAPES):
+        for mode in _read(file, block):
+            if isinstance(mode, _Mode):
+                found.append(mode)
+            else:
+                others[mode] += 1
+    if not found:
+        held = ", ".join(dict.fromkeys(block.name for block in file.blocks)) or "nothing"
+        also = f" with {counted(others)}" if others else ""
+        raise AbsentError(
+            "holds no modes (eigenvectors in the table OUGV1; Nastran writes it by PARAM,POST,-1"
+            f" and DISPLACEMENT(PLOT) = ALL); it holds {held}{also}",
+            file.path,
+        )
+    if others:
+        warnings.warn(
+            f"{file.path}: results that are no modes are left out: {counted(others)}",
+            UpdynWarning,
+            stacklevel=4,
+        )
+    chosen = _of_subcase(found, subcase, file.path)
+    return _assembled(file, chosen, units.length, np.sqrt(units.energy) / units.length)
+
+
+def _read(file: OP2File, block: Block) -> Iterator[_Mode | str]:
+    """Yield the modes of a table, and what else its results are."""
+    if len(block.records) % 2:
+        raise FormatError(
+            f"{block.name}: {len(block.records)} records, expected two each", file.path
+        )
+    for head, body in zip(block.records[::2], block.records[1::2], strict=True):
+        raw = file.data(head)
+        whole, real = file.words(raw), file.words(raw, "f")
+        if len(whole) != _IDENT:
+            raise FormatError(
+                f"{block.name}: a head of {len(whole)} words, expected {_IDENT}: damaged", file.path
+            )
+        approach = int(whole[_APPROACH]) // 10
+        order, table = divmod(int(whole[_TABLE]), 1000)
+        if approach not in _WIDTHS:
+            yield _APPROACHES.get(approach, f"approach {approach}")
+            continue
+        if table not in (_DISPLACEMENT, _EIGENVECTOR):
+            yield f"table {table} of modes"
+            continue
+        mode = int(whole[_MODE])
+        where = f"{block.name}, mode {mode}"
+        if order not in (0, 1):
+            raise FormatError(
+                f"{where}: sorted by node (SORT2); expected by mode, DISPLACEMENT(SORT1,PLOT)",
+                file.path,
+            )
+        width, form = int(whole[_WIDTH]), int(whole[_FORM])
+        if width != _WIDTHS[approach] or form == _MAGNITUDE_AND_PHASE:
+            raise FormatError(
+                f"{where}: {width} words a node of format {form}; expected"
+                f" {_WIDTHS[approach]}, real, or real and imaginary parts: DISPLACEMENT(REAL,PLOT)",
+                file.path,
+            )
+        value = complex(real[_REAL], real[_IMAGINARY] if approach == _COMPLEX else 0.0)
+        nodes, kinds, shape = _entries(file, file.data(body), width, where)
+        yield _Mode(int(whole[_SUBCASE]), mode, value, approach, nodes, kinds, shape)
+
+
+def _entries(
+    file: OP2File, raw: bytes, width: int, where: str
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.complex128]]:
+    """Return nodes, their types and the shape, (n, 6)."""
+    if not raw or len(raw) % (width * file.size):
+        raise FormatError(
+            f"{where}: {len(raw) // file.size} words, expected {width} a node: damaged", file.path
+        )
+    whole = file.words(raw).reshape(-1, width)
+    real = file.words(raw, "f").reshape(-1, width)[:, 2:].astype(np.float64)
+    nodes = whole[:, 0].astype(np.int64) // 10
+    if (nodes < 1).any():
+        raise FormatError(f"{where}: an entry of node {nodes.min()}: damaged", file.path)
+    if not np.isfinite(real).all():
+        bad = nodes[~np.isfinite(real).all(axis=1)][0]
+        raise FormatError(f"{where}: node {bad} has a number that is not finite", file.path)
+    shape = real[:, :6].astype(np.complex128)
+    if width == _WIDTHS[_COMPLEX]:
+        shape += 1j * real[:, 6:]
+    return nodes, whole[:, 1].astype(np.int64), shape
+
+
+def _of_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list[_Mode]:
+    """Return the modes of a subcase, each of which stands once."""
+    known = sorted({mode.subcase for mode in found})
+    if subcase is None and len(known) > 1:
+        raise FormatError(
+            f"holds modes of the subcases {', '.join(map(str, known))}; expected one: say which by"
+            " the option subcase",
+            path,
+            key=("subcase",),
+        )
+    if subcase is not None and subcase not in known:
+        raise FormatError(
+            f"no modes of subcase {subcase}; {suggest(str(subcase), map(str, known))}",
+            path,
+            key=("subcase",),
+        )
+    chosen = [mode for mode in found if subcase is None or mode.subcase == subcase]
+    first = chosen[0]
+    for number, times in Counter(mode.number for mode in chosen).items():
+        if times > 1:
+            raise FormatError(
+                f"mode {number} of subcase {first.subcase} stands {times} times, of"
+                " superelements or written twice; expected the modes of one structure",
+                path,
+            )
+    for mode in chosen:
+        if mode.approach != first.approach or not np.array_equal(mode.nodes, first.nodes):
+            raise FormatError(
+                f"modes {first.number} and {mode.number} of subcase {first.subcase} are not at the"
+                " same nodes",
+                path,
+            )
+    return chosen
+
+
+def _assembled(file: OP2File, found: list[_Mode], length: float, mass: float) -> ModeSet:
+    """Return modes; `length` is the unit of length in m, `mass` the root of that of mass, in kg."""
+    first = found[0]
+    if first.approach == _COMPLEX:
+        # Of conjugate pairs the upper one.
+        found = [mode for mode in found if mode.value.imag > 0]
+        if not found:
+            raise FormatError("none of its complex modes oscillates", file.path)
+        values = np.array([mode.value for mode in found])
+        frequency = np.abs(values) / (2.0 * np.pi)
+        loss = -2.0 * values.real / np.abs(values)
+        factors = np.zeros(len(found))
+    else:
+        frequency = _frequencies(np.array([mode.value.real for mode in found]), file.path)
+        loss = np.full(len(found), np.nan)
+        factors = _factors(file, found)
+    is_known = (first.kinds == _GRID) | (first.kinds == _SCALAR)
+    if not is_known.all():
+        kinds = Counter(f"of type {kind}" for kind in first.kinds[~is_known].tolist())
+        warnings.warn(
+            f"{file.path}: points that are neither grids nor scalar points are left out:"
+            f" {counted(kinds)}",
+            UpdynWarning,
+            stacklevel=5,
+        )
+    shapes = np.array([mode.shape for mode in found])[:, is_known]
+    kinds_kept, nodes = first.kinds[is_known], first.nodes[is_known]
+    # A scalar point has one number; the others of its entry mean nothing.
+    shapes[:, kinds_kept == _SCALAR, 1:] = 0.0
+    shapes[:, :, 3:] /= length
+    shapes *= np.where(factors > 0, factors / mass, 1.0)[:, None, None]
+    seen = np.argwhere(shapes.any(axis=0))
+    with placed(file.path):
+        return ModeSet(
+            frequency,
+            shapes[:, seen[:, 0], seen[:, 1]].T,
+            DofSet.from_arrays(nodes[seen[:, 0]], seen[:, 1]),
+            loss,
+            factors > 0,
+            source=f"{file.path.name}, subcase {first.subcase}",
+        )
+
+
+def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    """Return frequencies in Hz of eigenvalues, 0 for what is below 0 by rounding."""
+    if not np.isfinite(values).all():
+        raise FormatError("an eigenvalue is not finite: damaged", path)
+    size = np.sqrt(np.abs(values)) / (2.0 * np.pi)
+    unstable = (values < 0) & (size > _RIGID * size.max())
+    if unstable.any():
+        warnings.warn(
+            f"{path}: {unstable.sum()} modes have a negative eigenvalue, the lowest"
+            f" {values.min():.6g}; their frequency is taken as 0 Hz",
+            UpdynWarning,
+            stacklevel=6,
+        )
+    return np.where(values > 0, size, 0.0)
+
+
+def _factors(file: OP2File, found: Sequence[_Mode]) -> NDArray[np.float64]:
+    """Return what turns shapes into those of unit modal mass; 0 where that is not known."""
+    masses: list[set[float]] = [set() for _ in found]
+    for block in file.named(_FREQUENCIES):
+        for record in block.records[1::2]:
+            raw = file.data(record)
+            if len(raw) % (_LAMA_WIDTH * file.size):
+                raise FormatError(
+                    f"{block.name}: {len(raw) // file.size} words, expected {_LAMA_WIDTH} a mode:"
+                    " damaged",
+                    file.path,
+                )
+            whole = file.words(raw).reshape(-1, _LAMA_WIDTH)
+            real = file.words(raw, "f").reshape(-1, _LAMA_WIDTH).astype(np.float64)
+            rows = dict(zip(whole[:, _LAMA_MODE].tolist(), real, strict=True))
+            if _fits(rows, found):
+                for own, mode in zip(masses, found, strict=True):
+                    own.add(float(rows[mode.number][_LAMA_MASS]))
+    # Two tables of the same eigenvalues and of other masses are of other normalisations.
+    known = [own.pop() if len(own) == 1 else 0.0 for own in masses]
+    return np.array([mass**-0.5 if mass > 0 else 0.0 for mass in known])
+
+
+def _fits(rows: dict[int, Any], found: Sequence[_Mode]) -> bool:
+    """Return whether a table of eigenvalues is of these modes."""
+    for mode in found:
+        if mode.number not in rows:
+            return False
+        eigenvalue = rows[mode.number][_LAMA_EIGENVALUE]
+        if not abs(eigenvalue - mode.value.real) <= _SAME * abs(mode.value.real):
+            return False
+    return True
