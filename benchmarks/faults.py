@@ -19,9 +19,10 @@ factor), and one stiffness (a scaled frequency axis); `--free`: all the same. A 
 named, too, if it is told as one that the data do not tell from the first.
 
 `--out FILE` keeps every draw as a line of JSON; draws that are there are not made again.
+`--repairs-only` leaves out the fit of the faulty data, which is by far the longest.
 
     python benchmarks/faults.py [--structures chain,...] [--faults sign,...] [--draws 20]
-        [--before-only] [--out draws.jsonl] [--workers 1]
+        [--before-only | --repairs-only] [--out draws.jsonl] [--workers 1]
 """
 
 from __future__ import annotations
@@ -514,13 +515,17 @@ def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet) -> bool:
 
 @dataclass(frozen=True)
 class Draw:
-    """One seeded fault; `fits` are made but for a look before any fit."""
+    """One seeded fault; `fits` are made but for a look before any fit.
+
+    `faulty`: one of them is to the data as they are; the others judge the repair.
+    """
 
     structure: str
     fault: str
     seed: int
     free: bool
     fits: bool
+    faulty: bool = True
 
 
 def drawn(task: Draw) -> dict[str, object] | None:
@@ -551,9 +556,10 @@ def drawn(task: Draw) -> dict[str, object] | None:
     }
     if not task.fits:
         return out
-    result = updyn.update(start, seeded.faulty, sought)
-    out["after"] = names(beside_known(bench, seeded, result.findings), seeded)
-    out["status"] = result.status
+    if task.faulty:
+        result = updyn.update(start, seeded.faulty, sought)
+        out["after"] = names(beside_known(bench, seeded, result.findings), seeded)
+        out["status"] = result.status
     repairable = out["before"] and seeded.kind and found[0].written
     if repairable and recovers(task, start, seeded.sound, sought):
         out["repaired"] = recovers(task, start, found[0].repair(seeded.faulty), sought)
@@ -590,7 +596,8 @@ def main() -> None:
     for name in given.structures.split(","):
         for fault in given.faults.split(","):
             seeds = range(given.seed, given.seed + given.draws)
-            tasks = [Draw(name, fault, seed, given.free, not given.before_only) for seed in seeds]
+            how = (given.free, not given.before_only, not given.repairs_only)
+            tasks = [Draw(name, fault, seed, *how) for seed in seeds]
             kept.make(tasks, given.workers)
             draws = [kept[task] for task in tasks if kept[task] is not None]
             if not draws:
@@ -608,7 +615,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--free", action="store_true", help="masses are unknown in any case")
-    parser.add_argument("--before-only", action="store_true")
+    fits = parser.add_mutually_exclusive_group()
+    fits.add_argument("--before-only", action="store_true")
+    fits.add_argument("--repairs-only", action="store_true")
     parser.add_argument("--out", type=Path, help="file that keeps the draws")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--verbose", action="store_true")

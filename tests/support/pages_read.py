@@ -44,11 +44,12 @@ class Page(HTMLParser):
         return [attrs for name, attrs in self.elements if name == tag]
 
 
-def dump(path, profile):
+def dump(path, profile, *switches):
+    """Return the document as a browser leaves it; further switches of its command line may be given."""
     command = [
         program("browser"), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-        "--window-size=1400,1000", "--virtual-time-budget=20000", "--dump-dom", path.as_uri(),
+        "--window-size=1400,1000", "--virtual-time-budget=20000", *switches, "--dump-dom", path.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     return done.stdout

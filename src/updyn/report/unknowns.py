@@ -63,6 +63,8 @@ _LEGEND_ENTRIES = 12
 _THERE = 1e-3
 #: Steps up to which each is drawn as a point of its own.
 _SINGLE_STEPS = 60
+#: Room for the tick labels of a panel beside another, as a share of the width.
+_TICKS = 0.09
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
 
 
@@ -126,17 +128,22 @@ class Unknowns(_OfUnknowns):
         titles = [("factors", "Factors, relative to their start")]
         for kind in VALUES:
             titles.append((f"{figure_name(kind)}s", quantity_words(kind).capitalize()))
+        head = [
+            "quantity",
+            "start",
+            "value",
+            "change",
+            "std. dev.",
+            "95 % interval",
+            "bounds",
+            "note",
+        ]
+        if not any(row["cells"][-1] for row in (*parts, *sensors)):  # no column of blanks
+            head.pop()
+            for row in (*parts, *sensors):
+                row["cells"].pop()
         return {
-            "head": [
-                "quantity",
-                "start",
-                "value",
-                "change",
-                "std. dev.",
-                "95 % interval",
-                "bounds",
-                "note",
-            ],
+            "head": head,
             "kinds": ("", "text", "", "", "", "", "", "", "note-cell"),
             "parts": parts,
             "sensors": sensors,
@@ -680,10 +687,11 @@ def cost_path(result: UpdateResult) -> Figure | None:
         "annotations": [],
     }
     named: set[str] = set()
+    width = (1.0 - (len(stages) - 1) * _TICKS) / len(stages)
     for i, (stage, fits) in enumerate(stages.items()):
         end = "" if i == 0 else str(i + 1)
-        width = 1.0 / len(stages)
-        domain = [i * width + 0.07 * width * (i > 0), (i + 1) * width - 0.02 * width]
+        left = i * (width + _TICKS)
+        domain = [left, min(left + width, 1.0)]
         costs = np.array([step.cost for fit in fits for _, step in fit.taken + fit.refused])
         axes = {"xaxis": f"x{end}", "yaxis": f"y{end}"}
         for trace in _cost_traces(fits, costs):

@@ -45,6 +45,19 @@ ACTIONS = """<script>
 })();
 </script></body>"""
 
+# What is printed: the colours of a figure and of the page on screen, on paper and afterwards.
+PRINTING = """<script>
+(() => {
+  const root = document.documentElement, place = document.querySelector("[data-figure=changes]");
+  const shade = (element, name) => getComputedStyle(element)[name];
+  const seen = () => [shade(place.querySelector(".xtick text"), "fill"), shade(document.body, "color")].join(" ");
+  const said = [seen()];
+  for (const name of ["beforeprint", "afterprint"]) { dispatchEvent(new Event(name)); said.push(seen()); }
+  root.dataset.dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  root.dataset.seen = said.join("|");
+})();
+</script></body>"""
+
 
 def test_page_is_drawn_and_works(tmp_path):
     result = realistic()
@@ -73,6 +86,19 @@ def test_page_is_drawn_and_works(tmp_path):
     assert found["boxes"] == "true"
     assert "Response at 9:Z, force at 3:Z" in found["cell"]
     assert "held out" in found["cell"]
+
+
+def test_a_dark_screen_prints_on_white_paper(tmp_path):
+    path = updyn.write_report(realistic(), tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(PRINTING.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    found = attributes(dump(path, tmp_path / "profile", "--blink-settings=preferredColorScheme=0"))
+    assert "errors" not in found, found["errors"]
+    assert found["dark"] == "true"
+    light, dark = "rgb(27, 31, 36)", "rgb(230, 233, 237)"
+    screen, paper, after = found["seen"].split("|")
+    assert screen == after == f"{dark} {dark}"
+    assert paper == f"{light} {light}"
 
 
 def test_hostile_text_runs_nothing(tmp_path):

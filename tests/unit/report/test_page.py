@@ -160,6 +160,15 @@ def test_table_of_unknowns(html):
     assert found[-1] == "at its lower bound"
 
 
+def test_a_table_of_unknowns_without_notes_has_no_column_of_them():
+    table = render(smallest()).split('<section id="unknowns">')[1].split("</table>")[0]
+    heads = re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", table)
+    assert heads[-1] == "bounds"
+    rows = re.findall(r"<tr[^>]*><th scope=\"row\">.*?</tr>", table)
+    assert rows
+    assert {row.count("<td") + 1 for row in rows} == {len(heads)}
+
+
 def test_open_and_determined_combinations_are_in_words(page):
     assert "stiffness of bay 5 up (1), mass of bay 5 down (0.62)" in page.words
     assert "1 × mass of bay 5 + 0.62 × stiffness of bay 5" in page.words

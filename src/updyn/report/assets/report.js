@@ -21,7 +21,8 @@ const updynReport = (() => {
 
   function axis(own) {
     const line = { gridcolor: colour("grid"), linecolor: colour("faint"), zerolinecolor: colour("faint") };
-    const merged = { automargin: true, ticks: "outside", tickcolor: colour("faint"), ...line, ...own };
+    const ticks = { ticks: "outside", tickcolor: colour("faint"), minorloglabels: "complete" }; // 20, not 2, after 10
+    const merged = { automargin: true, ...ticks, ...line, ...own };
     if (own && own.title) merged.title = { standoff: 8, ...own.title };
     return merged;
   }
@@ -63,9 +64,10 @@ const updynReport = (() => {
 
   function repaint() { for (const again of painters) again(); }
 
-  // Paper: everything opened, figures as wide as the sheet, then back.
+  // Paper: everything opened, in light colours, figures as wide as the sheet, then back.
   const sheet = 680;
   function toPaper() {
+    document.documentElement.classList.add("paper");
     for (const part of document.querySelectorAll("details:not([open])")) { part.open = true; part.dataset.opened = ""; }
     for (const place of document.querySelectorAll(".js-plotly-plot")) {
       const width = place.closest(".pair") ? sheet / 2 - 10 : sheet;
@@ -75,6 +77,7 @@ const updynReport = (() => {
     for (const place of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
   }
   function fromPaper() {
+    document.documentElement.classList.remove("paper");
     for (const part of document.querySelectorAll("details[data-opened]")) { part.open = false; delete part.dataset.opened; }
     for (const place of document.querySelectorAll(".js-plotly-plot")) place.style.width = "";
     repaint();
