@@ -191,3 +191,87 @@ def test_points_where_commas_are_announced_are_refused(tmp_path):
 def test_a_head_without_records_is_refused(tmp_path):
     with pytest.raises(FormatError, match="a head without records"):
         read(tmp_path, written(segments=0))
+
+
+# -- one head for several packets ---------------------------------------------------------------
+def appended(x: str, rows: list[str], headings: str = "No") -> str:
+    head = HEAD.format(name="Tab", decimal=".", x=x)
+    head = head.replace("X_Columns", f"Multi_Headings\t{headings}\nX_Columns")
+    return head + SEGMENT.format(rows="\n".join(rows)).replace("|", "\t")
+
+
+def rows_of(starts: list[float], x: str, step: float = 0.25) -> list[str]:
+    """Packets of three rows whose times start there."""
+    out = []
+    for packet, start in enumerate(starts):
+        for k in range(3):
+            time = f"{start + step * k:.6f}"
+            one, two = 10.0 * packet + k, -0.5 * k
+            cells = {"No": ["", one, two], "One": [time, one, two], "Multi": [time, one, time, two]}
+            out.append("\t".join(map(str, cells[x])))
+    return out
+
+
+@pytest.mark.parametrize("x", ["No", "One", "Multi"])
+def test_appended_packets_are_records(tmp_path, x):
+    """As LabVIEW writes them with one head only: their times begin anew, or are not there."""
+    found = read(tmp_path, appended(x, rows_of([0.0, 0.0, 0.0], x)))
+    assert found.shape == (3, 2, 3)
+    assert found.values[2].tolist() == [[20.0, 21.0, 22.0], [0.0, -0.5, -1.0]]
+    assert found["time"].values.tolist() == [0.0, 0.25, 0.5]
+
+
+@pytest.mark.parametrize("x", ["One", "Multi"])
+def test_packets_with_a_pause_between_them_are_records(tmp_path, x):
+    found = read(tmp_path, appended(x, rows_of([5.0, 5.75, 6.75], x)))
+    assert found.shape == (3, 2, 3)
+
+
+@pytest.mark.parametrize("x", ["One", "Multi"])
+@pytest.mark.parametrize("lost", [0, 2])
+def test_packets_whose_times_run_on_are_one_record(tmp_path, x, lost):
+    """Times are rounded in the file; the last packet may be shorter."""
+    step = 1.953125e-5
+    rows = rows_of([0.5 + 3 * step * k for k in range(4)], x, step)
+    text = appended(x, rows[: len(rows) - lost]).replace("0.25", str(step))
+    found = read(tmp_path, text)
+    assert found.shape == (1, 2, 12 - lost)
+    assert found.values[0, 0, :7].tolist() == [0.0, 1.0, 2.0, 10.0, 11.0, 12.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            appended("No", rows_of([0.0, 0.0], "No")[:-1]),
+            r":8: 5 rows are no packets of 3 \(Samples\)",
+        ),
+        (
+            appended("One", rows_of([0.0, 0.0], "One")[:-1]),
+            r":8: 5 rows are no packets of 3 \(Samples\), and their times do not run on",
+        ),
+        (
+            appended("One", rows_of([0.0, 0.0], "One")).replace("0.500000\t12", "0.9\t12"),
+            r":20: a time of 0.9; expected 0.5 by Delta_X",
+        ),
+        (
+            appended("Multi", rows_of([0.0, 0.0], "Multi")).replace(
+                "0.250000\t-0.5", "0.45\t-0.5", 1
+            ),
+            r":16: times of 0.25 to 0.45 in one row",
+        ),
+        (
+            appended("One", rows_of([0.0, 0.0], "One"), "Yes"),
+            r":8: Samples says 3, found 6 rows; .*Multi_Headings",
+        ),
+        (appended("One", rows_of([0.0], "One"), "no idea"), "Multi_Headings 'no idea'; valid"),
+    ],
+)
+def test_packets_that_are_refused(tmp_path, text, message):
+    with pytest.raises(FormatError, match=message):
+        read(tmp_path, text)
+
+
+def test_one_packet_under_the_only_head(tmp_path):
+    found = read(tmp_path, appended("One", rows_of([0.0], "One")))
+    assert found.shape == (1, 2, 3)

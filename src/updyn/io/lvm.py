@@ -5,6 +5,10 @@ a head of the file and one of each segment, both of lines ``name TAB value`` tha
 ``***End_of_Header***``, the lines of a head in any order; then a line of names, ``X_Value`` first,
 ``Comment`` last; then rows, whose comments are left out, as are special blocks. A segment is a
 record. Numbers have the decimal sign that the head names.
+
+With ``Multi_Headings No`` only the first segment has a head, and the rows of the others follow.
+Each segment is a record all the same, of as many rows as the head says, unless all times run on
+without a gap: then they are one record.
 """
 
 from __future__ import annotations
@@ -35,6 +39,9 @@ _SPECIAL = re.compile(
 _TAG = re.compile(r"(?m)^[A-Za-z]")
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 _X_COLUMNS = ("No", "One", "Multi")
+_HEADINGS = ("Yes", "No")
+#: What a time may be off by, as it is rounded in the file: a share of the step.
+_ROUNDED = 0.5
 #: What is read of the head of a record.
 _ONCE = ("Channels", "Samples", "Delta_X", "X_Dimension", "Y_Unit_Label")
 _NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
@@ -87,6 +94,7 @@ class _Head:
     separator: str
     decimal: str
     x_columns: str
+    has_headings: bool
 
     @classmethod
     def of(cls, text: str, path: str | Path) -> _Head:
@@ -110,7 +118,10 @@ class _Head:
             raise FormatError(f"Decimal_Separator {decimal!r} with columns by {named}", path)
         if x_columns not in _X_COLUMNS:
             raise FormatError(f"X_Columns {x_columns!r}; {suggest(x_columns, _X_COLUMNS)}", path)
-        return cls(_SEPARATORS[named], decimal, x_columns)
+        headings = found.get("Multi_Headings", "Yes").strip()
+        if headings not in _HEADINGS:
+            raise FormatError(f"Multi_Headings {headings!r}; {suggest(headings, _HEADINGS)}", path)
+        return cls(_SEPARATORS[named], decimal, x_columns, headings == "Yes")
 
 
 #: The head of the file may be separated by something else than the file says for its rows.
@@ -163,7 +174,7 @@ def _segments(
         begin += skipped
         lines = [text.count("\n", 0, place) + 1 for place in (begin, end.end())]
         fields = _fields(text[begin : end.start()], head.separator, path, lines[0])
-        yield _segment(fields, text[end.end() : stop], head, path, lines)
+        yield from _packets(fields, text[end.end() : stop], head, path, lines)
 
 
 def _without_special(text: str) -> str:
@@ -190,14 +201,14 @@ def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[
     return found
 
 
-def _segment(
+def _packets(
     fields: Mapping[str, list[str]],
     body: str,
     head: _Head,
     path: str | Path,
     lines: Sequence[int],
-) -> _Segment:
-    """Return a record from its head and its rows, which begin at these lines."""
+) -> Iterator[_Segment]:
+    """Yield the records of a head and its rows, which begin at these lines."""
     first, of_names = lines
 
     def refused(why: str, line: int = first) -> FormatError:
@@ -237,9 +248,52 @@ def _segment(
     blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
     width = n + with_x
     table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
-    if len(table) != samples[0]:
-        raise refused(f"Samples says {samples[0]}, found {len(table)} rows")
+    count = samples[0]
+    if len(table) != count and (head.has_headings or not len(table) or count < 1):
+        hint = ""
+        if len(table) > count:
+            hint = "; packets without a head of their own need Multi_Headings No"
+        raise refused(f"Samples says {count}, found {len(table)} rows{hint}")
     columns = table.T
-    values = columns[1::2] if head.x_columns == "Multi" else columns[with_x:]
+    if head.x_columns == "Multi":
+        times, values = columns[::2], columns[1::2]
+    else:
+        times, values = columns[:with_x], columns[with_x:]
+    if len(table) != count and _runs_on(times, count, steps[0], path, of_names + 1):
+        count = len(table)
+    if len(table) % count:
+        also = ", and their times do not run on" if len(times) else ""
+        raise refused(f"{len(table)} rows are no packets of {count} (Samples){also}")
     units = [*fields.get("Y_Unit_Label", []), *[""] * n][:n]
-    return _Segment(first, steps[0], tuple(own), tuple(units), values)
+    for start in range(0, len(table), count):
+        part = values[:, start : start + count]
+        yield _Segment(first, steps[0], tuple(own), tuple(units), part)
+
+
+def _runs_on(
+    times: NDArray[np.float64], count: int, step: float, path: str | Path, first: int
+) -> bool:
+    """Return whether the times of packets, which begin at a line, run on without a gap.
+
+    Raises
+    ------
+    FormatError
+        If the times of one packet do not, or those of channels differ.
+    """
+    if not len(times):
+        return False
+    spread = np.flatnonzero(np.ptp(times, axis=0) > _ROUNDED * abs(step))
+    if spread.size:
+        low, high = times[:, spread[0]].min(), times[:, spread[0]].max()
+        raise FormatError(
+            f"times of {low:g} to {high:g} in one row; expected one time", path, first + spread[0]
+        )
+    time, row = times[0], np.arange(times.shape[1])
+    expected = time[row - row % count] + step * (row % count)
+    wrong = np.flatnonzero(np.abs(time - expected) > _ROUNDED * abs(step))
+    if wrong.size:
+        at = int(wrong[0])
+        raise FormatError(
+            f"a time of {time[at]:g}; expected {expected[at]:g} by Delta_X", path, first + at
+        )
+    return bool((np.abs(time - time[0] - step * row) <= _ROUNDED * abs(step)).all())
