@@ -13,6 +13,7 @@ import scipy.io
 import updyn
 from io_samples import assert_same_model
 from matlab73 import write_matlab73
+from updyn.cli import main
 from updyn.errors import FormatError, OptionError, UpdynError, UpdynWarning
 from updyn.model import Group, Model
 
@@ -229,3 +230,90 @@ def test_other_objects_are_named(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes() + opaque(b"names", b"string"))
     with pytest.raises(FormatError, match=r"names: MATLAB class 'string' .* save cellstr"):
         updyn.read_model(path)
+
+
+# -- variables that are not asked for -----------------------------------------------------------
+@pytest.fixture(params=["v5", "v7.3"])
+def crowded(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """The workspace with two objects, a cell array of numbers, a struct array, and an object in a struct."""
+    path = tmp_path / "work.mat"
+    mixed = np.array([[1.0, "a"]], dtype=object)
+    several = np.array([(1.0,), (2.0,)], dtype=[("K", object)])
+    workspace = {**WORKSPACE, "run": {**WORKSPACE["run"], "when": np.zeros((1, 6))}}
+    if request.param == "v5":
+        save_5(path, {**WORKSPACE, "mixed": mixed, "several": several})
+        raw = path.read_bytes()
+        objects = opaque(b"Gm", b"frd") + opaque(b"log", b"table")
+        path.write_bytes(raw[:128] + objects + raw[128:])
+    else:
+        write_matlab73(path, {**workspace, "Gm": np.zeros((1, 6)), "log": np.zeros((1, 6))})
+        with h5py.File(path, "r+") as file:
+            for name, kind in (("Gm", "frd"), ("log", "table"), ("run/when", "datetime")):
+                file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+    return path
+
+
+def test_variables_that_are_not_asked_for_may_be_of_any_class(crowded: Path) -> None:
+    asked = {"groups": {"a": "run.stiff", "b": "run.part"}, "dofs": "run.names"}
+    expected = Model.from_groups({"a": Group(K1), "b": Group(K2, M0, 0.1)}, ["7:Y", "8:Y"])
+    assert_same_model(updyn.read_model(crowded, variables=asked), expected)
+
+
+def test_what_is_asked_for_says_why_it_cannot_be_used(crowded: Path) -> None:
+    for name, kind in (("Gm", "frd"), ("log", "table")):
+        with pytest.raises(FormatError, match=rf"work\.mat: {name}: MATLAB class '{kind}'"):
+            updyn.read_model(crowded, variables={"K": name, "M": "M0"})
+        with pytest.raises(FormatError, match=rf"work\.mat: {name}: MATLAB class '{kind}'"):
+            updyn.read_records(crowded, values={"a": name}, rate=10.0)
+
+
+def test_records_beside_objects(crowded: Path) -> None:
+    found = updyn.read_records(crowded, values={"a": "M0"}, order=["time", "record"], rate=10.0)
+    assert found.values.tolist() == [[[0.5, 0.0]], [[0.0, 0.25]]]
+    with pytest.raises(FormatError, match=r"work\.mat: log: MATLAB class 'table'"):
+        updyn.read_records(crowded, values={"a": "M0"}, order=["time", "record"], time="log")
+
+
+def test_an_item_of_the_model_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
+    """A loss factor that is not read would be none."""
+    path = tmp_path / "work.mat"
+    save_5(path, {"K": K1, "M": M0, "dofs": DOFS})
+    whole = path.read_bytes()
+    path.write_bytes(whole + opaque(b"loss_factor", b"table"))
+    with pytest.raises(FormatError, match="loss_factor: MATLAB class 'table' cannot be used"):
+        updyn.read_model(path)
+    path.write_bytes(whole + opaque(b"loss_factor", b"table"))
+    with pytest.raises(FormatError, match="loss_factor: MATLAB class 'table' cannot be used"):
+        updyn.read_model(path, variables={"K": "K", "loss_factor": "loss_factor"})
+
+
+def test_objects_beside_a_model_of_plain_names_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "work.mat"
+    save_5(path, {"K": K1, "M": M0, "dofs": DOFS})
+    path.write_bytes(path.read_bytes() + opaque(b"t0", b"datetime") + opaque(b"log", b"table"))
+    with pytest.warns(UpdynWarning, match="not read: t0: MATLAB class 'datetime'.*; log: MATLAB"):
+        assert_same_model(updyn.read_model(path), Model.from_groups({"model": Group(K1, M0)}, DOFS))
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr()
+    assert "t0: MATLAB class 'datetime'" in said.out + said.err
+    assert "log: MATLAB class 'table'" in said.out + said.err
+
+
+def test_a_name_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "work.mat"
+    save_5(path, {"K": K1})
+    raw = path.read_bytes()
+    path.write_bytes(raw + raw[128:])
+    with pytest.raises(FormatError, match="variable 'K' stands twice"):
+        updyn.read_model(path, variables={"K": "K"})
+
+
+def test_damage_in_a_variable_that_is_not_asked_for_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "work.mat"
+    save_5(path, {"K": K1, "dofs": DOFS, "rest": np.arange(9.0)})
+    raw = path.read_bytes()
+    path.write_bytes(raw[:-8])
+    with pytest.raises(FormatError, match="cut short or damaged in variable 3"):
+        updyn.read_model(path, variables={"K": "K"})

@@ -1,13 +1,16 @@
 """MATLAB files as plain data: versions 5 to 7.2 by scipy, 7.3 by h5py.
 
 Numbers are arrays with the axes of MATLAB, texts and cells of texts are lists of texts, structs are
-mappings, sparse matrices are `updyn.foreign.plain.Sparse`.
+mappings, sparse matrices are `updyn.foreign.plain.Sparse`. A variable, or a field of a struct, that
+is of a class that cannot be used is `updyn.foreign.plain.Unread`: it may not be needed.
 """
 
 from __future__ import annotations
 
+import io
 import warnings
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -28,7 +31,7 @@ from scipy.io.matlab import (
 from updyn.errors import FormatError
 from updyn.foreign.hdf5 import Content
 from updyn.foreign.limits import Limits, limits_of
-from updyn.foreign.plain import Sparse
+from updyn.foreign.plain import Sparse, Unread
 
 __all__ = ["load"]
 
@@ -71,8 +74,7 @@ def load(path: str) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        If the file is damaged, a variable is of a class that cannot be used, or something stands in
-        another file.
+        If the file is damaged, or something stands in another file.
     """
     if h5py.is_hdf5(path):
         with h5py.File(path, "r") as file:
@@ -85,16 +87,44 @@ def load(path: str) -> dict[str, Any]:
     return _variables_5(path)
 
 
+class _UnusableError(FormatError):
+    """A variable is of a class or a shape that cannot be used."""
+
+
+def _kept(read: Callable[..., Any], *given: Any) -> Any:
+    """Return what a function makes of what it is given, or that it cannot be used and why."""
+    try:
+        return read(*given)
+    except _UnusableError as error:
+        return Unread(str(error).removeprefix(f"{error.path}: "))
+
+
 # -- version 5 ----------------------------------------------------------------------------------
 def _variables_5(path: str) -> dict[str, Any]:
-    _check_5(path)
+    variables: dict[str, Any] = {}
+    for element in _elements_5(path):
+        for name, value in _stored_5(element, path).items():
+            if name.startswith("__"):
+                continue
+            own = name
+            if isinstance(value, MatlabOpaque) and value.size == 1:
+                # An object has its name within: scipy calls each of them "None".
+                own = _text(value[0][0]) or name
+            if own in variables:
+                raise FormatError(f"variable {own!r} stands twice", path)
+            variables[own] = _kept(_item_5, value, own, path)
+    return variables
+
+
+def _stored_5(element: bytes, path: str) -> dict[str, Any]:
+    """Return what scipy makes of a file of one variable."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatReadWarning)
         try:
             # A struct as an object with fields, and all axes as stored: a squeezed array no longer
             # says what it was.
-            stored = loadmat(
-                path,
+            stored: dict[str, Any] = loadmat(
+                io.BytesIO(element),
                 appendmat=False,
                 squeeze_me=False,
                 struct_as_record=False,
@@ -102,15 +132,24 @@ def _variables_5(path: str) -> dict[str, Any]:
             )
         except (MatReadError, MatReadWarning) as error:
             raise FormatError(f"not a readable MATLAB file ({error})", path) from error
-    variables = {}
-    for name, value in stored.items():
-        if not name.startswith("__"):
-            variables[name] = _item_5(value, name, path)
-    return variables
+    return stored
 
 
-def _check_5(path: str) -> None:
-    """Check the stated lengths of the variables, the checksums, and how large they are unpacked."""
+def _elements_5(path: str) -> Iterator[bytes]:
+    """Yield each variable as a file of its own, all lengths and checksums of the file checked.
+
+    How large they are unpacked is checked, too.
+    """
+    places = _check_5(path)
+    with Path(path).open("rb") as file:
+        header = file.read(_HEADER_5)
+        for at, length in places:
+            file.seek(at)
+            yield header + file.read(length)
+
+
+def _check_5(path: str) -> list[tuple[int, int]]:
+    """Check the stated lengths of the variables; return where each starts, and its length."""
     # scipy trusts these lengths; where they are wrong, the process may crash.
     limits = limits_of(path)
     size = limits.size
@@ -121,19 +160,21 @@ def _check_5(path: str) -> None:
             raise FormatError("not a MATLAB file of version 5: no complete header", path)
         order: Literal["little", "big"] = "little" if header[126:128] == b"IM" else "big"
         at = _HEADER_5
-        number = 0
+        places: list[tuple[int, int]] = []
         while at < size:
-            number += 1
             tag = file.read(8)
             kind = int.from_bytes(tag[:4], order)
             length = int.from_bytes(tag[4:], order)
             if len(tag) < 8 or kind not in _VARIABLES_5 or at + 8 + length > size:
                 raise FormatError(
-                    f"cut short or damaged in variable {number}, at byte {at} of {size}", path
+                    f"cut short or damaged in variable {len(places) + 1}, at byte {at} of {size}",
+                    path,
                 )
             if kind == _COMPRESSED_5:
                 unpacked = _check_compressed(file, length, limits, unpacked)
+            places.append((at, 8 + length))
             at = file.seek(at + 8 + length)
+    return places
 
 
 def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int) -> int:
@@ -155,13 +196,12 @@ def _item_5(value: Any, name: str, path: str) -> Any:
         csc = sp.csc_array(value)
         return Sparse(csc.shape, csc.data, csc.indices, csc.indptr)
     if isinstance(value, MatlabOpaque) and value.size == 1:
-        # An object has its name and its class within: scipy calls each of them "None".
-        stated, _, kind, _ = value[0]
-        raise FormatError(f"{_text(stated) or name}: {_unusable(_text(kind) or 'object')}", path)
+        kind = _text(value[0][2]) or "object"
+        raise _UnusableError(f"{name}: {_unusable(kind)}", path)
     if isinstance(value, MatlabObject) and value.classname in _FRD:
-        raise FormatError(f"{name}: {_unusable(value.classname)}", path)
+        raise _UnusableError(f"{name}: {_unusable(value.classname)}", path)
     if isinstance(value, MatlabFunction | MatlabOpaque) or not isinstance(value, np.ndarray):
-        raise FormatError(f"{name}: {_unusable('object')}", path)
+        raise _UnusableError(f"{name}: {_unusable('object')}", path)
     if value.dtype.kind == "U":
         return _rows(value.ravel().tolist())
     if value.dtype != object:
@@ -172,14 +212,16 @@ def _item_5(value: Any, name: str, path: str) -> Any:
     if len(cells) == 1:
         return _struct_5(cells[0], name, path)
     if name.rpartition(".")[2] != _ARRAY:
-        raise FormatError(f"{name}: struct array of shape {value.shape}; expected one struct", path)
+        raise _UnusableError(
+            f"{name}: struct array of shape {value.shape}; expected one struct", path
+        )
     return [_struct_5(cell, f"{name}({i})", path) for i, cell in enumerate(cells, 1)]
 
 
 def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
     fields = {}
     for key in struct._fieldnames:
-        fields[key] = _item_5(getattr(struct, key), f"{name}.{key}", path)
+        fields[key] = _kept(_item_5, getattr(struct, key), f"{name}.{key}", path)
     return fields
 
 
@@ -205,7 +247,7 @@ class _File73:
         found = {}
         for name, item in self._content.members(self._file).items():
             if not name.startswith("#"):
-                found[name] = self._item(item, name, 0)
+                found[name] = _kept(self._item, item, name, 0)
         return found
 
     def _item(self, item: Any, name: str, depth: int) -> Any:
@@ -216,7 +258,7 @@ class _File73:
         if isinstance(kind, bytes):
             kind = kind.decode("ascii", "replace")
         if not kind:
-            raise FormatError(
+            raise _UnusableError(
                 f"{name}: no attribute MATLAB_class, so that its order of axes is not known; was it"
                 " written by MATLAB?",
                 path,
@@ -241,7 +283,7 @@ class _File73:
                 texts.append(_cell(cell, name, i, path))
             return texts
         if kind not in _NUMBERS:
-            raise FormatError(f"{name}: {_unusable(str(kind))}", path)
+            raise _UnusableError(f"{name}: {_unusable(str(kind))}", path)
         return _complex(values).T
 
     def _struct(self, item: Any, kind: str, name: str, depth: int) -> Any:
@@ -249,12 +291,12 @@ class _File73:
         if "MATLAB_sparse" in item.attrs:
             return self._sparse(item, members)
         if kind != "struct":
-            raise FormatError(f"{name}: {_unusable(kind)}", self._path)
+            raise _UnusableError(f"{name}: {_unusable(kind)}", self._path)
         if name.rpartition(".")[2] == _ARRAY and _is_array(members):
             return self._structs(item, members, name, depth)
         fields = {}
         for key in _fields(item):
-            fields[key] = self._item(members[key], f"{name}.{key}", depth + 1)
+            fields[key] = _kept(self._item, members[key], f"{name}.{key}", depth + 1)
         return fields
 
     def _structs(
@@ -327,7 +369,7 @@ def _rows(texts: list[str]) -> list[str]:
 
 def _vector(cells: NDArray[Any], name: str, path: str) -> list[Any]:
     if cells.size not in (0, max(cells.shape, default=1)):
-        raise FormatError(
+        raise _UnusableError(
             f"{name}: cell or struct array of shape {cells.shape}; expected one row or column", path
         )
     return list(cells.ravel())
@@ -336,7 +378,9 @@ def _vector(cells: NDArray[Any], name: str, path: str) -> list[Any]:
 def _cell(value: Any, name: str, at: int, path: str) -> str:
     if isinstance(value, list) and len(value) <= 1:
         return str(value[0]) if value else ""
-    raise FormatError(f"{name}: cell {at + 1} is not a text; expected a cell array of texts", path)
+    raise _UnusableError(
+        f"{name}: cell {at + 1} is not a text; expected a cell array of texts", path
+    )
 
 
 def _text(given: Any) -> str:

@@ -9,6 +9,7 @@ value is a mapping of one tag::
     {"texts": [shape, [text, ...]]}         an array of texts of any length
     {"sparse": [shape, data, indices, indptr]}
     {"other": text}                         what could not be read, by its type
+    {"unread": text}                        what could not be read, and why
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Other", "Sparse", "decode", "encode"]
+__all__ = ["Other", "Sparse", "Unread", "decode", "encode"]
 
 _KINDS = "biufcSU"
 
@@ -38,6 +39,19 @@ class Other:
     """
 
     kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """What is in a file and could not be read, which matters to who asks for it.
+
+    Parameters
+    ----------
+    reason : str
+        Its name, and why.
+    """
+
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,8 +78,8 @@ def encode(value: Any) -> Iterator[bytes | memoryview]:
     Parameters
     ----------
     value : object
-        None, bool, int, float, str, list, mapping with text keys, `Other`, `Sparse`, or ndarray of
-        numbers or texts, nested in any way.
+        None, bool, int, float, str, list, mapping with text keys, `Other`, `Unread`, `Sparse`, or
+        ndarray of numbers or texts, nested in any way.
 
     Raises
     ------
@@ -86,6 +100,8 @@ def _tagged(value: Any, arrays: list[NDArray[Any]], end: int) -> tuple[Any, int]
         return value, end
     if isinstance(value, Other):
         return {"other": value.kind}, end
+    if isinstance(value, Unread):
+        return {"unread": value.reason}, end
     if isinstance(value, Sparse):
         parts = [list(value.shape), value.data, value.indices, value.indptr]
         tagged, end = _tagged(parts, arrays, end)
@@ -174,10 +190,15 @@ def _other(given: Any, numbers: memoryview) -> Other:
     return Other(str(given))
 
 
+def _unread(given: Any, numbers: memoryview) -> Unread:
+    return Unread(str(given))
+
+
 _READERS: Mapping[str, Callable[[Any, memoryview], Any]] = {
     "map": _map,
     "array": _array,
     "texts": _texts,
     "sparse": _sparse,
     "other": _other,
+    "unread": _unread,
 }

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, InputError, UpdynError, damaged, reason_of, suggest
+from updyn.foreign.plain import Unread
 from updyn.model import Matrix
 
 __all__ = [
@@ -171,6 +172,8 @@ def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:
     """
     if sp.issparse(given):
         return np.asarray(given.toarray())
+    if isinstance(given, Unread):
+        raise FormatError(given.reason, path)
     if (
         not isinstance(given, np.ndarray | float | int | complex)
         or np.asarray(given).dtype.kind not in "iufc"
@@ -258,6 +261,8 @@ def kind_of(given: Any) -> str:
     """Say what an item is, for a message."""
     if isinstance(given, Mapping):
         return f"a struct with {listed(given)}"
+    if isinstance(given, Unread):
+        return "not readable"
     if isinstance(given, np.ndarray):
         return f"{given.dtype} of shape {given.shape}"
     return f"{len(given)} texts" if isinstance(given, list) else f"a {type(given).__name__}"

@@ -17,7 +17,9 @@ are not stored in a documented way: use cellstr.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +27,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import Dof
-from updyn.errors import FormatError
+from updyn.errors import FormatError, UpdynWarning
 from updyn.foreign import box
-from updyn.foreign.plain import Sparse
+from updyn.foreign.plain import Sparse, Unread
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.items import compressed
 from updyn.io.model_variables import stated_items
-from updyn.io.named import build_frf, build_model, frf_items, model_items
+from updyn.io.named import (
+    FRF_ITEMS,
+    MODEL_ITEMS,
+    build_frf,
+    build_model,
+    frf_items,
+    model_items,
+)
 from updyn.io.record_arrays import build_records
 from updyn.model import Model
 from updyn.signals.records import Records
@@ -68,10 +77,10 @@ def read_model(path: str | Path, *, variables: Mapping[str, Any] | None = None) 
     OptionError
         If `variables` names something else than items of a model.
     """
-    found = _contents(path)
-    if variables is None:
+    if variables is not None:
+        return build_model(stated_items(_inner(_variables(path), path), variables, path), path)
+    with _plain(path, MODEL_ITEMS) as found:
         return build_model(found, path)
-    return build_model(stated_items(found, variables, path), path)
 
 
 def read_frf(
@@ -103,15 +112,16 @@ def read_frf(
     FormatError
         If the file is damaged, or a variable is missing, unknown or not valid.
     """
-    return build_frf(
-        _contents(path),
-        path,
-        quantity=quantity,
-        duplicates=duplicates,
-        response_labels=response_labels,
-        reference_labels=reference_labels,
-        order=order,
-    )
+    with _plain(path, FRF_ITEMS) as found:
+        return build_frf(
+            found,
+            path,
+            quantity=quantity,
+            duplicates=duplicates,
+            response_labels=response_labels,
+            reference_labels=reference_labels,
+            order=order,
+        )
 
 
 def read_records(
@@ -149,7 +159,7 @@ def read_records(
         If the options do not say what is needed.
     """
     return build_records(
-        read_variables(path),
+        _variables(path),
         path,
         values=values,
         channels=channels,
@@ -159,8 +169,48 @@ def read_records(
     )
 
 
-def _contents(path: str | Path) -> Mapping[str, Any]:
-    variables = read_variables(path)
+@contextmanager
+def _plain(path: str | Path, items: Collection[str]) -> Iterator[Mapping[str, Any]]:
+    """Yield the variables that can be used, of a file in which they are called as the items.
+
+    Those of other names that cannot be used are named in a warning once the block has ended well;
+    where it has not, they are the likely reason.
+    """
+    found, unread = _usable(_inner(_variables(path), path))
+    for name, reason in unread.items():
+        if name.partition(".")[0] in items:
+            raise FormatError(reason, path)
+    try:
+        yield found
+    except FormatError as error:
+        for reason in unread.values():
+            raise FormatError(reason, path) from error
+        raise
+    if unread:
+        warnings.warn(
+            f"{path}: variables that are not read: {'; '.join(unread.values())}",
+            UpdynWarning,
+            stacklevel=5,
+        )
+
+
+def _usable(items: Mapping[str, Any], before: str = "") -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the items that can be used, and by dotted name why the others cannot."""
+    found: dict[str, Any] = {}
+    unread: dict[str, str] = {}
+    for name, item in items.items():
+        if isinstance(item, Unread):
+            unread[before + name] = item.reason
+        elif isinstance(item, Mapping):
+            found[name], within = _usable(item, f"{before}{name}.")
+            unread |= within
+        else:
+            found[name] = item
+    return found, unread
+
+
+def _inner(variables: Mapping[str, Any], path: str | Path) -> Mapping[str, Any]:
+    """Return the variables, or the fields of the only one where that is a struct."""
     if not variables:
         raise FormatError("holds no variable", path)
     if len(variables) == 1 and "groups" not in variables:
@@ -273,6 +323,14 @@ def read_variables(path: str | Path) -> dict[str, Any]:
     FormatError
         If the file is damaged or a variable is of a class that cannot be used.
     """
+    found, unread = _usable(_variables(path))
+    for reason in unread.values():
+        raise FormatError(reason, path)
+    return found
+
+
+def _variables(path: str | Path) -> dict[str, Any]:
+    """Return all variables, with those that cannot be used as `Unread`."""
     found = box.load("updyn.foreign.matlab:load", path, what="MATLAB file", reader=_READER)
     return {name: _checked(value, name, path) for name, value in found.items()}
 

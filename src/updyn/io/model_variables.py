@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
+from updyn.foreign.plain import Unread
 from updyn.io.damping import DAMPING
 from updyn.io.items import Items, kind_of
 
@@ -87,7 +88,7 @@ def stated_items(found: Items, variables: Mapping[str, Any], path: str | Path) -
     for item in _REST:
         labelled = item in _LABELS and any(label in items for label in _LABELS)
         if item in found and item not in items and not labelled:
-            items[item] = found[item]
+            items[item] = file.variable(item, ("variables",))
     left_out = [item for item in _MATRICES if item in found and item not in file.used]
     if left_out:
         warnings.warn(
@@ -136,8 +137,17 @@ class _File:
                     key=key,
                 )
             value = value[part]
+        self._refuse_unread(value)
         self.used.add(name.split(".")[0])
         return value
+
+    def _refuse_unread(self, value: Any) -> None:
+        """Refuse what cannot be used, or a struct that holds such a thing."""
+        if isinstance(value, Unread):
+            raise FormatError(value.reason, self._path)
+        if isinstance(value, Mapping):
+            for field in value.values():
+                self._refuse_unread(field)
 
     def groups(self, given: Any) -> dict[str, dict[str, Any]]:
         """Return K, M, C and so on by group."""

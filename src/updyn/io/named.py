@@ -63,6 +63,8 @@ from updyn.io.items import (
 from updyn.model import Group, Model
 
 __all__ = [
+    "FRF_ITEMS",
+    "MODEL_ITEMS",
     "build_frf",
     "build_model",
     "frf_items",
@@ -74,7 +76,8 @@ __all__ = [
 _GEOMETRY = ("nodes", "xyz", "lines", "axes")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
 _MARKS = ("updyn_kind", "updyn_version")
-_MODEL = ("dofs", "groups", *_MATRICES, *DAMPING, "title", *_GEOMETRY, *_MARKS)
+#: Names of what a model is made of; labels may also be called ``dof_ref``.
+MODEL_ITEMS = ("dofs", "groups", *_MATRICES, *DAMPING, "title", *_GEOMETRY, *_MARKS)
 _FRF = (
     "freq",
     "H",
@@ -87,6 +90,8 @@ _FRF = (
     "averages",
     "source",
 )
+#: Names of what FRFs are made of.
+FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
 _AXES = ("freq", "response", "reference")
 _READERS = {"model": "read_model", "frf": "read_frf"}
 
@@ -102,7 +107,7 @@ def build_model(items: Items, path: str | Path) -> Model:
     """
     items = with_groups(items, path)
     _check_kind(items, "model", path)
-    known_only(items, _MODEL, path)
+    known_only(items, MODEL_ITEMS, path)
     plain = [name for name in (*_MATRICES, *DAMPING) if name in items]
     if "groups" in items and plain:
         raise FormatError(f"holds both 'groups' and {plain[0]!r}; expected one or the other", path)
@@ -240,7 +245,7 @@ def build_frf(
             " 'raise' applies"
         )
     _check_kind(items, "frf", path)
-    known_only(items, (*_FRF, *_GEOMETRY, *_MARKS), path)
+    known_only(items, FRF_ITEMS, path)
     key = _values_key(items, path)
     lacking = []
     offered = []
