@@ -60,7 +60,7 @@ _RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
 #: The fewest poles are taken of exact fits that leave at most this many times the least.
 _AS_GOOD = 1e3
 #: Up to this many channels have weights of their own on each line.
-_OWN = 256
+_OWN = 4096
 #: Negative damping up to this is rounding.
 _ROUNDING = 1e-9
 

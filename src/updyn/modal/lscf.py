@@ -55,7 +55,7 @@ def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator
     level = np.mean(np.abs(Y) ** 2, axis=(1, 2))
     weight = 1.0 / np.sqrt(level + 1e-12 * level.max())
     scaled = Y * weight[:, None, None]
-    products = np.einsum("foa,fob->fab", scaled.conj(), scaled).reshape(len(omega), -1)
+    products = np.matmul(scaled.conj().swapaxes(1, 2), scaled).reshape(len(omega), -1)
     moments = (powers.T @ np.hstack([(weight**2)[:, None], products])).T
     crossed = (powers.T @ (weight[:, None, None] * scaled).reshape(len(omega), -1)).T
     back = (powers.conj().T @ (weight[:, None, None] * scaled).reshape(len(omega), -1)).T
@@ -68,10 +68,11 @@ def poles_by_order(omega: _Real, Y: _Complex, orders: Iterable[int]) -> Iterator
         size = n + 1
         own = S[:, :size, :size].reshape(len(S), size, size * n_r)
         whole = T[:size, :size].transpose(0, 2, 1, 3).reshape(size * n_r, size * n_r)
-        solved = np.linalg.lstsq(R[:size, :size], np.hstack(list(own)), rcond=None)[0]
-        left = own.transpose(1, 0, 2).reshape(size, len(S), size * n_r)
-        right = solved.reshape(size, len(S), size * n_r)
-        M = whole - np.einsum("koa,kob->ab", left, right)
+        values, vectors = np.linalg.eigh(R[:size, :size])
+        kept = values > size * np.finfo(float).eps * values[-1]
+        half = (vectors[:, kept] / np.sqrt(values[kept])).T  # half^T half is the inverse of R
+        numerators = np.matmul(half, own).reshape(-1, size * n_r)
+        M = whole - numerators.T @ numerators
         yield _roots(M, n, n_r, step, omega)
 
 

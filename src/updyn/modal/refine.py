@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.modal.channels import Columns
 from updyn.modal.vector_fitting import Basis
 
 __all__ = [
@@ -98,19 +99,30 @@ class Window:
         beside = self.basis.fractions(self.x, self.beside)
         return self.basis.parts(np.hstack([fractions, beside, powers]))
 
-    def slopes(self, poles: _Complex, residues: _Complex) -> NDArray[Any]:
-        """Return the derivatives of the channels by the poles, shape (p, rows, k or 2 k).
-
-        Of a function of complex poles those by the poles; where poles have mirror images, by their
-        real parts and then by their imaginary parts.
-        """
+    def derivatives(self, poles: _Complex) -> NDArray[Any]:
+        """Return functions of which derivatives by the poles are sums, shape (rows, k or 2 k)."""
         own = 1.0 / (self.x[:, None] - poles) ** 2
         if not self.basis.mirrored:
-            return np.asarray(own * residues.T[:, None, :])
+            return np.asarray(own)
         image = 1.0 / (self.x[:, None] - poles.conj()) ** 2
-        upper, lower = own * residues.T[:, None, :], image * residues.conj().T[:, None, :]
-        both = np.concatenate([upper + lower, 1j * (upper - lower)], axis=2)
-        return np.concatenate([both.real, both.imag], axis=1)
+        return self.basis.parts(np.hstack([own + image, 1j * (own - image)]))
+
+    def mixed(self, residues: _Complex) -> NDArray[Any]:
+        """Return the derivatives of the channels by the poles, in these functions, shape (p, k, k).
+
+        Of a function of complex poles those by the poles; where poles have mirror images, by their
+        real parts and then by their imaginary parts, shape (p, 2 k, 2 k).
+        """
+        k, p = residues.shape
+        at = np.arange(k)
+        if not self.basis.mirrored:
+            out: NDArray[Any] = np.zeros((p, k, k), dtype=np.complex128)
+            out[:, at, at] = residues.T
+            return out
+        out = np.zeros((p, 2 * k, 2 * k))
+        out[:, at, at] = out[:, at + k, at + k] = residues.real.T
+        out[:, at + k, at], out[:, at, at + k] = residues.imag.T, -residues.imag.T
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -204,30 +216,72 @@ class Solved:
         Those that may move.
     residues : ndarray of complex, shape (k, p)
         Of each channel.
-    cost : float
-        Sum of squared errors in units of their standard deviations.
-    worths : ndarray of float, shape (k, p)
-        By how much the cost of each channel would grow without each pole, the residues of the
-        others fitted again.
-    left : ndarray of float, shape (p, n_f)
-        Squared errors.
-    squares : ndarray of float, shape (p, n_f)
-        The same, each divided by the share of noise that the fit leaves of it.
+    error : ndarray of complex, shape (p, n_f)
+        What the fit leaves.
     size : ndarray of float, shape (p, n_f)
         Squared values of the fit and of what was taken out before.
-    normal, gradient : ndarray, shapes (n, n) and (n,)
-        Of the cost by the poles, as `Window.slopes` has them.
+    weights : ndarray, shape (p, m)
+        Of the columns of the window, of channels divided by their level.
+    level : ndarray of float, shape (p, 1) or (1, 1)
+        Of each channel.
+    columns : Columns
+        Of the window, decomposed.
+    squared : ndarray of float, shape (p, n_f)
+        Squared errors in units of their standard deviations.
+    normals, gradients : ndarray, shapes (p, n, n) and (p, n)
+        Of the cost of each channel by the poles, as `Window.mixed` has them.
     """
 
     poles: _Complex
     residues: _Complex
-    cost: float
-    worths: _Real
-    left: _Real
-    squares: _Real
+    error: _Complex
     size: _Real
-    normal: NDArray[Any]
-    gradient: NDArray[Any]
+    weights: NDArray[Any]
+    level: _Real
+    columns: Columns
+    squared: _Real
+    normals: NDArray[Any]
+    gradients: NDArray[Any]
+    cost: float = field(init=False)
+    normal: NDArray[Any] = field(init=False)
+    gradient: NDArray[Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cost", float(np.sum(self.squared)))
+        for name in ("normal", "gradient"):
+            object.__setattr__(self, name, np.sum(getattr(self, name + "s"), axis=0))
+
+    @property
+    def left(self) -> _Real:
+        """Squared errors, shape (p, n_f)."""
+        return np.asarray(np.abs(self.error) ** 2)
+
+    @property
+    def squares(self) -> _Real:
+        """Squared errors, each divided by the share of noise that the fit leaves of it."""
+        left, n_f = 1.0 - self.columns.leverage(), self.error.shape[1]
+        if left.shape[1] > n_f:  # real and imaginary parts
+            left = 0.5 * (left[:, :n_f] + left[:, n_f:])
+        return np.asarray(self.left / np.maximum(left, _LEFT))
+
+    @property
+    def own(self) -> list[list[int]]:
+        """The columns of each pole: one, or two of a pole with a mirror image."""
+        k = len(self.poles)
+        if not np.isrealobj(self.weights):
+            return [[r] for r in range(k)]
+        images = np.cumsum(self.poles.imag != 0) - 1 + k
+        return [[r, int(images[r])] if self.poles[r].imag != 0 else [r] for r in range(k)]
+
+    @property
+    def worths(self) -> _Real:
+        """By how much the cost of each channel would grow without each pole, shape (k, p)."""
+        out = np.zeros((len(self.poles), len(self.error)))
+        for r, own in enumerate(self.own):
+            found, spread = self.weights[:, own, None], self.columns.covariance(own)
+            spread = spread + _TINY * np.eye(len(own))  # of a pole that others span
+            out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
+        return out
 
     @property
     def worth(self) -> _Real:
@@ -277,42 +331,28 @@ class Errors:
         return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
 
 
-def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
+def errors_of(window: Window, fitted: Solved) -> list[Errors]:
     """Return the errors of the residues of each pole, in noise with the deviations of the weights.
 
     Of the normal equations of poles and residues together: residues follow the poles by
     -A^+ dA/dpoles, and at the poles fitted have the noise of a linear fit.
     """
-    basis, k = window.basis, len(fitted.poles)
-    A = window.columns(fitted.poles)
-    size = np.linalg.norm(A, axis=0) + _TINY
-    inverse = 1.0 / weights.line
-    if basis.mirrored:
-        inverse = np.hstack([inverse, inverse])
-    Q, R = np.linalg.qr((A / size) * inverse[:, :, None])
-    R = _regular(R)
-    back = np.linalg.solve(R, np.broadcast_to(np.eye(R.shape[1]), R.shape)) / size[:, None]
-    slopes = window.slopes(fitted.poles, fitted.residues / weights.channel.T)
-    follow = -np.matmul(
-        back, np.matmul(Q.conj().swapaxes(1, 2), slopes * inverse[:, :, None])
-    )  # shape (p, m, q)
+    basis, k, p = window.basis, len(fitted.poles), len(window.Y)
+    follow = fitted.columns.beyond(window.derivatives(fitted.poles))[1]
+    follow = -np.matmul(follow, window.mixed(fitted.residues / fitted.level.T))
     values, vectors = np.linalg.eigh(fitted.normal)
     kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
-    spread = np.matmul(follow, vectors[:, kept] / np.sqrt(values[kept]))
-    variance = np.sum(np.abs(back) ** 2, axis=2)
-    level = weights.channel.T
-    common = np.array([basis.residues(one, fitted.poles) for one in spread.T])
-    common = common.reshape(-1, k, len(window.Y)) * (level / np.sqrt(2.0))
-    if basis.mirrored:
-        pair = np.flatnonzero(fitted.poles.imag != 0)
-        noise = 0.5 * variance[:, :k]
-        noise[:, pair] += 0.5 * variance[:, k : k + len(pair)]
-    else:
-        noise = variance[:, :k]
-        common = np.concatenate([common, 1j * common])  # errors of both parts of the poles
-    noise = noise.T * level**2
-    noise = np.broadcast_to(noise, (k, len(window.Y)))
-    return [Errors(noise[r], common[:, r]) for r in range(k)]
+    spread = np.matmul(follow, vectors[:, kept] / np.sqrt(2.0 * values[kept]))  # (p, m, q)
+    common = np.array([basis.residues(one, fitted.poles) for one in spread.T]).reshape(-1, k, p)
+    common = common * fitted.level.T
+    if not basis.mirrored:
+        common = np.concatenate([common, 1j * common])  # of both parts of the poles
+    errors = []
+    for r, own in enumerate(fitted.own):
+        noise = np.trace(fitted.columns.covariance(own), axis1=1, axis2=2).real
+        noise = np.broadcast_to(noise * (0.5 if basis.mirrored else 1.0), p)
+        errors.append(Errors(noise * fitted.level[:, 0] ** 2, common[:, r]))
+    return errors
 
 
 def reweighted(
@@ -368,63 +408,24 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
         Of the values.
     """
     basis, n_f = window.basis, len(window.x)
-    level, weight = weights.channel, weights.line
-    A = window.columns(poles)
-    size = np.linalg.norm(A, axis=0) + _TINY
-    inverse = 1.0 / (np.hstack([weight, weight]) if basis.mirrored else weight)
-    Q, R = np.linalg.qr((A / size) * inverse[:, :, None])
-    R = _regular(R)
+    # Channels without signal have next to no noise.
+    own = np.exp(np.mean(np.log(weights.line), axis=1, keepdims=True))
+    level, line = weights.channel * own, weights.line / own
     Y = window.Y / level
-    y = (np.hstack([Y.real, Y.imag]) if basis.mirrored else Y) * inverse
-    projected = np.matmul(Q.conj().swapaxes(1, 2), y[:, :, None])
-    error = y - np.matmul(Q, projected)[:, :, 0]
-    back = np.linalg.solve(R, np.broadcast_to(np.eye(R.shape[1]), R.shape))
-    scaled = np.matmul(back, projected)[:, :, 0]
-    residues = basis.residues((scaled / size).T * level.T, poles)
-    slopes = window.slopes(poles, residues / level.T) * inverse[:, :, None]
-    slopes = slopes - np.matmul(Q, np.matmul(Q.conj().swapaxes(1, 2), slopes))
-    J = slopes.reshape(y.size, slopes.shape[2])
-    left = 1.0 - np.sum(np.abs(Q) ** 2, axis=2)
-    unweighted = (error / inverse) * level
     if basis.mirrored:
-        left = 0.5 * (left[:, :n_f] + left[:, n_f:])
-        unweighted = unweighted[:, :n_f] + 1j * unweighted[:, n_f:]
-    return Solved(
-        poles,
-        residues,
-        float(np.sum(np.abs(error) ** 2)),
-        _worths(basis, poles, scaled, back),
-        np.abs(unweighted) ** 2,
-        np.abs(unweighted) ** 2 / np.maximum(left, _LEFT),
-        np.abs(window.Y + window.apart - unweighted) ** 2,
-        J.conj().T @ J,
-        J.conj().T @ error.reshape(-1),
-    )
-
-
-def _regular(R: NDArray[Any]) -> NDArray[Any]:
-    """Return triangles in which a column that the others span counts for nothing."""
-    diagonal = np.abs(np.diagonal(R, axis1=1, axis2=2))
-    spanned = diagonal < 1e-14 * diagonal.max(axis=1, keepdims=True)
-    if not spanned.any():
-        return R
-    R = R.copy()
-    at = np.nonzero(spanned)
-    R[at[0], at[1], at[1]] = 1e150
-    return R
-
-
-def _worths(basis: Basis, poles: _Complex, weights: NDArray[Any], back: NDArray[Any]) -> _Real:
-    """Return by how much the cost of each channel grows without the weights of each pole."""
-    k = len(poles)
-    columns = [[r] for r in range(k)]
+        line, Y = np.hstack([line, line]), np.hstack([Y.real, Y.imag])
+    columns = Columns.of(window.columns(poles), line)
+    found, error = columns.fitted(Y)
+    squared, weighted = columns.squared(error), columns.weighted(error)
     if basis.mirrored:
-        images = np.cumsum(poles.imag != 0) - 1 + k
-        columns = [[r, images[r]] if poles[r].imag != 0 else [r] for r in range(k)]
-    out = np.zeros((k, len(weights)))
-    for r, own in enumerate(columns):
-        rows = back[:, own]
-        spread = np.matmul(rows, rows.conj().swapaxes(1, 2))
-        found = weights[:, own, None]
-        out[r] = np.sum((found.conj() * np.linalg.solve(spread, found)).real, axis=(1, 2))
-    return out
+        squared = squared[:, :n_f] + squared[:, n_f:]
+        error = error[:, :n_f] + 1j * error[:, n_f:]
+    error = error * level
+    residues = basis.residues(found.T * level.T, poles)
+    functions = window.derivatives(poles)
+    mixed = window.mixed(residues / level.T)
+    back = mixed.conj().swapaxes(1, 2)
+    normals = np.matmul(back, np.matmul(columns.beyond(functions)[0], mixed))
+    gradients = np.matmul(back, (weighted @ functions.conj())[:, :, None])[:, :, 0]
+    size = np.abs(window.Y + window.apart - error) ** 2
+    return Solved(poles, residues, error, size, found, level, columns, squared, normals, gradients)

@@ -28,6 +28,8 @@ _CLOSE = 1.5
 _ALIKE, _TELL = 0.97, 4
 #: A run knows a pole that is worth more than this share of the one that is worth most to it.
 _KNOWN = 0.01
+#: A pole for each run is tried where a first step promises this share of what it has to gain.
+_PROMISED = 0.25
 #: Runs that have to know a mode, counted by how evenly its squares are spread over them.
 _RUNS = 1.2
 
@@ -82,13 +84,15 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
     runs : tuple of ndarray of int, shapes (p,)
         Numbers of the response and of the reference of each channel, either of which may be runs.
     """
-    modes, errors = [], errors_of(fit.window, fit.solved, fit.weights)
+    modes, errors = [], errors_of(fit.window, fit.solved)
     for bundle in _bundles(fit.solved.poles, fit.window):
         for alike, roving in _alike(fit, bundle, runs):
-            each = [_each(fit, alike, of) for of in roving if of.max() > 0]
+            least = np.inf
             if len(roving) > 1:  # not told by the shapes
-                common = _criterion(fit, fit.solved.cost, len(alike), len(alike))
-                each = [one for one in each if one.criterion < common and not one.apart]
+                least = _criterion(fit, fit.solved.cost, len(alike), len(alike))
+                roving = tuple(of for of in roving if _may_rove(fit, alike, of))
+            tried = [_each(fit, alike, of, least) for of in roving if of.max() > 0]
+            each = [one for one in tried if one is not None]
             if each:
                 modes.append(min(each, key=lambda one: one.criterion).mode)
             else:
@@ -123,6 +127,32 @@ def _alike(
     return parts
 
 
+def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
+    """Return whether one mode with a pole for each run can be what poles stand for.
+
+    Of one pole the decrease of the cost by a Gauss-Newton step of each run tells how much may be
+    gained, before any of them is fitted.
+    """
+    if len(bundle) > 1:
+        return not _apart(fit, bundle, runs)
+    found = fit.solved
+    own = [bundle[0]]
+    if fit.window.basis.mirrored:
+        own.append(bundle[0] + len(found.poles))
+    count = int(runs.max()) + 1
+    normal = np.zeros((count, len(own), len(own)), dtype=found.normals.dtype)
+    gradient = np.zeros((count, len(own), 1), dtype=found.gradients.dtype)
+    np.add.at(normal, runs, found.normals[np.ix_(range(len(runs)), own, own)])
+    np.add.at(gradient, runs, found.gradients[:, own, None])
+    size = np.trace(normal, axis1=1, axis2=2).real
+    known = size > 0.0
+    normal, gradient = normal[known], gradient[known]
+    rounding = 1e-12 * size[known, None, None] * np.eye(len(own))
+    step = np.linalg.solve(normal + rounding, gradient)
+    promised = float(np.sum((gradient.conj() * step).real))
+    return bool(promised > _PROMISED * (count - 1) * np.log(2 * found.error.size))
+
+
 def _bundles(poles: _Complex, window: Window) -> list[list[int]]:
     """Return positions of poles, those together that are close."""
     along, width = poles.imag if window.basis.mirrored else poles.real, window.width(poles)
@@ -155,18 +185,20 @@ def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     """
     worth = np.array([np.bincount(runs, one) for one in fit.solved.worths[bundle]])
     known = worth > _KNOWN * worth.max(axis=0)
-    return len(bundle) > 1 and bool((known.sum(axis=0) == 1).all())
+    return bool((known.sum(axis=0) == 1).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Each:
     criterion: float
-    apart: bool
     mode: Mode
 
 
-def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
-    """Return one mode with a pole for each run, instead of several common ones."""
+def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp], least: float) -> _Each | None:
+    """Return one mode with a pole for each run, instead of several common ones.
+
+    None where its criterion is not below the least so far.
+    """
     window, poles = fit.window, fit.solved.poles
     others = np.delete(poles, bundle)
     weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
@@ -177,17 +209,20 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
     noise, common = np.zeros(p), []
     cost, found, deviations = 0.0, [], []
     squares = np.zeros(window.Y.shape)
-    for run in range(int(runs.max()) + 1):
+    count = int(runs.max()) + 1
+    for run in range(count):
         own = runs == run
         alone = Window(window.basis, window.x, window.Y[own], beside)
         weights = fit.weights.of_channels(own)
         one = moved(alone, begin, weights)
         cost += one.cost
+        if _criterion(fit, cost, count, 1) >= least:
+            return None
         residues[own] = one.residues[0]
         squares[own] = one.left
         found.append(one.poles[0])
         deviations.append(one.deviation[:, 0])
-        (errors,) = errors_of(alone, one, weights)
+        (errors,) = errors_of(alone, one)
         noise[own] = errors.noise
         common.append(np.zeros((len(errors.common), p), dtype=np.complex128))
         common[-1][:, own] = errors.common
@@ -203,7 +238,7 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Each:
     share = np.bincount(runs, np.abs(residues) ** 2)
     everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
     mode = replace(mode, everywhere=everywhere)
-    return _Each(_criterion(fit, cost, len(found), 1), _apart(fit, bundle, runs), mode)
+    return _Each(_criterion(fit, cost, count, 1), mode)
 
 
 def _common(fit: Weighted, r: int, errors: Errors) -> Mode:

@@ -1,0 +1,165 @@
+"""Linear least squares of many channels: columns in common, weights of each channel's own.
+
+A QR decomposition a channel would be exact but slow. Here one with weights between those of all
+channels makes the columns orthonormal, and each channel solves its normal equations in these: their
+condition is that of the weights relative to the common ones, not that of the columns. The normal
+matrices of all channels are one product of matrices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Columns"]
+
+_Real = NDArray[np.float64]
+
+_TINY = 1e-300
+#: A column of which less than this share is its own has the coefficient 0.
+_SPANNED = 1e-14
+#: Most numbers of products of two columns in memory at once.
+_BLOCK = 2_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Columns of which all channels are sums, decomposed.
+
+    Attributes
+    ----------
+    Q : ndarray, shape (n, m)
+        Orthonormal combinations of the columns, in common weights; m of them are independent.
+    back : ndarray, shape (k, m)
+        From coefficients of Q to those of the columns.
+    common : ndarray of float, shape (n,)
+        Common weights: inverse standard deviations of the rows.
+    own : ndarray of float, shape (p, n), or None
+        Squares of the weights of each channel, as shares of the common ones; None: these are all.
+    gram : ndarray, shape (p, m, m), or None
+        Normal matrices in Q of the channels.
+    """
+
+    Q: NDArray[Any]
+    back: NDArray[Any]
+    common: _Real
+    own: _Real | None
+    gram: NDArray[Any] | None
+
+    @classmethod
+    def of(cls, A: NDArray[Any], deviation: _Real) -> Columns:
+        """Return the decomposition of columns.
+
+        Parameters
+        ----------
+        A : ndarray, shape (n, k)
+            The columns, real or complex.
+        deviation : ndarray of float, shape (p, n) or (1, n)
+            Standard deviations of the values, of each channel or of all.
+        """
+        size = np.linalg.norm(A, axis=0) + _TINY
+        logs = np.log(deviation)
+        common = np.exp(-np.mean(logs, axis=0))
+        scaled = (A / size) * common[:, None]
+        Q, R = np.linalg.qr(scaled)
+        diagonal = np.abs(np.diagonal(R))
+        kept = diagonal > _SPANNED * diagonal.max(initial=0.0)
+        if not kept.all():  # the others span it
+            Q, R = np.linalg.qr(scaled[:, kept])
+        back = np.zeros((A.shape[1], Q.shape[1]), dtype=Q.dtype)
+        back[kept] = np.linalg.solve(R, np.eye(len(R))) / size[kept, None]
+        if len(deviation) == 1:
+            return cls(Q, back, common, None, None)
+        own = 1.0 / (deviation * common) ** 2
+        return cls(Q, back, common, own, _products(own, Q, Q))
+
+    def fitted(self, Y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return coefficients of the columns, shape (p, k), and errors, shape (p, n).
+
+        Parameters
+        ----------
+        Y : ndarray, shape (p, n)
+            The channels.
+        """
+        y = Y * self.common
+        found = y @ self.Q.conj()
+        error = y - found @ self.Q.T
+        if self.own is not None:  # from the common fit, so that rounding is a share of its errors
+            change = self.solved(((error * self.own) @ self.Q.conj())[:, :, None])[:, :, 0]
+            found, error = found + change, error - change @ self.Q.T
+        return found @ self.back.T, error / self.common
+
+    def solved(self, B: NDArray[Any]) -> NDArray[Any]:
+        """Return the inverses of the normal matrices times B, shape (p, m, j) or (m, j)."""
+        return B if self.gram is None else np.linalg.solve(self.gram, B)
+
+    def squared(self, error: NDArray[Any]) -> _Real:
+        """Return squares of errors in units of their standard deviations, shape (p, n)."""
+        squares = np.abs(error * self.common) ** 2
+        return np.asarray(squares if self.own is None else squares * self.own)
+
+    def weighted(self, error: NDArray[Any]) -> NDArray[Any]:
+        """Return errors divided by their variances, shape (p, n)."""
+        return np.asarray(error * self.common**2 * (1.0 if self.own is None else self.own))
+
+    def beyond(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return what is left of further columns, shape (n, j), and what follows them.
+
+        Returns
+        -------
+        left : ndarray, shape (p, j, j) or (1, j, j)
+            Weighted products of what the columns leave of them.
+        follow : ndarray, shape (p, k, j) or (1, k, j)
+            Coefficients of the columns that fit them.
+        """
+        T = T * self.common[:, None]
+        along = self.Q.conj().T @ T
+        T = T - self.Q @ along
+        if self.own is None:
+            return (T.conj().T @ T)[None], (self.back @ along)[None]
+        crossed = _products(self.own, self.Q, T)
+        fitted = self.solved(crossed)
+        left = _products(self.own, T, T) - np.matmul(crossed.conj().swapaxes(1, 2), fitted)
+        return left, np.matmul(self.back, along + fitted)
+
+    def leverage(self) -> _Real:
+        """Return how much of each value the fit follows, shape (p, n) or (1, n), 0 to 1."""
+        if self.own is None:
+            return np.asarray(np.sum(np.abs(self.Q) ** 2, axis=1)[None])
+        assert self.gram is not None
+        together = max(1, _BLOCK // self.Q.size)
+        parts = []
+        for start in range(0, len(self.own), together):
+            solved = np.linalg.solve(self.gram[start : start + together], self.Q.conj().T)
+            parts.append(np.sum(self.Q.T * solved, axis=1).real)
+        return np.concatenate(parts) * self.own
+
+    def covariance(self, columns: list[int]) -> NDArray[Any]:
+        """Return the covariance of some coefficients, shape (p, i, i) or (1, i, i)."""
+        rows = self.back[columns]
+        spread = self.solved(rows.conj().T)
+        return np.asarray(np.matmul(rows, spread if spread.ndim == 3 else spread[None]))
+
+
+def _products(own: _Real, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+    """Return left^H diag(own) right of all channels, shape (p, i, j), by a product of matrices."""
+    n, i, j = len(left), left.shape[1], right.shape[1]
+    first, second = (index.reshape(-1) for index in np.indices((i, j)))
+    if left is right:
+        first, second = np.triu_indices(i)
+    dtype = np.result_type(left, right)
+    out = np.zeros((len(own), len(first)), dtype=dtype)
+    rows = max(1, _BLOCK // max(1, len(first)))
+    for start in range(0, n, rows):
+        part = slice(start, start + rows)
+        pairs = np.ascontiguousarray(left[part][:, first].conj() * right[part][:, second])
+        out += (own[:, part] @ pairs.view(np.float64)).view(dtype)
+    if left is not right:
+        return out.reshape(len(own), i, j)
+    whole = np.empty((len(own), i, i), dtype=dtype)
+    whole[:, second, first] = out.conj()
+    whole[:, first, second] = out
+    return whole
