@@ -11,7 +11,8 @@ noise floor, a share of the rms of all data of one unit. Geared trains and the c
 the noise (`--stated all`, `--stated none`: all or none are).
 
 Beside each draw the default method fits the same data once more from the true model, without a
-search: what it cannot recover from there, the data do not determine. The row `scipy` is the best of
+search: what it cannot recover from there, the data do not determine; `--from-truth` makes these
+fits alone. The row `scipy` is the best of
 ten starts of `scipy.optimize.least_squares` on log FRFs (`peers/log_least_squares.py`).
 
 `--out FILE` keeps every fit as a line of JSON; fits that are there are not made again, so that a
@@ -22,8 +23,8 @@ columns are.
 20,000 DOFs; `--off 0.43` takes starts that are off by up to 30 % and 13 %.
 
     python benchmarks/accuracy.py [--cases chain,...] [--methods maximum-likelihood,scipy,...|all]
-    [--noise 0.01] [--floor 0,1e-4,1e-3,1e-2] [--draws 200] [--slow-draws 4] [--out fits.jsonl]
-    [--workers 2]
+    [--noise 0.01] [--floor 0,1e-4,1e-3,1e-2] [--from-truth] [--draws 200] [--slow-draws 4]
+    [--out fits.jsonl] [--workers 2]
 """
 
 from __future__ import annotations
@@ -211,9 +212,13 @@ def main() -> None:
     for name in args.cases:
         own: list[Cell] = []
         for tasks, true in cells(args, name):
+            method = "from truth" if args.from_truth else tasks[0].method
+            if args.from_truth:
+                tasks = []
             fits.make([*true, *tasks], args.workers)
-            found = [fits[task] for task in tasks]
-            own.append(Cell(name, tasks[0].method, tasks[0].noise, found, [fits[t] for t in true]))
+            started = [fits[task] for task in true]
+            found = [fits[task] for task in tasks] or started
+            own.append(Cell(name, method, true[0].noise, found, started))
         print_case(own)
         every += own
     print_total(every)
@@ -237,6 +242,7 @@ def arguments() -> argparse.Namespace:
     add("--noise", type=numbers, default=list(NOISE), help="shares of |H|")
     add("--floor", type=numbers, default=[0.0], help="shares of the rms")
     add("--stated", choices=("as-case", "all", "none"), default="as-case")
+    add("--from-truth", action="store_true", help="fits that begin at the true model alone")
     add("--draws", type=int, default=200)
     add("--slow-draws", type=int, default=4, help=f"of {' and '.join(SLOW)}")
     add("--seed", type=int, default=0)

@@ -451,7 +451,7 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
     span = max(high - low, 1.0)
     step: int | str = "D2"
     if span > 1.5:
-        step = max(1, math.ceil(span / 6.0))
+        step = max(1, math.ceil(span / 2.5))  # three or four labels: on paper there are 130 px
     rows = list(range(len(known)))
     trace = {
         "type": "bar",

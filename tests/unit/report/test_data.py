@@ -29,7 +29,7 @@ from updyn.report.formats import (
 )
 from updyn.report.head import head
 from updyn.report.overlay import overlay
-from updyn.report.plots import log_range, numbers
+from updyn.report.plots import log_bars, log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
 from updyn.report.unknowns import correlations
 from updyn.updating.problem.parameters import Parameter
@@ -324,3 +324,7 @@ def test_marks_of_a_logarithmic_axis_do_not_crowd():
     assert log_range([0.067, 2.3])["dtick"] == "D2"
     assert log_range([1.0, 2.0])["dtick"] == "D1"
     assert log_range([1e-9, 1.0], decades=18.0)["dtick"] == 2
+    for lowest in (1e-14, 1e-7, 0.01, 0.2):
+        axis = log_bars({"a": lowest, "b": 18.0}, "misfit (dB)")["layout"]["xaxis"]
+        step = axis["dtick"] if isinstance(axis["dtick"], int) else 1
+        assert np.ptp(axis["range"]) / step < 4.0
