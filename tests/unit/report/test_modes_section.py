@@ -10,6 +10,7 @@ import pytest
 import updyn
 from pages_read import Page, attributes, dump
 from report_case import realistic
+from updyn.report import modes
 from updyn.report.modes import MODES, SHOWN_ROWS, modal_rows
 from updyn.report.page import render
 from updyn.report.section import Content
@@ -71,13 +72,15 @@ def test_what_is_not_known_is_said(result):
     assert MODES.figures(Content(dataclasses.replace(result, modes=none))) == {}
 
 
-def test_many_modes_are_folded_away(result):
+def test_many_modes_are_folded_away(result, monkeypatch):
     table = result.modes
     often = np.tile(np.arange(12), 3)
     order = np.argsort(table.test.frequency[often], kind="stable")
     many = table.test.select(often[order])
-    page = render(dataclasses.replace(result, modes=ModalTable(many, table.start, table.updated)))
-    assert f"The other {36 - SHOWN_ROWS} modes" in page
+    with_many = dataclasses.replace(result, modes=ModalTable(many, table.start, table.updated))
+    assert f"<summary>{36 - SHOWN_ROWS} further modes<" in render(with_many)
+    monkeypatch.setattr(modes, "SHOWN_ROWS", 35)
+    assert "<summary>1 further mode<" in render(with_many)
 
 
 @pytest.mark.needs("browser")
