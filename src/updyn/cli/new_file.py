@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import shutil
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from updyn.errors import FormatError, InputError
+from updyn.io.leftovers import new_name, sweep
 
 __all__ = ["check_free", "write_new"]
+
+_UNFINISHED = ".unfinished-"
 
 
 def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> None:
@@ -28,8 +32,8 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
     if not target.parent.is_dir():
         raise FormatError(f"the folder {str(target.parent)!r} does not exist", target)
     # The names of further files are known when they are written.
-    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=target.parent) as folder:
-        staged = Path(folder, target.name)
+    with _staging(target) as folder:
+        staged = folder / target.name
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             try:
@@ -40,13 +44,28 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
         for one in told:
             text = str(one.message).replace(str(staged), str(target))
             warnings.warn(text, one.category, stacklevel=2)
-        made = sorted(Path(folder).iterdir())
+        made = sorted(folder.iterdir())
         check_free([target.parent / path.name for path in made], force=force)
         for path in made:
             final = target.parent / path.name
             if final.exists():
                 path.chmod(final.stat().st_mode & 0o777)
             path.replace(final)
+
+
+@contextmanager
+def _staging(target: Path) -> Iterator[Path]:
+    """Make a folder beside a file, removed in the end; those that killed processes left go, too."""
+    sweep(target, _UNFINISHED)
+    folder = target.with_name(new_name(target, _UNFINISHED))
+    try:
+        folder.mkdir(0o700)
+    except OSError as error:
+        raise FormatError(f"cannot be written: {error.strerror}", target) from error
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def check_free(files: Iterable[Path], *, force: bool) -> None:

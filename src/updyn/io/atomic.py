@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import FormatError
+from updyn.io.leftovers import new_name, sweep
 
 __all__ = ["atomic_path", "sync_folder", "write_bytes", "write_json"]
 
@@ -29,7 +29,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     ------
     Path
         Where to write: an empty file. It is removed when the block raises; `path` is then as it
-        was.
+        was. One that a killed process left is removed at the next write of the same file.
 
     Raises
     ------
@@ -42,7 +42,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         raise FormatError(f"the folder {str(path.parent)!r} does not exist", path)
     if path.is_dir():
         raise FormatError("is a folder, not a file", path)
-    temporary = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(6)}{path.suffix}")
+    sweep(path, suffix=path.suffix)
+    temporary = path.with_name(new_name(path, suffix=path.suffix))
     try:
         # Not tempfile: its files are for their owner alone, and stay so once they have replaced a
         # shared one.
