@@ -109,7 +109,7 @@ def _state(number: int) -> tuple[str, int]:
     OSError, ValueError, IndexError
         If that is not known.
     """
-    fields = Path(f"/proc/{number}/stat").read_text("latin-1").rpartition(")")[2].split()
+    fields = Path(f"/proc/{number}/stat").read_text(encoding="latin-1").rpartition(")")[2].split()
     return fields[0], int(fields[19])
 
 
