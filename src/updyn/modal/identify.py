@@ -24,7 +24,7 @@ from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.refine import Errors, Noise, Weights, Window, moved, reweighted, solved
 from updyn.modal.runs import Mode, Weighted, modes_of
-from updyn.modal.search import SEEN, TELLING, chance, searched, seen
+from updyn.modal.search import LEAST, SEEN, chance, searched, seen
 from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, stabilised
 from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
@@ -411,5 +411,5 @@ def _physical(mode: Mode, residues: _Complex) -> bool:
     """Return whether a mode is more than what keeps real data from being modes and noise."""
     sizes = np.linalg.svd(residues, compute_uv=False)
     shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
-    told = SEEN <= mode.seen <= 1.0 / SEEN and mode.quality >= TELLING
+    told = SEEN <= mode.seen <= 1.0 / SEEN and mode.quality >= LEAST
     return bool(told and shaped and mode.everywhere)

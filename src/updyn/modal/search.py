@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from updyn.modal.refine import ROUGH, Solved, Weights, Window, moved, reweighted
 
-__all__ = ["SEEN", "TELLING", "chance", "searched", "seen"]
+__all__ = ["LEAST", "SEEN", "chance", "searched", "seen"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least share that a mode explains of what is left in its half-power band: real data hold more than
-#: modes and noise.
-TELLING = 0.5
-#: The same while not all modes are found.
-_LEAST = 0.1
+#: Least share that a mode explains of what is left in its half-power band. What it is worth against
+#: chance decides: a least share of a half loses true modes of dense bands, of which the neighbours
+#: explain most (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes 88.5 %
+#: instead of 91.5 %; what is spurious are as many).
+LEAST = 0.1
 #: Least part of the FRFs that a mode has at its own frequency.
 SEEN = 0.1
 #: Poles without these that are tried before the search ends.
@@ -69,7 +69,7 @@ def searched(window: Window, trials: _Complex, most: int) -> Solved:
         if gain <= chance(window):
             break
         at = window.near(complex(more.poles[-1]))
-        told = _told(at, fitted, more, weights) >= _LEAST
+        told = _told(at, fitted, more, weights) >= LEAST
         if told and seen(window, more.poles[-1], more.residues[-1], at) >= SEEN:
             fitted, weights = reweighted(window, more.poles, weights, ROUGH)
         else:

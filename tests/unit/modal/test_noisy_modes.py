@@ -161,6 +161,16 @@ def test_quality_tells_the_sure_from_the_unsure() -> None:
     assert ((unsure < sure) & (unsure > 0.5)).all()
 
 
+def test_a_mode_counts_by_its_worth_where_a_neighbour_explains_most_of_it() -> None:
+    """A quarter of the half-power bandwidth apart, 25 % noise."""
+    freq = np.linspace(20.0, 45.0, 500)
+    for seed in (0, 2):
+        pair = structure([31.0, 31.15], [0.02, 0.02], 30, 1, seed=seed)
+        found = updyn.identify_modes(pair.frf(freq, 0.25, seed))
+        assert found.frequency == pytest.approx(pair.frequency, rel=2e-3)
+        assert found.quality.min() < 0.5
+
+
 def test_poles_of_exact_data_stay_from_order_to_order() -> None:
     H = FEW.frf(FREQ, 0.0, 0).values
     poles, diagram = stabilised(FREQ, H / np.sqrt(np.mean(np.abs(H) ** 2)))
