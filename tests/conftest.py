@@ -70,7 +70,9 @@ def read_foreign_files_here(
     if "hostile" in request.path.parts:
         return
 
-    def load(function: str, path: Any, *arguments: Any, what: str, reader: str) -> Any:
+    def load(
+        function: str, path: Any, *arguments: Any, what: str, reader: str, beside: Any = ()
+    ) -> Any:
         found = box.load_here(function, path, *arguments, what=what)
         return plain.decode(memoryview(b"".join(plain.encode(found))))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import meshio
 import numpy as np
 import pytest
 import scipy.io
@@ -15,6 +16,7 @@ import foreign_loaders
 import io_samples
 import updyn
 from places import DATA
+from updyn.elements.mesh import read_mesh
 from updyn.errors import FormatError
 from updyn.foreign import box, limits
 from updyn.foreign.plain import Sparse, decode, encode
@@ -125,6 +127,19 @@ def test_hostile_files_are_refused_by_name(name, message, monkeypatch):
     read = updyn.read_frf if name.endswith(".nc") else updyn.read_model
     with pytest.raises(FormatError, match=rf"{name}: .*({message})"):
         read(HOSTILE / name)
+
+
+def test_limits_go_by_the_size_of_all_files_that_are_read(tmp_path, monkeypatch):
+    """A small XDMF file may stand for many numbers, in an HDF5 file beside it."""
+    path = tmp_path / "large.xdmf"
+    corners = np.array([[0, 1, 2, 3]])
+    meshio.Mesh(np.random.default_rng(0).random((4000, 3)), [("quad", corners)]).write(path)
+    asked = []
+    monkeypatch.setattr(
+        box, "limits_of", lambda *given: asked.append(limits.limits_of(*given)) or asked[0]
+    )
+    assert len(read_mesh(path, unit="m").xyz) == 4000
+    assert asked[0].size == sum(p.stat().st_size for p in tmp_path.iterdir()) > 96_000
 
 
 def test_groups_without_end_are_refused(tmp_path):

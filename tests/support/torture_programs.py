@@ -212,6 +212,18 @@ def _xdmf() -> Sample:
     return _plate_mesh("a.xdmf", is_text=True, data_format="XML")
 
 
+@sample("XDMF, HDF5 beside it", is_boxed=True)
+def _xdmf_hdf5() -> Sample:
+    mesh = _plate()
+    files = written(lambda folder: mesh.write(folder / "a.xdmf"))
+
+    def read(folder: Path) -> Content:
+        found = read_mesh(folder / "a.xdmf", unit="mm")
+        return leaves({"xyz": found.xyz, "groups": found.groups})
+
+    return Sample(files, "a.h5", read, is_text=False)
+
+
 @sample("Abaqus, mesh", is_boxed=True)
 def _inp() -> Sample:
     deck = "*HEADING\ntwo\n*NODE\n 101, 0., 0., 0.\n 102, 500., 0., 0.\n 103, 500., 250.5, 0.\n"

@@ -53,6 +53,8 @@ _ELEMENTS: Mapping[str, type[Any]] = {
     "hexahedron20": Solid,
 }
 _KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")  # of an Abaqus deck
+#: Name of an HDF5 file in an XDMF file.
+_HDF = re.compile(rb"""\bFormat\s*=\s*["']HDF["'][^<>]*>\s*([^<>:]+):""")
 _ELSET = re.compile(r"ELSET\s*=\s*([^,\s]+)", re.IGNORECASE)
 
 
@@ -278,7 +280,9 @@ class _Found:
 
 
 def _read(path: Path) -> _Found:
-    found = box.load("updyn.foreign.mesh:load", path, what="mesh", reader="meshio")
+    found = box.load(
+        "updyn.foreign.mesh:load", path, what="mesh", reader="meshio", beside=_beside(path)
+    )
     cells = [_Cells(*one) for one in found.pop("cells")]
     for one in cells:
         if one.data.ndim != 2 or one.data.dtype.kind not in "iu":
@@ -292,6 +296,14 @@ def _read(path: Path) -> _Found:
         if pair.shape != (2,) or pair.dtype.kind not in "iu":
             raise FormatError(f"physical group {name!r}: expected its tag and dimension", path)
     return _Found(cells=cells, **found)
+
+
+def _beside(path: Path) -> list[Path]:
+    """Return the HDF5 files that hold the numbers of an XDMF file, as far as they are there."""
+    if path.suffix.lower() not in (".xdmf", ".xmf"):
+        return []
+    names = {found.strip().decode("utf-8", "replace") for found in _HDF.findall(path.read_bytes())}
+    return [file for file in path.parent.iterdir() if file.name in names and file.is_file()]
 
 
 def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,14 @@ UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErr
 _THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
-def load(function: str, path: str | Path, *arguments: Any, what: str, reader: str) -> Any:
+def load(
+    function: str,
+    path: str | Path,
+    *arguments: Any,
+    what: str,
+    reader: str,
+    beside: Iterable[str | Path] = (),
+) -> Any:
     """Load a file of another program in a child process.
 
     Parameters
@@ -50,6 +57,8 @@ def load(function: str, path: str | Path, *arguments: Any, what: str, reader: st
         What the file should be, for messages: ``"HDF5 file"``.
     reader : str
         The library that reads it, for messages: ``"libhdf5"``.
+    beside : iterable of path
+        Files that are read with it.
 
     Returns
     -------
@@ -64,11 +73,13 @@ def load(function: str, path: str | Path, *arguments: Any, what: str, reader: st
     InputError
         Any other that the function raised.
     """
-    limits = limits_of(path)
+    others = list(map(str, beside))
+    limits = limits_of(path, others)
     request = {
         "modules": list(map(str, sys.path)),
         "load": function,
         "path": str(path),
+        "beside": others,
         "arguments": arguments,
     }
     found = _ask(request, limits, f"cannot be read: its reader ({reader})")

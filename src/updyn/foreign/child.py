@@ -26,8 +26,8 @@ def answer(request: Mapping[str, Any]) -> None:
     Parameters
     ----------
     request : mapping
-        ``load``, a text ``"module:function"``; ``path``; ``arguments``, more arguments of the
-        function.
+        ``load``, a text ``"module:function"``; ``path``; ``beside``, files that are read with it;
+        ``arguments``, more arguments of the function.
     """
     path = request["path"]
     with os.fdopen(os.dup(1), "wb") as out:
@@ -37,7 +37,7 @@ def answer(request: Mapping[str, Any]) -> None:
         out.flush()
         if "value" in found:
             load = found["value"]
-            _limit(limits_of(path))
+            _limit(limits_of(path, request["beside"]))
             found = _attempt(lambda: load(path, *request["arguments"]))
         for part in encode(found):
             out.write(part)

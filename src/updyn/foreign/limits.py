@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,20 +70,22 @@ class Limits:
             )
 
 
-def limits_of(path: str | Path) -> Limits:
+def limits_of(path: str | Path, beside: Iterable[str | Path] = ()) -> Limits:
     """Return the limits for a file.
 
     Parameters
     ----------
     path : path
         The file.
+    beside : iterable of path
+        Files that are read with it.
 
     Raises
     ------
     FormatError
-        If it is not there or cannot be looked at.
+        If one is not there or cannot be looked at.
     """
     try:
-        return Limits(str(path), Path(path).stat().st_size)
+        return Limits(str(path), sum(Path(p).stat().st_size for p in (path, *beside)))
     except OSError as error:
         raise FormatError(f"cannot be read: {error.strerror}", path) from error

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from updyn.errors import FormatError, ModelError
+from updyn.foreign import xdmf
 from updyn.foreign.plain import Other
 
 try:
@@ -38,8 +40,10 @@ def load(path: str) -> dict[str, Any]:
     Raises
     ------
     FormatError
-        If it is damaged.
+        If it is damaged, or its numbers stand in another file that is not beside it.
     """
+    if Path(path).suffix.lower() in xdmf.SUFFIXES:
+        xdmf.check(path)
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
