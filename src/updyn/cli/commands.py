@@ -435,7 +435,7 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
     """Identify the modes of the job's test; write modes.html and modes.unv to DIR.
 
     The page shows the stabilisation diagram, in which modes can be picked for the table [modes] of
-    the job. An update reads the file by [test] modes.
+    the job. An update reads the file by [test] modes. [model] and [[parameter]] may be left out.
 
     Parameters
     ----------
@@ -448,7 +448,7 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
     from updyn.job.folder import default_out
     from updyn.job.identification import modes_job
 
-    loaded = load_job(job)
+    loaded = load_job(job, of_test=True)
     folder = out or default_out(loaded, "modes")
     print_text(describe_modes(modes_job(loaded, folder)))
     print_text(f"\nModes in {folder}: {folder / 'modes.html'}")

@@ -58,7 +58,7 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
     Parameters
     ----------
     job : Job
-        From `load_job`, with one test. ``[modes]`` may be left out.
+        From `load_job` (`of_test`), with one test. ``[modes]`` may be left out.
     out : path, optional
         The folder; by default the job's stem with ``-modes``, beside it.
 

@@ -16,7 +16,7 @@ from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.records_table import RecordsJob, RecordsTable
-from updyn.job.schema import NO_TEST, Job, MethodTable, ModelTable, Table
+from updyn.job.schema import NO_TEST, NO_UPDATE, Job, MethodTable, ModelTable, Table
 from updyn.job.toml_lines import Place, line_of, read_toml
 from updyn.updating.fit.methods import METHODS, make_method, options_of
 from updyn.updating.fit.regularisation import check_regularise
@@ -52,7 +52,7 @@ _EXPECTED = {
 _BOUNDS = ("gt", "ge", "lt", "le")
 
 
-def load_job(path: str | Path, *, before_test: bool = False) -> Job:
+def load_job(path: str | Path, *, before_test: bool = False, of_test: bool = False) -> Job:
     """Read a job file.
 
     Parameters
@@ -61,6 +61,9 @@ def load_job(path: str | Path, *, before_test: bool = False) -> Job:
         The TOML file.
     before_test : bool
         Whether ``[test]`` may be missing: nothing has been measured yet.
+    of_test : bool
+        Whether ``[model]`` and ``[[parameter]]`` may be missing, and ``[test]`` where there are
+        ``[records]``: only the measurement is looked at.
 
     Returns
     -------
@@ -77,6 +80,8 @@ def load_job(path: str | Path, *, before_test: bool = False) -> Job:
     document, lines = _parsed(path)
     if before_test:
         document.setdefault("test", {} if "records" in document else NO_TEST)
+    if of_test:
+        document = NO_UPDATE | ({"test": {}} if "records" in document else {}) | document
     tables, wrong = _further_tables(document, lines)
     jobs = []
     for one, own in _each_test(document, lines):

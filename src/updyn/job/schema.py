@@ -380,8 +380,13 @@ class TestTable(Table):
         return {k: v for k, v in stated.items() if v is not None}
 
 
-#: ``[test]`` of a job before its test.
+#: ``[test]`` of a job before its test; what a job of a measurement alone has in place of model and
+#: unknowns.
 NO_TEST = {"file": ""}
+NO_UPDATE = {
+    "model": {"file": ""},
+    "parameter": ({"groups": "*", "quantity": "stiffness"},),
+}
 
 
 class MatchTable(Table):

@@ -313,3 +313,11 @@ def test_a_test_without_a_file_takes_the_records(with_model, capsys):
 def test_a_test_has_a_file_or_records(with_model, capsys, text, message):
     assert main(["check", put(with_model, text)]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_records_alone_give_modes(folder: Path) -> None:
+    """`updyn modes` needs neither a model nor [test]."""
+    assert main(["modes", put(folder, JOB), "--out", str(folder / "out")]) == 0
+    found = updyn.read_modes(folder / "out" / "modes.unv")
+    expected = updyn.identify_modes(estimated(folder, "a.lvm"))
+    assert found.frequency == pytest.approx(expected.frequency, rel=1e-5)

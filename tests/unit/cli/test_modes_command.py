@@ -88,6 +88,33 @@ def test_the_job_picks(inputs: Path, tmp_path: Path) -> None:
     assert written.frequency == pytest.approx(found[[0, 2]], rel=1e-5)
 
 
+def test_a_measurement_is_enough(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Other commands still say what is missing; what the job has is still checked."""
+    text = (inputs / "modes.toml").read_text(encoding="utf-8")
+    test = text[text.index("[test]") : text.index("[[parameter]]")]
+    path = inputs / "bare.toml"
+    path.write_text(test, encoding="utf-8")
+    assert main(["modes", str(path), "--out", str(tmp_path / "out")]) == 0
+    written = read_modes(tmp_path / "out" / "modes.unv")
+    assert written.frequency == pytest.approx(measured(inputs).frequency, rel=1e-5)
+    capsys.readouterr()
+    assert main(["check", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "missing key 'model'" in said
+    assert "missing key 'parameter'" in said
+    for wrong, message in (
+        ("[modle]\nfile = 'a.h5'\n" + test, "bare.toml:1: unknown key 'modle'"),
+        ("[modes]\n", "missing key 'test'"),
+        ("[model]\n" + test, "bare.toml:1: [model] needs a file, or a kind"),
+    ):
+        path.write_text(wrong, encoding="utf-8")
+        assert main(["modes", str(path), "--out", str(tmp_path / "other")]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
 @pytest.mark.parametrize(
     ("further", "fragment"),
     [
