@@ -450,7 +450,8 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
 
     loaded = load_job(job, of_test=True)
     folder = out or default_out(loaded, "modes")
-    print_text(describe_modes(modes_job(loaded, folder)))
+    found = modes_job(loaded, folder, say=lambda text: print_note(text, "dim"))
+    print_text(describe_modes(found))
     print_text(f"\nModes in {folder}: {folder / 'modes.html'}")
     return DONE
 

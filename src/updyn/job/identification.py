@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,7 @@ from updyn.job.job_table import JobTable
 from updyn.job.prepare import measurement
 from updyn.job.schema import Job
 from updyn.modal import ModeSet, identify_modes
+from updyn.modal.identify import identified
 from updyn.outputs.switch import open_folder, replaced
 
 __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
@@ -25,6 +27,9 @@ __all__ = ["MODES", "MODES_FILES", "ModesTable", "modes_job"]
 MODES_FILES = ("modes.html", "modes.unv")
 #: A picked frequency is that of the mode nearest to it, up to this share.
 _NEAR = 0.02
+#: Unless it is that of a stable pole, up to this share, which is not nearer to a mode than this
+#: share of its half-power bandwidth.
+_CLICKED, _OF_MODE = 2e-6, 0.25
 
 
 def _picks(given: Any) -> Any:
@@ -52,7 +57,9 @@ class _ModesJobTable(JobTable):
 MODES = _ModesJobTable()
 
 
-def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
+def modes_job(
+    job: Job, out: str | Path | None = None, say: Callable[[str], None] | None = None
+) -> ModeSet:
     """Identify the modes of a job's test, and write them.
 
     Parameters
@@ -61,6 +68,9 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
         From `load_job` (`of_test`), with one test. ``[modes]`` may be left out.
     out : path, optional
         The folder; by default the job's stem with ``-modes``, beside it.
+    say : callable, optional
+        Called with a sentence for each pole of the diagram that was picked and is refined to a
+        mode.
 
     Returns
     -------
@@ -70,8 +80,8 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
     Raises
     ------
     JobError
-        If the job, a file or the output folder cannot be used, or no mode is near one that is
-        picked; nothing is written then.
+        If the job, a file or the output folder cannot be used, no mode is near one that is picked,
+        or a pole that is picked does not stay one of its own; nothing is written then.
     DataError
         If no mode is found.
     """
@@ -86,7 +96,7 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
         frf: FRF = measurement(job)
         found = identify_modes(frf, damping=table.damping)
         with key_path("modes", "pick"):
-            found = _picked(found, table.pick)
+            found = _picked(frf, found, table, say)
     title = job.title or job.path.stem
     with open_folder(out):
         check_out(job, out, MODES_FILES)  # once more: now no other run can change it
@@ -96,20 +106,75 @@ def modes_job(job: Job, out: str | Path | None = None) -> ModeSet:
     return found
 
 
-def _picked(found: ModeSet, pick: tuple[float, ...] | None) -> ModeSet:
-    """Return the modes nearest to the frequencies that were picked."""
-    if pick is None:
+def _picked(
+    frf: FRF, found: ModeSet, table: ModesTable, say: Callable[[str], None] | None
+) -> ModeSet:
+    """Return the modes that were picked, poles of the diagram refined to modes among them."""
+    if table.pick is None:
         return found
-    chosen = []
-    for frequency in pick:
-        nearest = int(np.argmin(np.abs(found.frequency - frequency)))
-        at = float(found.frequency[nearest])
-        if abs(at - frequency) > _NEAR * frequency:
-            raise JobError(
-                f"no mode is found within {100 * _NEAR:g} % of {frequency:g} Hz; the nearest is at"
-                f" {at:.6g} Hz"
-            )
-        if nearest in chosen:
-            raise JobError(f"two picks are nearest to the mode at {at:.6g} Hz; leave one")
-        chosen.append(nearest)
+    poles: list[float] = []
+    at: list[float] = []  # frequencies of the modes
+    for frequency in table.pick:
+        pole = _pole(found, frequency)
+        if pole is None:
+            at.append(_mode(found, frequency))
+        elif pole in poles:
+            raise JobError(f"two picks are the pole at {pole:.6g} Hz; leave one")
+        else:
+            poles.append(pole)
+    if len(set(at)) < len(at):
+        twice = next(f for f in at if at.count(f) > 1)
+        raise JobError(f"two picks are nearest to the mode at {twice:.6g} Hz; leave one")
+    number = [-1] * len(found)
+    if poles:
+        found, number = identified(frf, None, table.damping, poles)
+    chosen = [k for k, n in enumerate(number) if n >= 0]
+    own = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
+    chosen += [int(own[np.argmin(np.abs(found.frequency[own] - f))]) for f in at]
+    if say is not None:
+        for k, n in enumerate(number):
+            if n >= 0:
+                say(_refined(found, k, poles[n]))
     return found.select(sorted(chosen))
+
+
+def _pole(found: ModeSet, frequency: float) -> float | None:
+    """Return the frequency of the stable pole that was clicked; None of one of a mode, or of none.
+
+    A click gives it to seven digits, so that a frequency that is written by hand means a mode.
+    """
+    diagram = found.diagram
+    if diagram is None:
+        return None
+    stable = diagram.frequency[diagram.stable]
+    clicked = stable[np.abs(stable / frequency - 1.0) < _CLICKED]
+    width = found.frequency * found.loss_factor
+    if not len(clicked) or (np.abs(found.frequency - clicked[0]) < _OF_MODE * width).any():
+        return None
+    return float(clicked[0])
+
+
+def _mode(found: ModeSet, frequency: float) -> float:
+    """Return the frequency of the mode that is nearest to a pick."""
+    at = float(found.frequency[int(np.argmin(np.abs(found.frequency - frequency)))])
+    if abs(at - frequency) <= _NEAR * frequency:
+        return at
+    text = (
+        f"no mode is found within {100 * _NEAR:g} % of {frequency:g} Hz; the nearest is at"
+        f" {at:.6g} Hz"
+    )
+    diagram = found.diagram
+    if diagram is not None and diagram.stable.any():
+        stable = diagram.frequency[diagram.stable]
+        near = float(stable[int(np.argmin(np.abs(stable - frequency)))])
+        text += f", the nearest stable pole of the diagram at {near:.7g} Hz"
+    raise JobError(text)
+
+
+def _refined(found: ModeSet, k: int, pole: float) -> str:
+    return (
+        f"The pole at {pole:.6g} Hz is refined to a mode at {found.frequency[k]:.6g} Hz"
+        f" (standard deviation {found.std_frequency[k]:.2g} Hz) with"
+        f" {100.0 * found.damping[k]:.3g} % ({100.0 * found.std_damping[k]:.2g} %) of critical"
+        f" damping; it explains {100.0 * found.quality[k]:.1f} % of what the others leave there."
+    )

@@ -7,11 +7,13 @@
    would (`search`), and refined to maximum likelihood with standard deviations (`refine`).
 3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
    its mass. They are merged where a pole for each run fits better than several for all (`runs`).
-4. Shapes follow from the residues (`sides`).
+4. Poles of the diagram that the user has picked are added and refined with the others (`added`).
+5. Shapes follow from the residues (`sides`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +31,7 @@ from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, stabilised
 from updyn.modal.vector_fitting import Basis, Fitted, fit, growing
 
-__all__ = ["DAMPING", "identify_modes"]
+__all__ = ["DAMPING", "identified", "identify_modes"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -61,6 +63,11 @@ _RATIONAL, _FIRST, _LOSS = 160, 4, 0.01
 _AS_GOOD = 1e3
 #: Up to this many channels have weights of their own on each line.
 _OWN = 4096
+#: A pole is that of the diagram which is at its frequency up to this share.
+_NEAR = 1e-5
+#: Poles nearer than this share of a half-power bandwidth are one; one of the diagram is the same as
+#: one of the fits up to this share.
+_MERGED, _SAME = 0.1, 0.5
 #: Negative damping up to this is rounding.
 _ROUNDING = 1e-9
 
@@ -71,6 +78,7 @@ def identify_modes(
     *,
     band: tuple[float, float] | None = None,
     damping: str = "structural",
+    poles: Sequence[float] = (),
 ) -> ModeSet:
     """Identify the modes within the band of a measurement.
 
@@ -83,6 +91,9 @@ def identify_modes(
     damping : {"structural", "viscous"}
         The form of the modes: residue / (omega_r^2 (1 + i eta_r) - omega^2), or conjugate poles in
         i omega. For light damping the difference is of the order of its square.
+    poles : sequence of float
+        Frequencies in Hz of stable poles of the diagram that are modes, too, whatever they are
+        worth. They are refined together with the others.
 
     Returns
     -------
@@ -95,7 +106,8 @@ def identify_modes(
     Raises
     ------
     DataError
-        If there are too few lines, or no mode is found.
+        If there are too few lines, no mode is found, or one of `poles` is not in the diagram, or
+        merges with a mode or leaves its place as it is refined.
     OptionError
         If an option has no valid value.
 
@@ -106,16 +118,138 @@ def identify_modes(
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
+    return identified(frf, band, damping, poles)[0]
+
+
+def identified(
+    frf: FRF,
+    band: tuple[float, float] | None,
+    damping: str,
+    poles: Sequence[float],
+) -> tuple[ModeSet, list[int]]:
+    """Return the modes, as `identify_modes`, and which of `poles` each of them is: -1 for none.
+
+    Parameters
+    ----------
+    frf, band, damping, poles
+        As for `identify_modes`.
+    """
     frf = frf.select(band=band)
     measured = _Measured.of(frf, mirrored=damping == "viscous")
     if len(measured.x) <= _RATIONAL:
         modes = _of_rational_data(measured)
         if modes:
+            if len(poles):
+                raise DataError("modes: data without noise on few lines have no diagram of poles")
             return _mode_set(frf, measured, modes, None)
     candidates, diagram = stabilised(measured.freq, measured.cube)
-    poles = _found(measured, measured.axis.poles(candidates))
-    modes = [mode for fit in _settled(measured, poles) for mode in modes_of(fit, measured.runs)]
+    found = _found(measured, measured.axis.poles(candidates))
+    fits = _settled(measured, found, np.full(len(found), -1))
+    modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
+    if len(poles):
+        begin = measured.axis.poles(np.array([_in(diagram, float(f)) for f in poles]))
+        shown = [mode.pole for mode in modes if _physical(measured, mode)]
+        fits = _added(measured, fits, begin, np.array(shown, dtype=np.complex128))
+        modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
     return _mode_set(frf, measured, _exact(measured, modes), diagram)
+
+
+def _in(diagram: Diagram, frequency: float) -> complex:
+    """Return the stable pole of a diagram at a frequency, in rad/s."""
+    stable = np.flatnonzero(diagram.stable)
+    off = np.abs(diagram.frequency[stable] / frequency - 1.0)
+    if off.min(initial=np.inf) > _NEAR:
+        nearest = "; it has none"
+        if len(stable):
+            at = float(diagram.frequency[stable[int(np.argmin(off))]])
+            nearest = f"; the nearest is at {at:.6g} Hz"
+        raise DataError(f"modes: no stable pole of the diagram is at {frequency:.6g} Hz{nearest}")
+    # Of poles at the same place the one of the largest order.
+    alike = stable[off <= off.min() + _NEAR]
+    best = alike[np.argmax(diagram.order[alike])]
+    size, ratio = 2.0 * np.pi * diagram.frequency[best], diagram.damping[best]
+    return complex(-size * ratio, size * np.sqrt(1.0 - ratio**2))
+
+
+def _added(
+    measured: _Measured, fits: list[Weighted], begin: _Complex, shown: _Complex
+) -> list[Weighted]:
+    """Return the fits with further poles that are modes whatever they are worth.
+
+    Parameters
+    ----------
+    measured : _Measured
+        The data.
+    fits : list of Weighted
+        Without them.
+    begin : ndarray of complex, shape (m,)
+        The further poles.
+    shown : ndarray of complex
+        Those poles of the fits that are modes.
+    """
+    axis, poles = measured.axis, _poles(fits)
+    added = np.full(len(poles), -1)
+    for number, pole in enumerate(begin):
+        at = float(axis.frequency(np.array([pole]))[0])
+        of = shown[_same(measured, shown, pole)]
+        if len(of):
+            raise DataError(
+                f"modes: the pole at {at:.6g} Hz is that of the mode at"
+                f" {axis.frequency(of)[0]:.6g} Hz, which is found without it"
+            )
+        # One that the fits have already, but that is too weak to be a mode by itself.
+        hidden = _same(measured, poles, pole) & ~np.isin(poles, shown) & (added < 0)
+        if hidden.any():
+            added[int(np.argmax(hidden))] = number
+        else:
+            poles, added = np.append(poles, pole), np.append(added, number)
+    order = np.argsort(axis.frequency(poles), kind="stable")
+    fits = _settled(measured, poles[order], added[order])
+    after, chosen = _poles(fits), np.concatenate([fit.added for fit in fits])
+    for number, pole in enumerate(begin):
+        own = chosen == number
+        _check_added(measured, complex(pole), complex(after[own][0]), shown, after[~own])
+    return fits
+
+
+def _same(measured: _Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
+    """Return which poles of the fits are one of the diagram."""
+    width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
+    return np.asarray(np.abs(poles - pole) < _SAME * width)
+
+
+def _check_added(
+    measured: _Measured, first: complex, last: complex, modes: _Complex, others: _Complex
+) -> None:
+    """Refuse a pole that was added where the fit has moved it to a mode, or away.
+
+    Parameters
+    ----------
+    measured : _Measured
+        The data.
+    first, last : complex
+        The pole before and after.
+    modes : ndarray of complex
+        The modes without it.
+    others : ndarray of complex
+        The other poles with it.
+    """
+    begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
+    width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))
+    reach = max(width, float(np.median(np.diff(measured.freq))))
+    name = f"modes: the pole at {begin:.6g} Hz, refined,"
+    at, there = measured.axis.frequency(modes), measured.axis.frequency(others)
+    own = measured.bandwidth(others)
+    for mode in at[np.abs(at - end) < reach]:
+        if not (np.abs(there - mode) < reach).any():
+            raise DataError(f"{name} takes the place of the mode at {mode:.6g} Hz")
+    near = np.abs(others - last) < _MERGED * own / np.maximum(there, 1e-300) * np.abs(others)
+    if near.any():
+        raise DataError(f"{name} merges with the mode at {there[near][0]:.6g} Hz")
+    if not measured.inside(np.array([last]))[0]:
+        raise DataError(f"{name} leaves the band or has no damping that a mode can have")
+    if abs(end - begin) > reach:
+        raise DataError(f"{name} leaves its place and moves to {end:.6g} Hz")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,8 +391,24 @@ def _grid(measured: _Measured, lines: slice, own: _Complex, low: float, high: fl
     return axis.pole(at, max(loss, 1e-6))
 
 
-def _settled(measured: _Measured, poles: _Complex) -> list[Weighted]:
-    """Return the fits of all windows with the noise that all of them leave."""
+def _poles(fits: list[Weighted]) -> _Complex:
+    """Return the poles of all fits."""
+    none = np.zeros(0, dtype=np.complex128)
+    return np.concatenate([none, *(fit.solved.poles for fit in fits)])
+
+
+def _settled(measured: _Measured, poles: _Complex, added: NDArray[np.intp]) -> list[Weighted]:
+    """Return the fits of all windows with the noise that all of them leave.
+
+    Parameters
+    ----------
+    measured : _Measured
+        The data.
+    poles : ndarray of complex, shape (k,)
+        To begin with, by ascending frequency.
+    added : ndarray of int, shape (k,)
+        Of poles that stay, whatever they are worth, a number, of others -1.
+    """
     noise: Noise | None = None
     residues: _Complex | None = None
     fits: list[Weighted] = []
@@ -267,22 +417,28 @@ def _settled(measured: _Measured, poles: _Complex) -> list[Weighted]:
         for group in _groups(measured.axis.frequency(poles), measured.bandwidth(poles)):
             others = None if residues is None else np.delete(residues, group, axis=0)
             _, window = measured.window(poles[group], np.delete(poles, group), others)
-            fits.append(_pruned(measured, window, poles[group], noise))
+            fits.append(_pruned(measured, window, poles[group], added[group], noise))
         fits = [fit for fit in fits if len(fit.solved.poles)]
         if not fits:
             break
-        poles, residues = (
-            np.concatenate([getattr(fit.solved, name) for fit in fits])
-            for name in ("poles", "residues")
-        )
+        poles, residues = _poles(fits), np.concatenate([fit.solved.residues for fit in fits])
+        added = np.concatenate([fit.added for fit in fits])
         order = np.argsort(measured.axis.frequency(poles), kind="stable")
-        poles, residues = poles[order], residues[order]
+        poles, residues, added = poles[order], residues[order], added[order]
         squares, sizes = ([getattr(f.solved, name) for f in fits] for name in ("squares", "size"))
         noise = Noise.of(np.hstack(squares), np.hstack(sizes))
+        if not measured.inside(poles[added >= 0]).all():
+            break
     return fits
 
 
-def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise | None) -> Weighted:
+def _pruned(
+    measured: _Measured,
+    window: Window,
+    poles: _Complex,
+    added: NDArray[np.intp],
+    noise: Noise | None,
+) -> Weighted:
     """Return the fit of a window without the poles that are no modes."""
     least = chance(window)
     weights = Weights.of(np.abs(window.Y) ** 2)
@@ -298,9 +454,11 @@ def _pruned(measured: _Measured, window: Window, poles: _Complex, noise: Noise |
         else:
             fitted = moved(window, poles, weights)
         worth = np.where(measured.inside(fitted.poles), 2.0 * fitted.worth, 0.0)
+        worth[added >= 0] = np.inf
         if not len(poles) or worth.min() > least:
-            return Weighted(window, fitted, weights)
-        poles = np.delete(fitted.poles, int(np.argmin(worth)))
+            return Weighted(window, fitted, weights, added)
+        last = int(np.argmin(worth))
+        poles, added = np.delete(fitted.poles, last), np.delete(added, last)
 
 
 def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
@@ -322,7 +480,13 @@ def _exact(measured: _Measured, modes: list[Mode]) -> list[Mode]:
     found = zip(whole.poles, whole.residues, strict=True)
     exact = [Mode(complex(p), np.zeros(2), residues, none, 1.0, 1.0) for p, residues in found]
     return [
-        replace(exact[r], quality=mode.quality, seen=mode.seen, everywhere=mode.everywhere)
+        replace(
+            exact[r],
+            quality=mode.quality,
+            seen=mode.seen,
+            everywhere=mode.everywhere,
+            added=mode.added,
+        )
         for mode, r in zip(modes, nearest, strict=True)
     ]
 
@@ -364,13 +528,15 @@ def _rational(measured: _Measured, begin: _Complex, most: int) -> Fitted | None:
     return fit(basis, measured.x, Y, first.poles)
 
 
-def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram | None) -> ModeSet:
-    """Return the modes that are seen, with their shapes."""
+def _mode_set(
+    frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram | None
+) -> tuple[ModeSet, list[int]]:
+    """Return the modes that are seen, with their shapes, and which were added."""
     axis, sides = measured.axis, Sides.of(frf)
     columns = []
     for mode in modes:
-        residues = mode.residues.reshape(measured.level.shape)
-        if _physical(mode, residues):
+        if mode.added >= 0 or _physical(measured, mode):
+            residues = mode.residues.reshape(measured.level.shape)
             pole = np.array([mode.pole])
             factor = axis.modal(pole, np.ones(1, dtype=np.complex128))[0] * measured.level
             figures = (
@@ -379,6 +545,7 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
                 float(axis.std_frequency(pole, mode.std[:, None])[0]),
                 float(axis.std_loss(pole, mode.std[:, None])[0]),
                 mode.quality,
+                mode.added,
             )
             product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
             noise = mode.errors.noise.reshape(factor.shape) * np.abs(factor) ** 2
@@ -389,10 +556,10 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
             f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
             " more than noise would"
         )
-    shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality = zip(
+    shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality, added = zip(
         *columns, strict=True
     )
-    return ModeSet(
+    found = ModeSet(
         frequency,
         np.array(shapes).T,
         sides.dofs,
@@ -405,11 +572,12 @@ def _mode_set(frf: FRF, measured: _Measured, modes: list[Mode], diagram: Diagram
         std_shapes=np.array(std_shapes).T,
         diagram=diagram,
     )
+    return found, [added[k] for k in np.argsort(frequency, kind="stable")]
 
 
-def _physical(mode: Mode, residues: _Complex) -> bool:
+def _physical(measured: _Measured, mode: Mode) -> bool:
     """Return whether a mode is more than what keeps real data from being modes and noise."""
-    sizes = np.linalg.svd(residues, compute_uv=False)
+    sizes = np.linalg.svd(mode.residues.reshape(measured.level.shape), compute_uv=False)
     shaped = len(sizes) < 3 or sizes[2] < _SHAPES * sizes[0]
     told = SEEN <= mode.seen <= 1.0 / SEEN and mode.quality >= LEAST
     return bool(told and shaped and mode.everywhere)

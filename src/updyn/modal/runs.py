@@ -36,11 +36,25 @@ _RUNS = 1.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weighted:
-    """A window, its fit, and the weights of the fit."""
+    """A window, its fit, and the weights of the fit.
+
+    Attributes
+    ----------
+    window : Window
+        Lines and what else there is.
+    solved : Solved
+        The fit.
+    weights : Weights
+        Of the fit.
+    added : ndarray of int, shape (k,)
+        Of poles that are modes whatever they are worth, as the user has picked them, the number of
+        the pick; of others -1.
+    """
 
     window: Window
     solved: Solved
     weights: Weights
+    added: NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +77,8 @@ class Mode:
         How large its part of the FRFs is there, as a share of all of them.
     everywhere : bool
         Whether more than one run knows it.
+    added : int
+        Number of the pick of one that is a mode whatever it is worth, else -1.
     """
 
     pole: complex
@@ -72,6 +88,7 @@ class Mode:
     quality: float
     seen: float
     everywhere: bool = True
+    added: int = -1
 
 
 def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> list[Mode]:
@@ -85,12 +102,14 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
         Numbers of the response and of the reference of each channel, either of which may be runs.
     """
     modes, errors = [], errors_of(fit.window, fit.solved)
-    for bundle in _bundles(fit.solved.poles, fit.window):
+    for bundle in _bundles(fit):
         for alike, roving in _alike(fit, bundle, runs):
             least = np.inf
             if len(roving) > 1:  # not told by the shapes
                 least = _criterion(fit, fit.solved.cost, len(alike), len(alike))
                 roving = tuple(of for of in roving if _may_rove(fit, alike, of))
+            if (fit.added[alike] >= 0).any():
+                roving = ()
             tried = [_each(fit, alike, of, least) for of in roving if of.max() > 0]
             each = [one for one in tried if one is not None]
             if each:
@@ -153,19 +172,20 @@ def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     return bool(promised > _PROMISED * (count - 1) * np.log(2 * found.error.size))
 
 
-def _bundles(poles: _Complex, window: Window) -> list[list[int]]:
-    """Return positions of poles, those together that are close."""
+def _bundles(fit: Weighted) -> list[list[int]]:
+    """Return positions of poles, those together that are close; those added alone."""
+    poles, window = fit.solved.poles, fit.window
     along, width = poles.imag if window.basis.mirrored else poles.real, window.width(poles)
     order = np.argsort(along, kind="stable")
     bundles: list[list[int]] = []
-    for r in order:
+    for r in order[fit.added[order] < 0]:
         if bundles:
             last = bundles[-1][-1]
             if along[r] - along[last] < _CLOSE * (width[r] + width[last]):
                 bundles[-1].append(int(r))
                 continue
         bundles.append([int(r)])
-    return bundles
+    return bundles + [[int(r)] for r in np.flatnonzero(fit.added >= 0)]
 
 
 def _criterion(fit: Weighted, cost: float, poles: int, residues: int) -> float:
@@ -251,7 +271,7 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
         np.concatenate([window.beside, np.delete(found.poles, r)]),
     )
     without = solved(others, found.poles[:0], fit.weights)
-    return _mode(
+    mode = _mode(
         fit,
         complex(found.poles[r]),
         found.deviation[:, r],
@@ -260,6 +280,7 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
         found.left,
         without.left,
     )
+    return replace(mode, added=int(fit.added[r]))
 
 
 def _mode(

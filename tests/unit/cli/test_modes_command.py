@@ -139,6 +139,65 @@ def test_what_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.fixture(scope="module")
+def weak(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float, float]:
+    """A job whose second mode moves by a thousandth of the others; a pole of it and of the first."""
+    folder = tmp_path_factory.mktemp("weak")
+    freq = np.linspace(0.5, 100.0, 400)
+    lines = (2 * np.pi * freq)[:, None]
+    natural, loss = 2 * np.pi * np.array([20.0, 31.0, 58.0]), np.array([0.01, 0.012, 0.02])
+    rng = np.random.default_rng(2)
+    signs = np.array([[1, 1, 1, -1, 1, -1], [1, -1, 1, 1, -1, -1], [1, 1, -1, 1, -1, 1]])
+    H = (-(lines**2) / (natural**2 * (1 + 1j * loss) - lines**2)) @ (signs.T * [1, 1e-3, 1]).T
+    noise = rng.standard_normal((2, *H.shape, 2)) @ (1, 1j)
+    H = H * (1 + 3e-5 * noise[0]) + 3e-5 * noise[1]
+    labels = [f"{k}:Z" for k in range(1, 7)]
+    frf = updyn.FRF(freq, H[:, :, None], labels, ["9:Z"], "accelerance")
+    updyn.write_frf(frf, folder / "test.npz")
+    diagram = updyn.identify_modes(updyn.read_frf(folder / "test.npz")).diagram
+    stable = diagram.frequency[diagram.stable]
+    poles = [float(stable[np.abs(stable / f - 1.0) < 5e-3][-1]) for f in (31.0, 20.0)]
+    return folder, poles[0], poles[1]
+
+
+def picking(folder: Path, *picks: str) -> Path:
+    path = folder / "job.toml"
+    path.write_text(
+        f'[test]\nfile = "test.npz"\n\n[modes]\npick = [{", ".join(picks)}]\n', encoding="utf-8"
+    )
+    return path
+
+
+def test_a_pole_that_is_clicked_becomes_a_mode(
+    weak: tuple[Path, float, float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, pole, of_a_mode = weak
+    path = picking(folder, f"{pole:.7g}", f"{of_a_mode:.7g}")
+    assert main(["modes", str(path), "--out", str(folder / "out")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"The pole at {pole:.6g} Hz is refined to a mode at 31" in said
+    assert "with 0.6 % (" in said
+    written = read_modes(folder / "out" / "modes.unv")
+    assert written.frequency == pytest.approx([20.0, 31.0], rel=3e-4)
+    assert written.loss_factor == pytest.approx([0.01, 0.012], rel=0.05)
+
+
+def test_a_pole_is_meant_only_as_it_was_clicked(
+    weak: tuple[Path, float, float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, pole, _ = weak
+    for picks, message in (
+        (["31.1"], "no mode is found within 2 % of 31.1 Hz; the nearest is at 20"),
+        (["31.1"], "the nearest stable pole of the diagram at 31."),
+        ([f"{pole:.7g}"] * 2, f"two picks are the pole at {pole:.6g} Hz; leave one"),
+    ):
+        assert main(["modes", str(picking(folder, *picks)), "--out", str(folder / "no")]) == 2
+        said = capsys.readouterr().err
+        assert message in said
+        assert "job.toml:5: " in said
+    assert not (folder / "no").exists()
+
+
 def test_a_mode_is_picked_twice(inputs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     f = float(measured(inputs).frequency[0])
     path = job(inputs, f"\n[modes]\npick = [{f:.6g}, {1.001 * f:.6g}]\n")

@@ -9,6 +9,7 @@ import pytest
 
 import updyn
 from updyn.modal.axis import Axis
+from updyn.modal.identify import _check_added, _Measured
 from updyn.modal.lscf import poles_by_order
 from updyn.modal.refine import Weights, Window, moved, solved
 from updyn.modal.stabilisation import stabilised
@@ -169,6 +170,72 @@ def test_a_mode_counts_by_its_worth_where_a_neighbour_explains_most_of_it() -> N
         found = updyn.identify_modes(pair.frf(freq, 0.25, seed))
         assert found.frequency == pytest.approx(pair.frequency, rel=2e-3)
         assert found.quality.min() < 0.5
+
+
+def weak() -> tuple[Structure, updyn.FRF]:
+    """Three modes; the one at 31 Hz moves the sensors by a hundredth of the others."""
+    whole = structure([20.0, 31.0, 58.0], [0.01, 0.012, 0.02], 6, 1, seed=2)
+    shapes = whole.shapes.copy()
+    shapes[:, 1] *= 0.01
+    made = Structure(whole.frequency, whole.loss, shapes, 6)
+    return made, made.frf(FREQ, 0.0005, 0)
+
+
+def near(modes: updyn.ModeSet, frequency: float) -> np.ndarray:
+    stable = modes.diagram.frequency[modes.diagram.stable]
+    return stable[np.abs(stable / frequency - 1.0) < 5e-3]
+
+
+@pytest.mark.parametrize("damping", ["structural", "viscous"])
+def test_a_pole_that_is_no_mode_becomes_one_where_it_is_picked(damping: str) -> None:
+    truth, frf = weak()
+    found = updyn.identify_modes(frf, damping=damping)
+    assert found.frequency == pytest.approx([20.0, 58.0], rel=3e-4)
+    more = updyn.identify_modes(frf, damping=damping, poles=[near(found, 31.0)[-1]])
+    assert more.frequency == pytest.approx(truth.frequency, rel=3e-4)
+    assert abs(more.loss_factor[1] - 0.012) < 4 * more.std_loss_factor[1] + 1e-5
+    assert more.std_frequency[1] == pytest.approx(2e-3, rel=0.3)
+    true = truth.shapes[:6, 1] / np.linalg.norm(truth.shapes[:6, 1])
+    shape = more.real_shapes[:, 1] / np.linalg.norm(more.real_shapes[:, 1])
+    assert abs(true @ shape) == pytest.approx(1.0, abs=2e-4)
+
+
+def test_poles_that_do_not_stay_are_refused_by_name() -> None:
+    _, frf = weak()
+    found = updyn.identify_modes(frf)
+    of_a_mode, hidden = near(found, 20.0)[-1], near(found, 31.0)
+    with pytest.raises(updyn.UpdynError, match=r"pole at 20.* Hz is that of the mode at 20.* Hz"):
+        updyn.identify_modes(frf, poles=[of_a_mode])
+    with pytest.raises(updyn.UpdynError, match="no stable pole of the diagram is at 44 Hz; the"):
+        updyn.identify_modes(frf, poles=[44.0])
+    with pytest.raises(updyn.UpdynError, match=r"pole at 31\.0\d* Hz, refined, "):
+        updyn.identify_modes(frf, poles=[hidden[-1], hidden[-2]])
+
+
+@pytest.mark.parametrize(
+    ("last", "others", "message"),
+    [
+        (31.003, [31.0, 58.0], "at 31.2 Hz, refined, merges with the mode at 31 Hz"),
+        (31.003, [58.0], "at 31.2 Hz, refined, takes the place of the mode at 31 Hz"),
+        (32.5, [31.0, 58.0], "at 31.2 Hz, refined, leaves its place and moves to 32.5 Hz"),
+        (120.0, [31.0, 58.0], "at 31.2 Hz, refined, leaves the band"),
+        (31.3, [31.0, 58.0], ""),
+    ],
+)
+def test_where_a_pole_that_was_picked_has_gone(
+    last: float, others: list[float], message: str
+) -> None:
+    measured = _Measured.of(FEW.frf(FREQ, 0.0, 0), mirrored=False)
+
+    def pole(frequency: list[float]) -> np.ndarray:
+        return measured.axis.pole(np.array(frequency), 0.01)
+
+    given = (complex(pole([31.2])[0]), complex(pole([last])[0]), pole([31.0, 58.0]), pole(others))
+    if not message:
+        _check_added(measured, *given)
+        return
+    with pytest.raises(updyn.UpdynError, match=message):
+        _check_added(measured, *given)
 
 
 def test_poles_of_exact_data_stay_from_order_to_order() -> None:
