@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin, lfilter
 
-from updyn.signals.quality import RecordFinding, check_records
+from updyn.signals.quality import RecordFinding, check_records, hits
 from updyn.signals.records import Records
 
 RATE, N, BEFORE, HITS = 4096, 16384, 1024, 5
@@ -338,6 +338,68 @@ def of_lasting(draws: int, sound: int, seed: int) -> None:
     )
 
 
+def few_clipped(rng: Rng, samples: int, hits: int, bits: int) -> Records:
+    """A range that so many samples of each of some hits exceed, in one channel and direction."""
+    given = recorded(drawn(rng), rng)
+    values = given.values.copy()
+    row = int(rng.integers(3))
+    sign = 1.0 if row == 0 else rng.choice([-1.0, 1.0])
+    channel = sign * values[:, row]
+    quantum = 4.0 * np.abs(channel).max() / 2.0**bits
+    channel = np.round(channel / quantum) * quantum
+    numbers = rng.permutation(HITS)[:hits]
+    ordered = np.sort(channel[numbers], axis=1)
+    # All these hits are as large, so that one range cuts as many samples off each.
+    tops = ordered[:, -samples - 1]
+    channel[numbers] *= (tops.max() / tops)[:, None]
+    channel = np.round(channel / quantum) * quantum
+    ordered = np.sort(channel[numbers], axis=1)
+    low, high = ordered[:, -samples - 1].max(), ordered[:, -samples].min()
+    limit = np.round(rng.uniform(low, high) / quantum) * quantum
+    channel[numbers] = np.minimum(channel[numbers], limit)
+    values[:, row] = sign * channel
+    return Records.of(values, given.step, NAMES, UNITS)
+
+
+def rounded(records: Records, bits: int) -> Records:
+    """The records by a converter of so many bits, with four times the range that they need."""
+    quantum = 4.0 * np.abs(records.values).max(axis=(0, 2))[:, None] / 2.0**bits
+    return Records.of(np.round(records.values / quantum) * quantum, records.step, NAMES, UNITS)
+
+
+def overloads(records: Records) -> int:
+    """How many overloads are found in the channels of all hits."""
+    found = 0
+    for row, name in enumerate(NAMES):
+        channels = records.values[:, row]
+        found += len(list(hits.clipped_alike(channels, name)))
+        for number, channel in enumerate(channels, 1):
+            found += len(list(hits.clipped(channel, name, number)))
+            found += len(list(hits.clipped_pair(channel, name, number)))
+    return found
+
+
+def of_few(draws: int, sound: int, seed: int) -> None:
+    """Print how often overloads of one or two samples are found, and sound hits called so."""
+    for bits in (24, 16):
+        texts = []
+        for samples, n_hits in ((2, 1), (1, 2), (1, 1)):
+            found = 0
+            for draw in range(draws):
+                rng = np.random.default_rng([seed, 97, bits, samples, n_hits, draw])
+                found += overloads(few_clipped(rng, samples, n_hits, bits)) > 0
+            texts.append(f"{samples} of {n_hits} hit{'s'[: n_hits - 1]} {found} of {draws}")
+        print(f"samples cut off, {bits} bits: {', '.join(texts)}")
+    alarms = dict.fromkeys((24, 20, 16, 12), 0)
+    for draw in range(sound):
+        rng = np.random.default_rng([seed, 96, draw])
+        given = recorded(drawn(rng), rng)
+        for bits in alarms:
+            alarms[bits] += overloads(rounded(given, bits)) > 0
+    text = ", ".join(f"{bits} bits {count}" for bits, count in alarms.items())
+    print(f"of {sound} sound sets called overloaded: {text}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=20)
@@ -351,6 +413,7 @@ def main() -> None:
         of_sound(options.sound, options.seed)
     if options.draws and options.sound:
         of_lasting(options.draws, 50, options.seed)
+        of_few(options.draws, 5 * options.sound, options.seed)
     print(f"{time.perf_counter() - begin:.0f} s")
 
 

@@ -50,6 +50,46 @@ def test_an_overload_of_a_response(seed, share):
     assert ("clipped", "2:Z", 3) in found(changed(sound, 2, 2, clipped))
 
 
+def cut(channel, samples, share=0.5):
+    """A channel whose largest samples, so many of them, are at a limit between them and the next."""
+    ordered = np.sort(channel)
+    limit = ordered[-samples - 1] + share * (ordered[-samples] - ordered[-samples - 1])
+    return np.minimum(channel, limit)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_overload_of_two_samples(seed):
+    sound = hits.records(noise=1e-3, seed=seed, seconds=10.0)
+    peak = np.sort(sound.values[2, 0])
+    assert peak[-1] > peak[-2] > peak[-3]
+    flat = changed(sound, 2, 0, lambda values: cut(values, 2))
+    assert ("clipped", "hammer", 3) in found(flat)
+
+
+def test_a_computed_pulse_that_is_symmetric_is_no_overload():
+    """Its two largest samples are equal to the last bit."""
+    sound = hits.records(noise=0.0, seconds=10.0)
+    for width in (4, 7, 8, 12):
+        force = np.roll(hits.pulse(sound.values.shape[2], width=width), 40)
+        both = replace(sound, values=sound.values.copy())
+        both.values[:, 0] = force  # the same in all hits, too
+        assert [one for one in found(both) if one[0] == "clipped"] == []
+
+
+def test_an_overload_of_one_sample_in_two_hits():
+    sound = hits.records(noise=1e-3, seed=1, seconds=10.0)
+    values = sound.values.copy()
+    for record in (0, 2):  # their second largest samples are 100 N, their largest above 101 N
+        values[record, 0] *= 100.0 / np.sort(values[record, 0])[-2]
+        assert values[record, 0].max() > 101.0
+        values[record, 0] = np.minimum(values[record, 0], 101.0)
+    cut_off = replace(sound, values=values)
+    told = [one for one in updyn.check_records(cut_off, "hammer") if one.kind == "clipped"]
+    assert [one.record for one in told] == [1, 3]
+    assert "a sample at" in told[0].statement
+    assert "as in record 3" in told[0].statement
+
+
 def test_an_overload_of_the_force():
     sound = hits.records(seconds=10.0)
     force = hits.pulse(sound.values.shape[2], width=12)

@@ -15,6 +15,8 @@ from updyn.signals.quality.hits import (
     REACH,
     about_the_hit,
     clipped,
+    clipped_alike,
+    clipped_pair,
     cut_off,
     ringing_before,
     second_hits,
@@ -78,9 +80,13 @@ def check_records(
             if not given.values[:, rows[-1]].any():
                 raise DataError(f"channel {name!r}: the force is zero throughout")
     found: list[RecordFinding] = []
+    alike: list[RecordFinding] = []
+    if segment is None:
+        for row, name in enumerate(given.channels):
+            alike += clipped_alike(given.values[:, row], name)
     for number in range(1, len(given.values) + 1):
         if segment is None:
-            found += _of_hit(given, rows, number, band)
+            found += _of_hit(given, rows, number, band, alike)
         else:
             found += _of_lasting(given, number)
     for row, name in enumerate(given.channels):
@@ -99,14 +105,19 @@ def check_records(
 
 
 def _of_hit(
-    records: Records, rows: list[int], number: int, band: _Band | None
+    records: Records,
+    rows: list[int],
+    number: int,
+    band: _Band | None,
+    alike: list[RecordFinding],
 ) -> Iterator[RecordFinding]:
-    """Yield the faults of one hit."""
+    """Yield the faults of one hit, with those that it has alike with others."""
     record, step = records.values[number - 1], records.step
     force = record[rows[0]]
     begin = start_of_hit(force)
     for row, (name, channel) in enumerate(zip(records.channels, record, strict=True)):
-        found = list(clipped(channel, name, number))
+        found = [*clipped(channel, name, number), *clipped_pair(channel, name, number)]
+        found += [one for one in alike if (one.record, one.channel) == (number, name)]
         if row in rows:
             found += second_hits(channel, step, name, number)
             if band is not None:

@@ -14,6 +14,8 @@ __all__ = [
     "REACH",
     "about_the_hit",
     "clipped",
+    "clipped_alike",
+    "clipped_pair",
     "cut_off",
     "ringing_before",
     "second_hits",
@@ -28,6 +30,13 @@ _Real = NDArray[np.float64]
 _FLAT, _JUMP = 3, 5.0
 #: In steps of a converter that is fine, samples at the largest value need not be neighbours.
 _FINE = 2.0**14
+#: Two neighbours at the largest value: how far they have to be jumped at, in steps of the
+#: converter, for such a pair to be no chance; and by how many steps, and which share, the jumps on
+#: either side differ at least: those of a computed pulse that is symmetric are the same.
+_CERTAIN, _UNEVEN = 1e4, (10.0, 1e-6)
+#: The same largest value in two hits: how large it has to be, in steps of the converter and for
+#: each pair of hits, for that to be no chance among hits whose levels differ by 1 %.
+_REPEATED = 1e5
 #: A second hit: a force this share of the largest, and so many times its noise.
 _SECOND, _ABOVE_NOISE = 0.05, 20.0
 #: A hit is over where its force stays below this share for as long as it took to get there.
@@ -44,9 +53,7 @@ _REST, _MORE, _FILTER = 16, 3.0, 64
 def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
     """Find an overload: neighbouring samples all at the extreme value, jumped at."""
     quantum, rest = _smallest_step(channel), np.median(channel)
-    for extreme in (channel.max(), channel.min()):
-        if abs(extreme - rest) < 0.5 * np.abs(channel - rest).max():
-            continue  # where the channel rests
+    for extreme in _extremes(channel):
         at = np.flatnonzero(channel == extreme)
         runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
         longest = at if abs(extreme - rest) > _FINE * quantum else max(runs, key=len)
@@ -60,11 +67,81 @@ def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
                 "clipped",
                 name,
                 record,
-                float(extreme),
+                extreme,
                 f"Record {record}, {name}: overload, {len(longest)} samples"
                 f"{' in a row' if len(longest) == np.ptp(longest) + 1 else ''} at {extreme:g}.",
                 f"Leave record {record} out; measure with a larger range.",
             )
+
+
+def clipped_pair(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
+    """Find an overload of two samples of a hit, told by their equal values.
+
+    The two samples about a sound peak differ by anything up to the jump beside them; the chance
+    that they are equal is a step of the converter over that jump.
+    """
+    quantum = _smallest_step(channel)
+    for extreme in _extremes(channel):
+        at = np.flatnonzero(channel == extreme)
+        if len(at) != 2 or at[1] != at[0] + 1 or at[0] == 0 or at[1] == len(channel) - 1:
+            continue
+        jumps = np.abs(channel[[at[0] - 1, at[1] + 1]] - extreme)
+        steps, share = _UNEVEN
+        is_even = abs(jumps[0] - jumps[1]) <= max(steps * quantum, share * jumps.max())
+        if jumps.min() > _CERTAIN * quantum and not is_even:
+            yield RecordFinding(
+                "clipped",
+                name,
+                record,
+                extreme,
+                f"Record {record}, {name}: overload, 2 samples in a row at {extreme:g}.",
+                f"Leave record {record} out; measure with a larger range.",
+            )
+
+
+def clipped_alike(channels: _Real, name: str) -> Iterator[RecordFinding]:
+    """Find an overload of single samples, told by the same largest value of several hits.
+
+    Parameters
+    ----------
+    channels : ndarray of float, shape (records, samples)
+        A channel in all hits.
+    name : str
+        Its name.
+    """
+    quantum = min(_smallest_step(channel) for channel in channels)
+    found: dict[float, list[int]] = {}
+    for number, channel in enumerate(channels, 1):
+        for extreme in _extremes(channel):
+            found.setdefault(extreme, []).append(number)
+    for extreme, numbers in found.items():
+        hits = [channels[number - 1] for number in numbers]
+        places = [np.flatnonzero(hit == extreme) for hit in hits]
+        if len(numbers) < 2 or any(len(at) > 1 for at in places):
+            continue  # more than one sample of a hit is told by that hit alone
+        around = [hit[max(at[0] - 1, 0) : at[0] + 2] for hit, at in zip(hits, places, strict=True)]
+        is_copy = any(np.array_equal(around[0], other) for other in around[1:])
+        pairs = 0.5 * len(channels) * (len(channels) - 1)
+        if abs(extreme) > _REPEATED * pairs * quantum and not is_copy:
+            for number in numbers:
+                others = ", ".join(str(other) for other in numbers if other != number)
+                yield RecordFinding(
+                    "clipped",
+                    name,
+                    number,
+                    extreme,
+                    f"Record {number}, {name}: overload, a sample at {extreme:g}, as in record"
+                    f" {others}.",
+                    f"Leave record {number} out; measure with a larger range.",
+                )
+
+
+def _extremes(channel: _Real) -> list[float]:
+    """Return the largest and the smallest value, but for that at which the channel rests."""
+    rest = np.median(channel)
+    least = 0.5 * np.abs(channel - rest).max()
+    both = (float(channel.max()), float(channel.min()))
+    return [extreme for extreme in both if abs(extreme - rest) >= least]
 
 
 def _smallest_step(channel: _Real) -> float:
