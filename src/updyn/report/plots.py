@@ -450,8 +450,10 @@ def log_bars(values: Mapping[str, float], title: str, mark: float | None = None)
     low, high = float(np.log10(ends.min())), float(np.log10(ends.max()))
     span = max(high - low, 1.0)
     step: int | str = "D2"
-    if span > 1.5:
-        step = max(1, math.ceil(span / 2.5))  # three or four labels: on paper there are 130 px
+    if span > 3.0:
+        step = math.ceil(span / 2.5)  # three or four labels: on paper there are 130 px
+    elif span > 1.5:
+        step = 1
     rows = list(range(len(known)))
     trace = {
         "type": "bar",
