@@ -27,6 +27,8 @@ __all__ = ["MODES", "comac_bars", "modal_rows", "mode_map"]
 
 #: Marks along an axis of modes.
 _MARKS = 30
+#: Side by side, where a figure is 130 px wide on paper.
+_MARKS_ACROSS = 10
 #: Rows of the table that are not folded away.
 SHOWN_ROWS = 20
 #: Smallest and largest height in pixels of a map of modes.
@@ -77,15 +79,15 @@ def mode_map(
         "data": [trace],
         "height": height,
         "layout": {
-            "xaxis": _axis(columns.frequency, f"{names[1]} (Hz)"),
-            "yaxis": {**_axis(rows.frequency, f"{names[0]} (Hz)"), "autorange": "reversed"},
+            "xaxis": _axis(columns.frequency, f"{names[1]} (Hz)", _MARKS_ACROSS),
+            "yaxis": {**_axis(rows.frequency, f"{names[0]} (Hz)", _MARKS), "autorange": "reversed"},
         },
     }
 
 
-def _axis(frequency: NDArray[np.float64], title: str) -> dict[str, Any]:
-    """Return an axis with a place for each mode, marked by its frequency in Hz."""
-    every = -(-len(frequency) // _MARKS)
+def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
+    """Return an axis with a place for each mode, up to `most` marked by their frequency in Hz."""
+    every = -(-len(frequency) // most)
     at = list(range(0, len(frequency), every))
     return {
         "title": {"text": label(title)},

@@ -79,6 +79,9 @@ def test_many_modes_are_folded_away(result, monkeypatch):
     many = table.test.select(often[order])
     with_many = dataclasses.replace(result, modes=ModalTable(many, table.start, table.updated))
     assert f"<summary>{36 - SHOWN_ROWS} further modes<" in render(with_many)
+    axes = modes.mode_map(np.eye(36), many, many, ("test", "test"), "AutoMAC")["layout"]
+    assert axes["xaxis"]["tickvals"] == list(range(0, 36, 4))
+    assert axes["yaxis"]["tickvals"] == list(range(0, 36, 2))
     monkeypatch.setattr(modes, "SHOWN_ROWS", 35)
     assert "<summary>1 further mode<" in render(with_many)
 
