@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.correlation import fdac
+from updyn.correlation import csf, fdac
 from updyn.correlation.figures import figure_text
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
@@ -36,6 +36,7 @@ __all__ = [
     "agreement_figures",
     "correlation_maps",
     "csac_lines",
+    "csf_lines",
     "fdac_maps",
     "level_difference",
 ]
@@ -111,15 +112,28 @@ def _correlation_map(
 
 def csac_lines(data: ReportData) -> Figure | None:
     """Return CSAC over frequency, before and after."""
-    if data.csac_before is None and data.csac_after is None:
+    return _by_line(data, "CSAC", data.csac_before, data.csac_after)
+
+
+def csf_lines(data: ReportData) -> Figure | None:
+    """Return CSF over frequency, before and after."""
+    found = [None if h is None else csf(data.measured, h) for h in (data.before, data.after)]
+    return _by_line(data, "CSF", *found)
+
+
+def _by_line(
+    data: ReportData,
+    criterion: str,
+    before: NDArray[np.float64] | None,
+    after: NDArray[np.float64] | None,
+) -> Figure | None:
+    """Return a criterion between 0 and 1 over frequency, before and after."""
+    if before is None and after is None:
         return None
     traces: list[dict[str, Any]] = []
     x = numbers(data.freq)
-    for name, csac, dash in (
-        ("start", data.csac_before, "dot"),
-        ("updated", data.csac_after, "solid"),
-    ):
-        if csac is None:
+    for name, values, dash in (("start", before, "dot"), ("updated", after, "solid")):
+        if values is None:
             continue
         traces.append(
             {
@@ -128,9 +142,9 @@ def csac_lines(data: ReportData) -> Figure | None:
                 "marker": {"size": 5, "color": MODEL_COLOURS[name]},
                 "name": name,
                 "x": x,
-                "y": numbers(csac),
+                "y": numbers(values),
                 "line": {"color": MODEL_COLOURS[name], "dash": dash, "width": 1.6},
-                "hovertemplate": f"%{{x:.5g}} Hz: CSAC {name} %{{y:.3f}}<extra></extra>",
+                "hovertemplate": f"%{{x:.5g}} Hz: {criterion} {name} %{{y:.3f}}<extra></extra>",
             }
         )
     return {
@@ -138,7 +152,7 @@ def csac_lines(data: ReportData) -> Figure | None:
         "height": 300,
         "layout": {
             "xaxis": {"title": {"text": "frequency (Hz)"}},
-            "yaxis": {"title": {"text": "CSAC"}, "range": [-0.02, 1.04]},
+            "yaxis": {"title": {"text": criterion}, "range": [-0.02, 1.04]},
             "showlegend": True,
         },
     }
@@ -273,7 +287,7 @@ def _figure(name: str, figures: Mapping[str, float]) -> str:
 
 
 class Agreement(Section):
-    """FRF correlation at the start and updated, CSAC over frequency."""
+    """FRF correlation at the start and updated, CSAC and CSF over frequency."""
 
     anchor = "agreement"
     name = "Correlation"
@@ -282,9 +296,10 @@ class Agreement(Section):
     template = "updyn.report/agreement.html"
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the maps of the FRF correlation, and CSAC over frequency."""
+        """Return the maps of the FRF correlation, CSAC and CSF over frequency, and FDAC."""
         data = content.data
-        return correlation_maps(data) | existing({"csac": csac_lines(data)}) | fdac_maps(data)
+        curves = existing({"csac": csac_lines(data), "csf": csf_lines(data)})
+        return correlation_maps(data) | curves | fdac_maps(data)
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the lines compared and the figures of agreement of the fit."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dynamics.modes import Modes
+from updyn.geometry import Geometry
 from updyn.report.formats import number, padded
+from updyn.report.picture import VIEWS, camera, line_ends
 from updyn.report.plots import (
     PRINTED_CELLS,
     Figure,
@@ -23,7 +26,7 @@ from updyn.report.plots import (
 from updyn.report.section import Content, Section
 from updyn.updating.judge.modal_table import ModalTable, ModeEntry
 
-__all__ = ["MODES", "comac_bars", "modal_rows", "mode_map"]
+__all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
 
 #: Marks along an axis of modes.
 _MARKS = 30
@@ -33,6 +36,10 @@ _MARKS_ACROSS = 10
 SHOWN_ROWS = 20
 #: Smallest and largest height in pixels of a map of modes.
 _HEIGHTS = 240, 560
+#: Height in pixels of a picture of the sensors, and lines of the geometry that it has at most.
+_MAP_HEIGHT, _MOST_LINES = 380, 4_000
+#: Nodes up to which their numbers stand beside them.
+_NAMED = 40
 
 
 def mode_map(
@@ -141,6 +148,90 @@ def comac_bars(table: ModalTable) -> Figure | None:
     }
 
 
+def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure]:
+    """Return pictures of the geometry with COMAC at the sensors, by name of the figure.
+
+    Parameters
+    ----------
+    table : ModalTable
+        The modes.
+    geometry : Geometry, optional
+        Where the nodes stand. Sensors at others are left out.
+
+    Returns
+    -------
+    dict of str to Figure
+        ``"comac-map-start"`` and ``"comac-map-updated"``, as far as known. A node with several
+        sensors has the lowest of their values.
+    """
+    made: dict[str, Figure] = {}
+    if geometry is None or not len(geometry.nodes):
+        return made
+    flat = geometry.xyz @ camera(*VIEWS["front"])[:2].T
+    ends = line_ends(geometry)
+    if len(ends) > _MOST_LINES:
+        ends = ends[np.linspace(0, len(ends) - 1, _MOST_LINES).round().astype(np.intp)]
+    gap = np.full((len(ends), 1, 2), np.nan)
+    lines = np.concatenate([flat[ends], gap], axis=1).reshape(-1, 2)
+    place = {int(node): at for at, node in enumerate(geometry.nodes)}
+    for name, correlation in table.correlations.items():
+        found: dict[int, dict[str, float]] = {}
+        for dof, value in zip(correlation.dofs, correlation.comac().tolist(), strict=True):
+            if dof.node in place and np.isfinite(value):
+                found.setdefault(dof.node, {})[dof.direction] = value
+        if found:
+            at = flat[[place[node] for node in found]]
+            made[f"comac-map-{name}"] = _comac_map(lines, at, found)
+    return made
+
+
+def _comac_map(
+    lines: NDArray[np.float64], at: NDArray[np.float64], found: Mapping[int, Mapping[str, float]]
+) -> Figure:
+    """Return a picture of lines, with COMAC by node and direction at places of the picture."""
+    nodes, hover = list(map(str, found)), []
+    for node, values in found.items():
+        hover.append(f"{node}: " + ", ".join(f"{way} {v:.3f}" for way, v in values.items()))
+    lowest = np.array([min(values.values()) for values in found.values()])
+    order = np.argsort(-lowest, kind="stable")  # the lowest are drawn last, over the others
+    structure = {
+        "type": "scatter",
+        "mode": "lines",
+        "x": numbers(lines[:, 0]),
+        "y": numbers(lines[:, 1]),
+        "line": {"color": "@muted", "width": 1},
+        "hoverinfo": "skip",
+        "showlegend": False,
+    }
+    sensors = {
+        "type": "scatter",
+        "mode": "markers+text" if len(found) <= _NAMED else "markers",
+        "x": numbers(at[order, 0]),
+        "y": numbers(at[order, 1]),
+        "text": [nodes[i] for i in order],
+        "textposition": "top right",
+        "cliponaxis": False,
+        "hovertext": [hover[i] for i in order],
+        "hovertemplate": "COMAC %{hovertext}<extra></extra>",
+        "showlegend": False,
+        "marker": {
+            "size": 13,
+            "color": numbers(lowest[order]),
+            "cmin": 0.0,
+            "cmax": 1.0,
+            "colorscale": "Cividis",
+            "line": {"color": "@text", "width": 1},
+            "colorbar": colour_bar("COMAC", (0, 0.25, 0.5, 0.75, 1), _MAP_HEIGHT),
+        },
+    }
+    hidden = {"visible": False}
+    return {
+        "data": [structure, sensors],
+        "height": _MAP_HEIGHT,
+        "layout": {"xaxis": hidden, "yaxis": {**hidden, "scaleanchor": "x"}},
+    }
+
+
 def modal_rows(table: ModalTable) -> list[tuple[list[str], str]]:
     """Return the cells of each row of the table, and the class of the row."""
     shown = []
@@ -208,7 +299,7 @@ class ModesSection(Section):
     first_screen = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return MAC before and after, AutoMAC, COMAC, cross-orthogonality."""
+        """Return MAC before and after, AutoMAC, COMAC as bars and in place, cross-orthogonality."""
         table = content.modes
         made: dict[str, Figure | None] = {"comac": comac_bars(table)}
         for name, found in table.correlations.items():
@@ -227,7 +318,7 @@ class ModesSection(Section):
             made["cross-orthogonality"] = mode_map(
                 values, table.updated, table.test, whose, "modulus"
             )
-        return existing(made)
+        return existing(made) | comac_maps(table, content.result.start.geometry)
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the rows of the table, and what is said of them."""

@@ -11,14 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
+from updyn.geometry import Geometry
 from updyn.group import Group
 from updyn.model import Model
 from updyn.report.templates import render_template
 
 __all__ = [
+    "VIEWS",
     "Callout",
     "Scene",
+    "camera",
     "groups_of_lines",
+    "line_ends",
     "nodes_of_groups",
     "picture",
     "spread",
@@ -42,7 +46,7 @@ _HEAD_GAP = 7.0
 _HEAD = 9.0
 _LABEL_GAP = 16.0
 #: Azimuth and elevation of the eye, in degrees.
-_VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
+VIEWS = {"front": (38.0, 24.0), "back": (218.0, 24.0)}
 
 _Real = NDArray[np.float64]
 
@@ -92,7 +96,7 @@ def picture(
     if missing:
         names = ", ".join(missing)
         notes.append(f"Without a position in the geometry, and not drawn: {names}.")
-    front, back = _VIEWS
+    front, back = VIEWS
     return render_template(
         "updyn.report/structure.html",
         width=_WIDTH,
@@ -146,7 +150,7 @@ class Scene:
         """Return the scene of a model with a geometry."""
         assert model.geometry is not None
         notes: tuple[str, ...] = ()
-        lines = _line_ends(model)
+        lines = line_ends(model.geometry)
         group = groups_of_lines(model)
         if len(lines) > _MOST_LINES:
             kept = np.linspace(0, len(lines) - 1, _MOST_LINES).round().astype(np.intp)
@@ -347,18 +351,18 @@ def _view(
     scene: Scene, callouts: Sequence[Callout], name: str, *, labelled: bool
 ) -> dict[str, Any]:
     """Return the elements of a picture from one side."""
-    camera = _camera(*_VIEWS[name])
-    seen = scene.xyz @ camera.T  # right, up, towards the eye
+    view = camera(*VIEWS[name])
+    seen = scene.xyz @ view.T  # right, up, towards the eye
     to_picture = _Projection(scene, seen)
     xy = to_picture(seen)
-    at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ camera.T)
+    at = to_picture(np.array([c.xyz for c in callouts]).reshape(-1, 3) @ view.T)
     return {
         "name": name,
         "layers": _layers(scene, xy, seen[:, 2]),
         "squares": _squares(scene, xy),
-        "callouts": [_drawn(c, place, camera) for c, place in zip(callouts, at, strict=True)],
+        "callouts": [_drawn(c, place, view) for c, place in zip(callouts, at, strict=True)],
         "labels": _labels(callouts, at) if labelled and callouts else [],
-        "axes": _axes(camera),
+        "axes": _axes(view),
     }
 
 
@@ -381,8 +385,18 @@ class _Projection:
         return np.asarray(np.array([_WIDTH, _HEIGHT]) / 2 + flat)
 
 
-def _camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """Return right, up and towards the eye as rows, for an eye at these angles in degrees."""
+def camera(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Return right, up and towards the eye as rows, for an eye at these angles in degrees.
+
+    Parameters
+    ----------
+    azimuth, elevation : float
+        As of `VIEWS`.
+
+    Returns
+    -------
+    ndarray of float, shape (3, 3)
+    """
     a, e = math.radians(azimuth), math.radians(elevation)
     eye = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
     right = np.array([-math.sin(a), math.cos(a), 0.0])
@@ -460,7 +474,7 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
     assert model.geometry is not None
     at = _places(model)
     n = len(model.geometry.nodes)
-    ends = np.sort(_line_ends(model), axis=1)
+    ends = np.sort(line_ends(model.geometry), axis=1)
     wanted, place = np.unique(ends[:, 0] * n + ends[:, 1], return_inverse=True)
     has = np.zeros(n, dtype=np.bool_)
     has[at[at >= 0]] = True
@@ -530,12 +544,21 @@ def _used_dofs(group: Group) -> NDArray[np.intp]:
     return np.concatenate([np.empty(0, dtype=np.intp), *used])
 
 
-def _line_ends(model: Model) -> NDArray[np.intp]:
-    """Return the ends of each line as positions among the nodes, shape (m, 2)."""
-    assert model.geometry is not None
-    nodes = model.geometry.nodes
+def line_ends(geometry: Geometry) -> NDArray[np.intp]:
+    """Return the ends of each line of a geometry as positions among its nodes.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        The geometry.
+
+    Returns
+    -------
+    ndarray of int, shape (m, 2)
+    """
+    nodes = geometry.nodes
     order = np.argsort(nodes)
-    return np.asarray(order[np.searchsorted(nodes[order], model.geometry.lines)]).reshape(-1, 2)
+    return np.asarray(order[np.searchsorted(nodes[order], geometry.lines)]).reshape(-1, 2)
 
 
 def _places(model: Model) -> NDArray[np.intp]:

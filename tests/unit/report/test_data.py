@@ -12,9 +12,9 @@ import pytest
 from pages_read import Page
 from pages_read import values as plotted
 from report_case import all_figures, chain, measured, realistic, smallest
-from updyn.correlation import fdac
+from updyn.correlation import csf, fdac
 from updyn.report import data as report_data
-from updyn.report.agreement import fdac_maps, level_difference
+from updyn.report.agreement import csf_lines, fdac_maps, level_difference
 from updyn.report.data import gather, keep_lines
 from updyn.report.formats import (
     change,
@@ -208,7 +208,7 @@ def test_level_differences_by_value():
 def test_every_figure_is_there_and_finite(result, data):
     figures = all_figures(result)
     assert set(figures) == {
-        "changes", "worst-channel", "median-channel", "frf-correlation-before", "frf-correlation-after", "csac",
+        "changes", "worst-channel", "median-channel", "frf-correlation-before", "frf-correlation-after", "csac", "csf",
         "singular-values", "correlation", "cost", "factor-paths", "loss-factor-paths", "level-differences",
         "residual-by-channel", "misfit-map",
         "fdac-before", "fdac-after", "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
@@ -219,6 +219,15 @@ def test_every_figure_is_there_and_finite(result, data):
     assert figures["correlation"]["data"][0]["z"][2][2] is None  # mass of bay 5 is open
     shares = [np.sum(numbers(t["y"], packed=False)) for t in figures["level-differences"]["data"]]
     np.testing.assert_allclose(shares, 100.0)
+
+
+def test_csf_by_line_sees_the_level(data):
+    start, updated = csf_lines(data)["data"]
+    for trace, values in ((start, data.before), (updated, data.after)):
+        np.testing.assert_allclose(plotted(trace["y"]), csf(data.measured, values), atol=6e-4)
+    twice = dataclasses.replace(data, after=2.0 * data.measured)
+    # 2 * 2 / (1 + 4), where CSAC is 1.
+    np.testing.assert_allclose(plotted(csf_lines(twice)["data"][1]["y"]), 0.8, atol=6e-4)
 
 
 def test_fdac_maps_have_the_ridge_where_the_lines_are_alike(data):

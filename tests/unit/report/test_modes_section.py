@@ -11,8 +11,9 @@ import updyn
 from pages_read import Page, attributes, dump
 from report_case import realistic
 from updyn.report import modes
-from updyn.report.modes import MODES, SHOWN_ROWS, modal_rows
+from updyn.report.modes import MODES, SHOWN_ROWS, comac_maps, modal_rows
 from updyn.report.page import render
+from updyn.report.picture import VIEWS, camera
 from updyn.report.section import Content
 from updyn.updating.judge.modal_table import ModalTable
 
@@ -41,6 +42,44 @@ def test_figures_are_those_of_the_table(result):
     assert len(figures["comac"]["layout"]["yaxis"]["ticktext"]) == len(found.dofs)
     crossed = np.array(figures["cross-orthogonality"]["data"][0]["z"], dtype=float)
     assert crossed == pytest.approx(np.abs(table.cross_orthogonality), abs=1e-6)
+
+
+def test_comac_in_place(result):
+    """Each marker stands on its node, as seen from the front, with the lowest value of its sensors."""
+    assert not any(name.startswith("comac-map") for name in MODES.figures(Content(result)))
+    turn = np.linspace(0.0, 3.0, 12)
+    geometry = updyn.Geometry(
+        range(1, 13),
+        np.transpose([np.cos(turn), np.sin(turn), 0.3 * turn]),
+        [(i, i + 1) for i in range(1, 12)],
+    )
+    start = updyn.Model.from_groups(result.start.groups, result.start.dofs, geometry=geometry)
+    found = result.modes.correlations["updated"]
+    figures = MODES.figures(Content(dataclasses.replace(result, start=start)))
+    figure = figures["comac-map-updated"]
+    assert "comac-map-start" in figures
+    structure, sensors = figure["data"]
+    expected: dict[int, list[float]] = {}
+    for dof, value in zip(found.dofs, found.comac(), strict=True):
+        expected.setdefault(dof.node, []).append(value)
+    right, up = camera(*VIEWS["front"])[:2]
+    assert len(sensors["hovertext"]) == len(expected) > 1
+    for x, y, value, text in zip(
+        sensors["x"], sensors["y"], sensors["marker"]["color"], sensors["hovertext"], strict=True
+    ):
+        node = int(text.split(":")[0])
+        (place,) = geometry.position([node])
+        assert (x, y) == pytest.approx((place @ right, place @ up), abs=1e-5)
+        assert value == pytest.approx(min(expected[node]), abs=1e-5)
+    assert [int(text) for text in sensors["text"]] == [
+        int(text.split(":")[0]) for text in sensors["hovertext"]
+    ]
+    assert len(structure["x"]) == 3 * len(geometry.lines)
+    assert sensors["marker"]["color"] == sorted(sensors["marker"]["color"], reverse=True)
+    assert figure["layout"]["yaxis"]["scaleanchor"] == "x"
+    assert comac_maps(result.modes, None) == {}
+    other = updyn.Geometry([10**6], [[0.0, 0.0, 0.0]])
+    assert comac_maps(result.modes, other) == {}
 
 
 def test_rows_are_those_of_the_table(result):
