@@ -89,8 +89,8 @@ def _assemble(dofs: np.ndarray, local: np.ndarray, n: int) -> sp.csr_array:
     )
 
 
-def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
-    """A double-layer space frame over several spans, one group each with a loss factor of 1 to 4 %.
+def footbridge(spans: int = 4, bays: int = 19, wide: int = 4, pieces: int = 0) -> updyn.Model:
+    """A double-layer space frame over several spans, in groups with loss factors of 1 to 4 %.
 
     Parameters
     ----------
@@ -99,6 +99,8 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
         ends of each span.
     wide : int
         Squares across. 3 (spans bays (2 wide + 1) + wide + 1) - 6 (spans + 1) DOFs.
+    pieces : int
+        Groups, as many squares long each; 0: one for each span.
 
     Notes
     -----
@@ -116,10 +118,11 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4) -> updyn.Model:
         [[i, j, 1.0] for i in range(along + 1) for j in range(wide + 1)]
         + [[i + 0.5, j + 0.5, 0.0] for i in range(along) for j in range(wide)]
     )
-    span = np.minimum(xyz[bars - 1, 0].mean(axis=1) // bays, spans - 1)
+    number, name = pieces or spans, "piece" if pieces else "span"
+    piece = np.minimum(xyz[bars - 1, 0].mean(axis=1) * number // along, number - 1)
     parts = [
-        Truss(f"span {s + 1}", bars[span == s], E, RHO, 1e-3, loss_factor=0.01 + 0.01 * (s % 4))
-        for s in range(spans)
+        Truss(f"{name} {s + 1}", bars[piece == s], E, RHO, 1e-3, loss_factor=0.01 + 0.01 * (s % 4))
+        for s in range(number)
     ]
     return structure(xyz, parts, grounded=[int(n) for n in upper[::bays, [0, -1]].flat])
 

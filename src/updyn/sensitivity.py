@@ -96,6 +96,11 @@ class Unknowns:
             np.array(powers, dtype=np.float64),
         )
 
+    @property
+    def scales(self) -> NDArray[np.bool_]:
+        """Which drives scale a matrix; the others are a loss factor or a rate, shape (n_d,)."""
+        return np.asarray(self.number == _FACTOR)
+
     def state(self, system: AffineSystem, values: NDArray[np.float64]) -> State:
         """Return the state of a compiled model at some values of the unknowns.
 
@@ -112,7 +117,7 @@ class Unknowns:
         """
         start, given = system.start, values[self.owner]
         factor, loss, rate = start.factor.copy(), start.loss.copy(), start.rate.copy()
-        scales = self.number == _FACTOR
+        scales = self.scales
         factor[self.at[scales]] = 1.0
         np.multiply.at(factor, self.at[scales], given[scales] ** self.power[scales])
         for number, kept in ((_LOSS, loss), (_RATE, rate)):
@@ -149,7 +154,7 @@ class Unknowns:
         unit = system.coefficients(replace(state, factor=np.ones_like(state.factor)), omega)[
             self.at
         ]
-        scales, factor = self.number == _FACTOR, state.factor[self.at, None]
+        scales, factor = self.scales, state.factor[self.at, None]
         share = np.where(
             scales,
             self.power * state.factor[self.at] / np.where(scales, values[self.owner], 1.0),

@@ -14,7 +14,7 @@ from updyn.demos.gear_train import starting_model, table, true_model
 from updyn.dynamics import fields
 from updyn.updating.fit import answers, null_space, search
 from updyn.updating.judge import alternatives
-from updyn.updating.problem import noise, problem, residuals
+from updyn.updating.problem import coordinates, noise, residuals
 from updyn.updating.problem.lines import _RELATIVE_FLOOR
 from updyn.updating.problem.noise import estimated, neighbours
 
@@ -29,7 +29,7 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         f"at most {search.SEARCH_LINES} lines",
         "at least {:g}, then {:g}, then {:.1f}".format(*search._INFLATED),
         f"`starts` tries ({search.Search().starts}) of {search.Search().max_iterations} steps",
-        f"values down to {problem._RELAXED:g} ",
+        f"values down to {coordinates._RELAXED:g} ",
         f"by more than {100 * search._UNSURE:g} % is moved alone",
         f"w = 1 / sqrt(1 + (s / {residuals._CLEAR:g})^2)",
         f"s^2 = E|dH|^2 / (|H_X|^2 - {residuals._BIAS:g} E|dH|^2)",

@@ -243,7 +243,7 @@ def test_modes_that_resemble_the_model_only_later_join_later() -> None:
     assert result.status == "converged"
     assert vector(result) == pytest.approx([1.2, 0.9, 1.0], rel=1e-8)
     assert result.noise["modes"] == 10
-    at_first = updyn.update(start, frf, unknowns, method="modal", modes=modes, max_iterations=1)
+    at_first = updyn.update(start, frf, unknowns, method="modal", modes=modes, max_iterations=0)
     assert at_first.noise["modes"] < 10
     assert at_first.noise["left_out"].endswith(" Hz")
 

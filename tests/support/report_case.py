@@ -122,7 +122,7 @@ def realistic(**changes):
         options={"max_iterations": 50, "tolerance": 1e-8, "tier": "dense", "backend": None},
         start=start,
         model=chosen.apply(start, [ends[n] for n in chosen.names]),
-        frf=frf,
+        data=frf,
         lines=frf.freq[10:500:4],
         fitted_responses=("1:Z", "4:Z", "6:-Z", "12:Z"),
         validation_responses=("9:Z",),
@@ -219,7 +219,7 @@ def smallest():
     return realistic(
         start=start,
         model=chosen.apply(start, [1.2]),
-        frf=frf,
+        data=frf,
         lines=frf.freq,
         fitted_responses=("1:Z",),
         validation_responses=(),
@@ -281,7 +281,7 @@ def largest(n_responses=100, n_references=10, n_lines=2000, n_unknowns=100):
     return realistic(
         start=start,
         model=chosen.apply(start, [ends[n] for n in chosen.names]),
-        frf=frf,
+        data=frf,
         lines=frf.freq,
         fitted_responses=tuple(labels),
         validation_responses=(),
@@ -316,7 +316,7 @@ def hostile():
     )
     values = {f"{name}.stiffness": 1.1, "bay 2.stiffness": 1.0}
     return realistic(
-        start=start, model=start, frf=frf, lines=frf.freq, fitted_responses=("1:Z", "2:Z"), validation_responses=(),
+        start=start, model=start, data=frf, lines=frf.freq, fitted_responses=("1:Z", "2:Z"), validation_responses=(),
         validation_band=None, parameters=chosen, values=values, std=dict.fromkeys(values, 0.1),
         covariance=np.eye(2) * 0.01, at_bound={}, history=(), title=HOSTILE, message=HOSTILE, remedy=HOSTILE,
         options={HOSTILE: HOSTILE}, versions={"updyn": HOSTILE}, timing_s={HOSTILE: 1.0}, noise={HOSTILE: HOSTILE},

@@ -331,11 +331,16 @@ def correlate(job: Path, /) -> int:
     """
     from updyn.correlation import correlate as correlation_of
     from updyn.job import load_job, prepare
+    from updyn.job.modes import start_modes_text
+    from updyn.modal import ModeSet
 
     ready = prepare(load_job(job))
     print_text(overview(ready))
     for test in ready.tests:
-        found = correlation_of(test.model, test.frf)
+        if isinstance(test.data, ModeSet):
+            print_text("\n" + "\n".join(filter(None, [test.name, start_modes_text(test)])))
+            continue
+        found = correlation_of(test.model, test.data)
         print_text("\n" + joined(CORRELATE, Compared(ready, test.name, found)))
     return DONE
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from updyn.cli.describe import describe_identifiability, describe_parameters
 from updyn.correlation.figures import SHORT_NAMES, agreement_table, figure_text
@@ -229,7 +229,10 @@ CORRELATE: tuple[Callable[[Compared], str], ...] = (
 def _causes(tests: Sequence[PreparedTest], unknowns: ParameterSet) -> str:
     """Return what seems to be wrong with the data of tests, each with what to do about it."""
     from updyn.job import job_findings
+    from updyn.modal import ModeSet
 
+    if all(isinstance(test.data, ModeSet) for test in tests):
+        return ""  # faults are known of FRFs only
     texts = []
     for test in tests:
         for one in job_findings(test, unknowns):
@@ -269,6 +272,14 @@ def _model_text(test: PreparedTest) -> str:
 
 
 def _test_text(test: PreparedTest) -> str:
+    from updyn.modal import ModeSet
+
+    if isinstance(test.data, ModeSet):
+        modes = test.data
+        return (
+            f"test: {len(modes)} modes from {modes.frequency[0]:.4g} to {modes.frequency[-1]:.4g}"
+            f" Hz at {len(modes.dofs)} DOFs; all are DOFs of the model"
+        )
     frf = test.frf
     return (
         f"test: {frf.quantity}, {len(frf.freq)} lines from {frf.freq[0]:.4g} to"
@@ -279,7 +290,11 @@ def _test_text(test: PreparedTest) -> str:
 
 def _fit_text(test: PreparedTest) -> str:
     """Return which lines and responses are fitted, and what is held out."""
+    from updyn.modal import ModeSet
+
     chosen, held = test.job.method.lines, test.job.validation
+    if isinstance(test.fitted, ModeSet):
+        return _modes_text(len(test.fitted), len(test.freq), held)
     used: str | int = len(test.fitted.freq)
     if isinstance(chosen, str):
         used = chosen
@@ -295,6 +310,12 @@ def _fit_text(test: PreparedTest) -> str:
         low, high = held
         return f"{text}; held out: {low:.4g} to {high:.4g} Hz"
     return f"{text}; held out: {_named(map(str, held))}"
+
+
+def _modes_text(fitted: int, measured: int, held: Any) -> str:
+    """Return which modes are fitted, and what is held out."""
+    text = f"fit: {fitted} of {measured} modes"
+    return f"{text}; held out: {held[0]:.4g} to {held[1]:.4g} Hz" if held else text
 
 
 def _named(names: Iterable[str]) -> str:

@@ -18,8 +18,8 @@ from updyn.engines import Engine, opened_engine
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
 from updyn.model import Model
+from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Coordinates
 from updyn.updating.result import JointResult, UpdateResult, result_of_test
 
 if TYPE_CHECKING:

@@ -21,6 +21,13 @@ FIGURE_NAMES: Mapping[str, str] = {
     "csf_mean": "CSF, mean over lines",
     "db_error_median": "level difference, median (dB)",
     "db_error_p95": "level difference, 95 % of values below (dB)",
+    "modes_measured": "modes, measured",
+    "modes_paired": "modes, paired",
+    "mac_median": "MAC, median over modes",
+    "mac_min": "MAC, worst mode",
+    "frequency_error_rms": "frequency, rms error of pairs (%)",
+    "frequency_error_max": "frequency, worst error of pairs (%)",
+    "loss_factor_error_rms": "loss factor, rms error of pairs (%)",
 }
 #: The same as headings of narrow columns.
 SHORT_NAMES: Mapping[str, str] = {
@@ -34,7 +41,7 @@ SHORT_NAMES: Mapping[str, str] = {
     "db_error_p95": "dB, 95 %",
 }
 #: Figures that are 1 at best, by the beginning of their names.
-_ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_")
+_ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")
 
 
 def figure_text(name: str, value: float) -> str:

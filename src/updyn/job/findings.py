@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from updyn.job.prepared import PreparedTest
+from updyn.modal import ModeSet
 from updyn.updating.diagnose import diagnose
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.problem.parameters import ParameterSet
@@ -26,7 +27,7 @@ def job_findings(test: PreparedTest, unknowns: ParameterSet) -> tuple[Finding, .
         The likeliest first.
     """
     own = [p for p in unknowns if not p.is_channel]
-    if not own:
+    if not own or isinstance(test.data, ModeSet):
         return ()
     job = test.job
     return diagnose(

@@ -239,8 +239,17 @@ def _check_tests(job: Job) -> None:
     for part in job.parts:
         test = part.test
         with part.located(), key_path("test"):
+            if part.has_modes:
+                for key in test.of_frfs:
+                    raise JobError(
+                        f"test.{key} belongs to FRFs, and this test measured modes; leave it out",
+                        key=(key,),
+                    )
+                continue
             if test.file is None and job.records is None:
-                raise JobError("missing key 'file' in [test], and no [records] in its place")
+                raise JobError(
+                    "missing key 'file' in [test], and no [records] or modes in its place"
+                )
             if test.file is not None:
                 continue
             for key in test.reader_options:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from updyn.correlation import correlate
 from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
+from updyn.modal import ModeSet
 from updyn.updating.modes import LARGEST, modal_table, modes_like
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -29,15 +30,16 @@ def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult
 
 def start_modes_text(test: PreparedTest) -> str:
     """Return the modes of a test and of its model as it stands as text, or why there are none."""
-    model, frf = test.model, test.frf
+    model, data = test.model, test.data
     if model.n_dofs > LARGEST:
         return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
     try:
-        if test.modes is not None:
-            found = correlate(model, test.modes)
+        measured = data if isinstance(data, ModeSet) else test.modes
+        if measured is not None:
+            found = correlate(model, measured)
         else:
-            band = float(frf.freq[0]), float(frf.freq[-1])
-            found = correlate(model, modes_like(model, frf), band=band)
+            band = float(test.freq[0]), float(test.freq[-1])
+            found = correlate(model, modes_like(model, test.frf), band=band)
     except UpdynError as error:
         return f"Modes: not known; {str(error).removeprefix('modes: ')}."
     return f"Modes of the test (measured) and of the model (computed)\n{found.table()}"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.fields import TIERS
@@ -39,7 +40,9 @@ from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.reducing import is_reduced
 from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.problem.data import split_modes
 from updyn.updating.problem.noise import average, choose_noise
+from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
@@ -72,16 +75,17 @@ def prepare(job: Job) -> Prepared:
     with job.located():
         model = damped(job, _model(job))
         _check_properties(job)
-    data: list[FRF] = []
+    data: list[FRF | ModeSet] = []
     for part in job.parts:
         with part.located():
-            data.append(measurement(part))
+            data.append(_read_modes(part) if part.has_modes else measurement(part))
     tests: list[PreparedTest] = []
     for number, part in enumerate(job.parts):
         with part.located():
             tests.append(_test(part, model, data, number))
     with job.located():
-        parameters = unknowns_of(job, model, [test.frf for test in tests])
+        frfs = [test.data for test in tests if isinstance(test.data, FRF)]
+        parameters = unknowns_of(job, model, frfs)
         prepared = Prepared(job, tuple(tests), parameters)
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
@@ -113,27 +117,37 @@ def prepare_model(job: Job) -> tuple[Model, ParameterSet]:
         return configured(job, model), unknowns_of(job, model, [])
 
 
-def _test(job: Job, model: Model, data: Sequence[FRF], number: int) -> PreparedTest:
+def _test(job: Job, model: Model, data: Sequence[FRF | ModeSet], number: int) -> PreparedTest:
     """Return a test matched to the model, with what of it is fitted."""
     others = [*data[:number], *data[number + 1 :]]
-    matching = _repaired(job, matched(job, configured(job, model), data[number], others))
-    for name, group in matching.model.groups.items():
+    matching = matched(job, configured(job, model), data[number], others)
+    if isinstance(matching.data, ModeSet):
+        _check_table(matching.model, matching.data.frequency)
+        _check_method(job, matching.data)
+        fitted = _fitted_modes(job, matching.data)
+        return PreparedTest(job, matching.model, matching.data, fitted, matching)
+    matching = replace(matching, data=_repaired(job, matching.model, matching.data))
+    _check_table(matching.model, matching.frf.freq)
+    own = _fitted(job, matching.frf)
+    _check_method(job, own)
+    return PreparedTest(job, matching.model, matching.frf, own, matching, _modes(job, matching))
+
+
+def _check_table(model: Model, freq: NDArray[np.float64]) -> None:
+    """Check that loss factors by frequency reach over the data."""
+    for name, group in model.groups.items():
         if group.loss_table is not None:
             with key_path("test", "band"):
-                group.loss_table.at(matching.frf.freq, name)
-    fitted = _fitted(job, matching.frf)
-    _check_method(job, fitted)
-    return PreparedTest(job, matching.model, matching.frf, fitted, matching, _modes(job, matching))
+                group.loss_table.at(freq, name)
 
 
-def _repaired(job: Job, matching: Matching) -> Matching:
+def _repaired(job: Job, model: Model, frf: FRF) -> FRF:
     """Return the matched data without the faults that the job undoes, one after the other."""
-    frf = matching.frf
     with key_path("test", "repair"):
         for written in job.test.repair or ():
             frf = read_fault(written).repair(frf)
-        matching.model.dofs.match(frf.responses, "response")
-    return replace(matching, frf=frf)
+        model.dofs.match(frf.responses, "response")
+    return frf
 
 
 # -- model and measurement -------------------------------------------------------------------------
@@ -228,16 +242,23 @@ def _read(job: Job, file: str, key: str) -> FRF:
 
 
 def _modes(job: Job, matching: Matching) -> ModeSet | None:
-    """Return the modes that the job's test names, in its band; None where it names none."""
-    table = job.test
-    if table.modes is None:
+    """Return the modes that the job's test names beside FRFs; None where it names none."""
+    if job.test.modes is None:
         return None
+    modes = _read_modes(job)
+    with key_path("test", "modes"):
+        return matched_modes(matching, modes)
+
+
+def _read_modes(job: Job) -> ModeSet:
+    """Return the modes that the job's test names, in its band, as the file labels them."""
+    table = job.test
+    assert table.modes is not None
     path = existing_file(job, table.modes, "test", "modes")
     with key_path("test", "modes"):
-        modes = matched_modes(matching, read_modes(path))
-        if table.band is None:
-            return modes
-        return modes.select(band=table.band)
+        modes = read_modes(path)
+    with key_path("test", "band"):
+        return modes if table.band is None else modes.select(band=table.band)
 
 
 # -- what is fitted --------------------------------------------------------------------------------
@@ -260,7 +281,16 @@ def _fitted(job: Job, frf: FRF) -> FRF:
         raise DataError("validation holds out everything: nothing is left to fit")
 
 
-def _check_method(job: Job, fitted: FRF) -> None:
+def _fitted_modes(job: Job, modes: ModeSet) -> ModeSet:
+    """Return the modes without those that are held out for validation."""
+    held = job.validation
+    if held is None:
+        return modes
+    with key_path(job.table_of("validation"), "validation"):
+        return split_modes(modes, held).fitted
+
+
+def _check_method(job: Job, fitted: FRF | ModeSet) -> None:
     """Check tier, backend, noise and lines of ``[method]`` with the data."""
     method = job.method
     with key_path("method", "tier"):
@@ -269,6 +299,10 @@ def _check_method(job: Job, fitted: FRF) -> None:
         is_reduced(method.tier, 0, 0, method.name)
     with key_path("method"):
         check_backend(method.backend)
+    if isinstance(fitted, ModeSet):
+        with key_path(job.table_of("noise")):
+            choose_modal_noise(job.noise)
+        return
     with key_path(job.table_of("noise")):
         choose_noise(job.noise, fitted)
     if isinstance(method.lines, tuple):
@@ -280,7 +314,9 @@ def _check_method(job: Job, fitted: FRF) -> None:
 T = TypeVar("T")
 
 
-def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Matching:
+def matched(
+    job: Job, model: Model, data: FRF | ModeSet, others: Sequence[FRF | ModeSet] = ()
+) -> Matching:
     """Match the measurement of a job to its model.
 
     Parameters
@@ -289,9 +325,9 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
         The job; its ``[match]`` says how.
     model : Model
         The model as it was read.
-    frf : FRF
+    data : FRF or ModeSet
         The measurement as it was read.
-    others : sequence of FRF
+    others : sequence of FRF or ModeSet
         Those of the job's other tests; what ``[match]`` states of their sensors is left out.
 
     Returns
@@ -316,15 +352,15 @@ def matched(job: Job, model: Model, frf: FRF, others: Sequence[FRF] = ()) -> Mat
     try:
         return match(
             model,
-            frf,
+            data,
             geometry,
             by=table.by,
             tolerance=table.tolerance,
             unit=table.unit,
             alignment=alignment,
             angle=table.angle,
-            table=_of_this_test(table.table, frf, others),
-            directions=_of_this_test(table.directions, frf, others),
+            table=_of_this_test(table.table, data, others),
+            directions=_of_this_test(table.directions, data, others),
         )
     except MatchError as error:
         raise _in_terms_of_the_job(job, error) from error
@@ -373,12 +409,14 @@ def matched_modes(matching: Matching, modes: ModeSet) -> ModeSet:
     return modes.renamed(dofs)
 
 
-def _of_this_test(stated: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> dict[str, T]:
+def _of_this_test(
+    stated: Mapping[str, T], data: FRF | ModeSet, others: Sequence[FRF | ModeSet]
+) -> dict[str, T]:
     """Return what is stated of sensors, without those that only other tests have."""
     elsewhere: set[str] = set()
     for other in others:
         elsewhere |= _sensor_names(other)
-    elsewhere -= _sensor_names(frf)
+    elsewhere -= _sensor_names(data)
     unsigned = str.maketrans("", "", "+-")
     return {
         label: value
@@ -387,10 +425,11 @@ def _of_this_test(stated: Mapping[str, T], frf: FRF, others: Sequence[FRF]) -> d
     }
 
 
-def _sensor_names(frf: FRF) -> set[str]:
+def _sensor_names(data: FRF | ModeSet) -> set[str]:
     """Return the names of the sensors and forces, with their direction and by their node."""
     names: set[str] = set()
-    for dof in (*frf.responses, *frf.references):
+    dofs = data.dofs if isinstance(data, ModeSet) else (*data.responses, *data.references)
+    for dof in dofs:
         names |= {f"{dof.node}:{dof.direction}", str(dof.node)}
     return names
 

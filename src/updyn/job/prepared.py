@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.job.schema import Job
 from updyn.matching import Matching
@@ -24,22 +28,40 @@ class PreparedTest:
         The job, with this test.
     model : Model
         Where the update starts; DOFs of nodes with oblique sensors are turned along them.
-    frf : FRF
+    data : FRF or ModeSet
         The data in the job's band, named as the model names its DOFs.
-    fitted : FRF
+    fitted : FRF or ModeSet
         Of these, what is fitted: all but what is held out for validation.
     matching : Matching
         Who sits where.
     modes : ModeSet or None
-        The modes that the job names, named as the model names its DOFs.
+        The modes that the job names beside FRFs, named as the model names its DOFs.
     """
 
     job: Job
     model: Model
-    frf: FRF
-    fitted: FRF
+    data: FRF | ModeSet
+    fitted: FRF | ModeSet
     matching: Matching
     modes: ModeSet | None = None
+
+    @property
+    def frf(self) -> FRF:
+        """The measured FRFs in the job's band.
+
+        Raises
+        ------
+        OptionError
+            If modes were measured.
+        """
+        if isinstance(self.data, FRF):
+            return self.data
+        raise OptionError("the test measured modes; this takes FRFs", key=("test", "modes"))
+
+    @property
+    def freq(self) -> NDArray[np.float64]:
+        """Frequencies of the data in Hz, ascending: the lines, or those of the modes."""
+        return self.data.freq if isinstance(self.data, FRF) else self.data.frequency
 
     @property
     def name(self) -> str:
@@ -88,7 +110,7 @@ class Prepared:
         return self.tests[0].frf
 
     @property
-    def fitted(self) -> FRF:
+    def fitted(self) -> FRF | ModeSet:
         """What is fitted of the first test."""
         return self.tests[0].fitted
 

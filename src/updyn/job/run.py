@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import InputError, JobError, UpdynError, UpdynWarning
+from updyn.frf import FRF
 from updyn.io import write_model, write_properties
 from updyn.job.folder import (
     check_out,
@@ -24,6 +25,7 @@ from updyn.job.modes import modal_texts, with_modes
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
+from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, replaced
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
@@ -224,11 +226,12 @@ def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:
     tests = []
     for test in prepared.tests:
         job = test.job
-        if held_out:
-            data, validation = test.frf, job.validation
-        else:
+        data: FRF | ModeSet = test.data
+        validation = job.validation
+        if not held_out:
             data, validation = test.fitted, None
-        tests.append(Test(test.model, data, test.name, job.lines_to_fit, job.noise, validation))
+        lines = None if job.has_modes else job.lines_to_fit
+        tests.append(Test(test.model, data, test.name, lines, job.noise, validation))
     return tests
 
 
@@ -262,7 +265,7 @@ def _update(
             return update_jointly(tests, unknowns, **options)
         (test,) = tests
         options |= {"lines": test.lines, "noise": test.noise, "validation": test.validation}
-        return update(test.model, test.frf, unknowns, **options)
+        return update(test.model, test.data, unknowns, **options)
 
 
 def _check_takes_modes(ready: Prepared) -> None:

@@ -324,7 +324,7 @@ class TestTable(Table):
     repeats: Texts | None = Field(
         default=None, min_length=1
     )  # further files of the same test, averaged
-    modes: str | None = None  # a file of measured modes, for the method "modal"
+    modes: str | None = None  # measured modes: the data, or beside FRFs for the method "modal"
     format: str | None = None
     quantity: str | None = Field(
         default=None,
@@ -360,6 +360,12 @@ class TestTable(Table):
     def measured(self) -> str:
         """Where the FRFs come from, for messages."""
         return "[records]" if self.file is None else self.file
+
+    @property
+    def of_frfs(self) -> list[str]:
+        """The keys that it states of those that say how FRFs are read or what of them is used."""
+        own = [*self.reader_options, "repeats", "averages", "repair"]
+        return [key for key in own if getattr(self, key) is not None]
 
     @property
     def reader_options(self) -> dict[str, Any]:
@@ -467,6 +473,12 @@ class Job(Document):
             None where the job has no such table.
         """
         return next((table for table in self._tables.values() if isinstance(table, kind)), None)
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether the data of its test are modes."""
+        test = self.test
+        return test.file is None and test.modes is not None and self.records is None
 
     @property
     def lines_to_fit(self) -> str | list[float] | None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DofError
+from updyn.errors import DofError, OptionError
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.text_table import text_table
 
@@ -151,7 +152,7 @@ class Matching:
     ----------
     model : Model
         The model; at nodes with oblique sensors its DOFs have been turned along them.
-    frf : FRF
+    data : FRF or ModeSet
         The measurement, named as the model names its DOFs.
     table : tuple of SensorMatch
         One entry a sensor or force, in the order of the measurement.
@@ -164,11 +165,24 @@ class Matching:
     """
 
     model: Model
-    frf: FRF
+    data: FRF | ModeSet
     table: tuple[SensorMatch, ...]
     by: str
     alignment: Alignment | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def frf(self) -> FRF:
+        """The measured FRFs.
+
+        Raises
+        ------
+        OptionError
+            If modes were measured.
+        """
+        if isinstance(self.data, FRF):
+            return self.data
+        raise OptionError("modes were measured; this takes FRFs")
 
     @property
     def plain(self) -> bool:

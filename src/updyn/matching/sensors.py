@@ -22,6 +22,7 @@ from updyn.geometry import Geometry
 from updyn.matching.directions import AssignedDof, Target, assign_dofs
 from updyn.matching.placement import NodeMatch, match_nodes
 from updyn.matching.result import EXACT, Alignment, MatchError, Matching, SensorMatch
+from updyn.modal import ModeSet
 from updyn.model import Model
 
 __all__ = ["match"]
@@ -34,7 +35,7 @@ _SAME_AXES = 1e-9
 
 def match(
     model: Model,
-    frf: FRF,
+    data: FRF | ModeSet,
     geometry: Geometry | None = None,
     *,
     by: str = "label",
@@ -55,12 +56,12 @@ def match(
     ----------
     model : Model
         The structure.
-    frf : FRF
+    data : FRF or ModeSet
         The measurement, with the labels of the test.
     geometry : Geometry, optional
-        Positions of the nodes of the test, and their directions; None: as `frf.geometry` says.
-        Where both know the directions of a node, those of `frf.geometry` hold: its labels refer to
-        them.
+        Positions of the nodes of the test, and their directions; None: as the FRFs' own geometry
+        says. Where both know the directions of a node, those of the FRFs hold: their labels refer
+        to them.
     by : {"label", "coordinates"}
         By label, test and model have the same labels. By coordinates, each sensor belongs to the
         nearest node of the model that has translations, or rotations, as it measures them.
@@ -106,12 +107,13 @@ def match(
         moved the sensors far.
     """
     _check_options(by, tolerance, unit, alignment, angle)
-    sensors = _roles(frf)
+    sensors = _roles(data)
+    own = data.geometry if isinstance(data, FRF) else None
     test = _UserInput(
         sensors,
         _read_table(table or {}, sensors),
         _read_directions(directions or {}, sensors),
-        frf.geometry,
+        own,
         geometry,
     )
     aligned: Alignment | None = None
@@ -134,11 +136,17 @@ def match(
     for target, dof in zip(targets, assigned, strict=True):
         rows.append(_sensor_match(target, dof, test.node_of(target, nodes, model, aligned)))
     moved = by != "label" or changed is not model
-    named = replace(
-        _renamed(frf, targets, assigned, bool(table)),
-        geometry=_geometry_in_model(test, targets, changed, aligned, moved),
-        source=_record(frf.source, by, rows),
-    )
+    new = {t.sensor: found.dof for t, found in zip(targets, assigned, strict=True)}
+    named: FRF | ModeSet
+    if isinstance(data, FRF):
+        named = replace(
+            _renamed(data, new, bool(table)),
+            geometry=_geometry_in_model(test, targets, changed, aligned, moved),
+            source=_record(data.source, by, rows),
+        )
+    else:
+        dofs = _named_anew("DOFs", data.dofs, new, bool(table))
+        named = data.renamed(dofs, source=_record(data.source, by, rows))
     return Matching(changed, named, tuple(rows), by, aligned, (*notes, *more))
 
 
@@ -165,8 +173,11 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
 
 
 # -- user input
-def _roles(frf: FRF) -> dict[Dof, str]:
+def _roles(data: FRF | ModeSet) -> dict[Dof, str]:
     """Return the role of each sensor and force, by label without sign, in order."""
+    if isinstance(data, ModeSet):
+        return dict.fromkeys(map(abs, data.dofs), "DOF of the modes")
+    frf = data
     responses = [*map(abs, frf.responses)]
     references = [*map(abs, frf.references)]
     out = dict.fromkeys(responses, "response")
@@ -454,27 +465,30 @@ def _warn_of_angles(targets: Sequence[Target], assigned: Sequence[AssignedDof]) 
         )
 
 
-def _renamed(
-    frf: FRF, targets: Sequence[Target], assigned: Sequence[AssignedDof], by_table: bool
-) -> FRF:
+def _renamed(frf: FRF, new: Mapping[Dof, Dof], by_table: bool) -> FRF:
     """Return the measurement with the labels of the model."""
-    new = {t.sensor: found.dof for t, found in zip(targets, assigned, strict=True)}
-    sets: dict[str, Any] = {}
-    for what, dofs in (("responses", frf.responses), ("references", frf.references)):
-        renamed = []
-        taken: dict[Dof, Dof] = {}
-        for old in dofs:
-            dof = new[abs(old)]
-            other = taken.setdefault(abs(dof), old)
-            if other is not old:
-                raise MatchError(
-                    f"DOF {abs(dof)} stands twice: {what} {other} and {old} would be the"
-                    " same; leave one out, or give it another place or direction",
-                    ("table",) if by_table else (),
-                )
-            renamed.append(dof if old.sign > 0 else -dof)
-        sets[what] = DofSet(renamed)
-    return replace(frf, **sets)
+    return replace(
+        frf,
+        responses=_named_anew("responses", frf.responses, new, by_table),
+        references=_named_anew("references", frf.references, new, by_table),
+    )
+
+
+def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], by_table: bool) -> DofSet:
+    """Return DOFs with the labels of the model; the sign of each goes with it."""
+    renamed = []
+    taken: dict[Dof, Dof] = {}
+    for old in dofs:
+        dof = new[abs(old)]
+        other = taken.setdefault(abs(dof), old)
+        if other is not old:
+            raise MatchError(
+                f"DOF {abs(dof)} stands twice: {what} {other} and {old} would be the"
+                " same; leave one out, or give it another place or direction",
+                ("table",) if by_table else (),
+            )
+        renamed.append(dof if old.sign > 0 else -dof)
+    return DofSet(renamed)
 
 
 def _sensor_match(target: Target, found: AssignedDof, node: NodeMatch) -> SensorMatch:

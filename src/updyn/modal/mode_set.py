@@ -183,21 +183,25 @@ class ModeSet:
         """Standard deviations of the shares of critical damping, shape (n,); nan: not known."""
         return self.std_loss_factor / 2.0
 
-    def renamed(self, dofs: Iterable[str | Dof]) -> ModeSet:
+    def renamed(self, dofs: Iterable[str | Dof], *, source: str | None = None) -> ModeSet:
         """Return the same modes with other labels of the rows.
 
         Parameters
         ----------
         dofs : iterable of str or Dof
             One for each row.
+        source : str, optional
+            Where they came from, with what was done since. None: as it is.
 
         Returns
         -------
         ModeSet
             Nothing else is changed.
         """
-        given = {name: getattr(self, name) for name in _FIELDS}
-        return ModeSet(**(given | {"dofs": dofs}), diagram=self.diagram)
+        given = {name: getattr(self, name) for name in _FIELDS} | {"dofs": dofs}
+        if source is not None:
+            given["source"] = source
+        return ModeSet(**given, diagram=self.diagram)
 
     @property
     def phase_collinearity(self) -> _Real:

@@ -126,6 +126,7 @@ def slopes(
     unknowns: Unknowns,
     values: _Real,
     rows: NDArray[np.intp] | None = None,
+    along: _Real | None = None,
 ) -> tuple[_Real, _Real]:
     """Return the derivatives of one mode by the unknowns.
 
@@ -143,13 +144,15 @@ def slopes(
         The unknowns.
     rows : ndarray of int, shape (k,), optional
         DOFs at which the derivative of the shape is wanted. None: nowhere.
+    along : ndarray of float, shape (N, p), optional
+        Vectors v for which the derivative of v^T phi is wanted, v held.
 
     Returns
     -------
     value : ndarray of float, shape (n,)
         Of the eigenvalue, in 1/s2.
-    shape : ndarray of float, shape (n, k)
-        Of the shape of unit modal mass.
+    shape : ndarray of float, shape (n, k + p)
+        Of the shape of unit modal mass, at the DOFs and then along the vectors.
 
     Raises
     ------
@@ -158,17 +161,15 @@ def slopes(
     """
     phi, value, group = modes.shapes[:, which], float(modes.value[which]), modes.alike(which)
     basis = modes.shapes[:, group]
-    wanted = np.zeros(0, dtype=np.intp)
-    if rows is not None:
-        wanted = rows
+    wanted = _wanted(len(phi), rows, along)
+    number = wanted.shape[1]
     mass_basis = modes.M @ basis
-    # Columns: unit loads at the wanted DOFs, and M times the basis, whose solutions give its shares
-    # in the derivative.
-    Z = np.zeros((len(phi), len(wanted) + len(group)))
-    if len(wanted):
+    # Columns: the wanted vectors, unit loads at DOFs among them, and M times the basis, whose
+    # solutions give its shares in the derivative.
+    Z = np.zeros((len(phi), number + len(group)))
+    if number:
         pivots = _pivots(modes, basis)
-        loads = np.hstack([np.zeros((len(phi), len(wanted))), mass_basis])
-        loads[wanted, np.arange(len(wanted))] = 1.0
+        loads = np.hstack([wanted, mass_basis])
         loads[pivots] = 0.0
         Z = _solved(modes, value, pivots, loads)
     by_value, by_mass = np.zeros((2, unknowns.n, len(group)))
@@ -189,8 +190,16 @@ def slopes(
         )
     # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
     v = -loaded + d_value[:, None] * (mass_basis[:, me] @ Z)
-    shares = -v[:, len(wanted) :] - 0.5 * by_mass
-    return d_value.copy(), v[:, : len(wanted)] + shares @ basis[wanted].T
+    shares = -v[:, number:] - 0.5 * by_mass
+    return d_value.copy(), v[:, :number] + shares @ (basis.T @ wanted)
+
+
+def _wanted(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:
+    """Return the vectors along which the derivative of a shape is wanted, shape (n, k + p)."""
+    at = np.zeros(0, dtype=np.intp) if rows is None else rows
+    unit = np.zeros((n, len(at)))
+    unit[at, np.arange(len(at))] = 1.0
+    return unit if along is None else np.hstack([unit, along])
 
 
 def separated(
@@ -257,9 +266,10 @@ def _forces(
 ) -> Iterator[tuple[int, Any, _Real, bool]]:
     """Yield unknown, own DOFs, derivative times shapes, and whether of mass, by drive."""
     state = unknowns.state(system, values)
-    for owner, at, power in zip(unknowns.owner, unknowns.at, unknowns.power, strict=True):
+    drives = zip(unknowns.owner, unknowns.at, unknowns.power, unknowns.scales, strict=True)
+    for owner, at, power, scales in drives:
         term = system.terms[at]
-        if term.quantity in ("stiffness", "mass"):
+        if scales and term.quantity in ("stiffness", "mass"):
             share = power * state.factor[at] / values[owner]
             yield (
                 int(owner),
@@ -321,16 +331,14 @@ def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Re
     size = np.abs(modes.K.diagonal()) + value * np.abs(modes.M.diagonal())
     scale = 1.0 / np.sqrt(np.where(size > 0, size, 1.0))  # translations and rotations weigh alike
     scale[pivots] = 0.0
-    one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
-    A = sp.csc_array(
-        sp.diags_array(scale) @ (modes.K - value * modes.M) @ sp.diags_array(scale) + one
-    )
+    dense = len(loads) <= eigen.DENSE_LIMIT
+    A = (_scaled_full if dense else _scaled_sparse)(modes, value, scale, pivots)
     B = scale[:, None] * loads
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", scipy.linalg.LinAlgWarning)
-            if len(loads) <= eigen.DENSE_LIMIT:
-                X = scipy.linalg.solve(A.toarray(), B, assume_a="sym")
+            if dense:
+                X = scipy.linalg.solve(A, B, assume_a="sym")
             else:
                 X = splu(A, permc_spec="MMD_AT_PLUS_A").solve(B)
     except (RuntimeError, np.linalg.LinAlgError, scipy.linalg.LinAlgWarning) as error:
@@ -338,3 +346,20 @@ def _solved(modes: RealModes, value: float, pivots: NDArray[np.intp], loads: _Re
     if not np.linalg.norm(A @ X - B) <= _ACCURATE * np.linalg.norm(B):
         raise SolverError(_SINGULAR)
     return np.asarray(scale[:, None] * X)
+
+
+def _scaled_full(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
+    """Return the scaled matrix, with 1 on the diagonal at the pivots."""
+    A = modes.K.toarray()
+    A -= value * modes.M.toarray()
+    A *= scale
+    A *= scale[:, None]
+    A[pivots, pivots] = 1.0
+    return A
+
+
+def _scaled_sparse(modes: RealModes, value: float, scale: _Real, pivots: NDArray[np.intp]) -> Any:
+    """Return the same as a sparse matrix."""
+    one = sp.csc_array((np.ones(len(pivots)), (pivots, pivots)), shape=modes.K.shape)
+    by = sp.diags_array(scale)
+    return sp.csc_array(by @ (modes.K - value * modes.M) @ by + one)

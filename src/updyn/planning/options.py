@@ -12,10 +12,10 @@ from updyn.errors import OptionError, ParameterError, key_path, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.group import is_number
 from updyn.model import Model
+from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.lines import named_unknowns
 from updyn.updating.problem.noise import ASSUMED, Stated, choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Coordinates
 
 __all__ = [
     "Band",

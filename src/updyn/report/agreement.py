@@ -294,6 +294,7 @@ class Agreement(Section):
     heading = "Correlation"
     place = 200
     template = "updyn.report/agreement.html"
+    needs_frfs = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the maps of the FRF correlation, CSAC and CSF over frequency, and FDAC."""
@@ -323,6 +324,7 @@ class Validation(Section):
     heading = "Validation"
     place = 900
     template = "updyn.report/validation.html"
+    needs_frfs = True
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return which data were held out, and how well they are predicted."""

@@ -38,6 +38,7 @@ class Channels(Section):
     heading = "Worst and median channel"
     place = 60
     template = "updyn.report/channels.html"
+    needs_frfs = True
     first_screen = True
 
     def figures(self, content: Content) -> dict[str, Figure]:

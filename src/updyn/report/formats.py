@@ -8,6 +8,7 @@ from typing import Any
 
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -209,8 +210,13 @@ def counted(n: int, noun: str) -> str:
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
-def extent(frf: FRF) -> str:
-    """Return the numbers of channels and lines, and the frequency range."""
+def extent(data: FRF | ModeSet) -> str:
+    """Return the numbers of channels and lines, or of modes and DOFs, and the frequency range."""
+    if isinstance(data, ModeSet):
+        modes, dofs = counted(len(data), "mode"), counted(len(data.dofs), "DOF")
+        first, last = number(float(data.frequency[0])), number(float(data.frequency[-1]))
+        return f"{modes} at {dofs}, {first} to {last} Hz"
+    frf = data
     responses = counted(len(frf.responses), "response")
     references = counted(len(frf.references), "reference")
     first, last = number(float(frf.freq[0])), number(float(frf.freq[-1]))

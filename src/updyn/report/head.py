@@ -25,7 +25,7 @@ from updyn.report.templates import render_template
 from updyn.updating.judge.trust import Trust
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["TESTS", "Part", "Verdict", "head", "joint_head", "verdict"]
+__all__ = ["TESTS", "Part", "Verdict", "agreement", "head", "joint_head", "verdict"]
 
 #: Short word for the badge and kind of colour by status.
 STATUS_WORDS = {
@@ -47,12 +47,21 @@ _FIGURES = {
 #: Outcomes of the test of a residual, the worst first: the head shows the worst of all tests.
 _GRAVITY = ("structure", "excess", "untested", "noise", "exact")
 
+
+def _in_percent(value: float) -> str:
+    return percentage(value / 100.0)
+
+
 #: Key figures: name, title, how it is said, the ideal, and whether more or less is better.
 _KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = (
     ("frac_median", "FRAC, median", figure_of_agreement, "1 is the same shape", 1.0),
     ("correlation_min", "Correlation, worst", figure_of_agreement, "1 is ideal", 1.0),
     ("residual_median", "Relative residual, median", percentage, "0 % is ideal", -1.0),
     ("db_error_median", "Level difference, median", decibels, "0 dB is ideal", -1.0),
+    ("modes_paired", "Modes paired", lambda value: f"{value:.0f}", "all is ideal", 1.0),
+    ("frequency_error_rms", "Frequency error, rms", _in_percent, "0 % is ideal", -1.0),
+    ("mac_min", "MAC, worst mode", figure_of_agreement, "1 is the same shape", 1.0),
+    ("loss_factor_error_rms", "Loss factor error, rms", _in_percent, "0 % is ideal", -1.0),
 )
 
 _Figures = Mapping[str, Mapping[str, float]]
@@ -79,7 +88,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
     return render_template(
         "updyn.report/head.html",
         title=result.title,
-        about=f"{unknowns}, method {result.method}; {data or extent(result.frf)}",
+        about=f"{unknowns}, method {result.method}; {data or extent(result.data)}",
         badge=said.badge,
         kind=said.kind,
         parts=said.parts,
@@ -102,6 +111,10 @@ def _key_figures(result: UpdateResult, figures: _Figures) -> list[tuple[str, str
         lowest = (
             f"relative residual; worst correlation {figure_of_agreement(held['correlation_min'])}"
         )
+        out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
+    elif "frequency_error_rms" in held:
+        value = _in_percent(held["frequency_error_rms"])
+        lowest = f"error of frequency, rms; worst MAC {figure_of_agreement(held['mac_min'])}"
         out.append((f"Held out: {held_out(result) or 'validation set'}", value, lowest))
     elif "frac_median" in held:
         value = f"FRAC {figure_of_agreement(held['frac_median'])}"
@@ -149,7 +162,7 @@ def joint_head(result: JointResult) -> str:
     """
     tests = list(result.results.values())
     worst = min(tests, key=lambda test: _agreement(test, "after").get("frac_median", 1.0))
-    figures = {when: _agreement(worst, when) for when in ("before", "after", "validation")}
+    figures = agreement(worst)
     residuals = [test.adequacy for test in tests if test.adequacy is not None]
     gravest = min(residuals, key=lambda found: _GRAVITY.index(found.outcome), default=None)
     return head(
@@ -190,13 +203,18 @@ TESTS = Tests()
 
 def _test_cells(name: str, test: UpdateResult) -> list[str]:
     before, after = _agreement(test, "before"), _agreement(test, "after")
-    cells = [name, extent(test.frf)]
+    cells = [name, extent(test.data)]
     say = {name: said for name, _, said, _, _ in _KEY_FIGURES}
     for figure in _FIGURES:
         both = [say[figure](when.get(figure, math.nan)) for when in (before, after)]
         cells.append(" → ".join(both))
     cells.append("–" if test.adequacy is None else residual_tile(test.adequacy)[1])
     return cells
+
+
+def agreement(result: UpdateResult) -> dict[str, dict[str, float]]:
+    """Return the figures of agreement ``before``, ``after`` and of the ``validation`` set."""
+    return {when: _agreement(result, when) for when in ("before", "after", "validation")}
 
 
 def _agreement(result: UpdateResult, when: str) -> dict[str, float]:

@@ -31,6 +31,7 @@ class Overlay(Section):
     heading = "FRFs of all channels"
     place = 100
     template = "updyn.report/frfs.html"
+    needs_frfs = True
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the channels to pick from, the bands and the notes."""

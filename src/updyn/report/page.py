@@ -8,7 +8,7 @@ from typing import Any
 
 from updyn.errors import OptionError, suggest
 from updyn.report.agreement import agreement_figures
-from updyn.report.head import head, joint_head
+from updyn.report.head import agreement, head, joint_head
 from updyn.report.plots import Figure
 from updyn.report.section import Content, Section, objects_shown, sections_of
 from updyn.report.templates import render_template, write_page
@@ -89,7 +89,8 @@ def render(
     if isinstance(result, JointResult):
         top = joint_head(result)
     else:
-        top = head(result, agreement_figures(result, content.data))
+        figures = agreement_figures(result, content.data) if content.has_frfs else agreement(result)
+        top = head(result, figures)
     title, version = content.result.title, content.result.versions.get("updyn", "")
     return assemble(content, top, title, version, folds=True)
 

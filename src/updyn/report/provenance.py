@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.report.formats import extent, held_out, number, plain
 from updyn.report.section import Content, Section
@@ -16,13 +17,14 @@ from updyn.report.section import Content, Section
 __all__ = ["PROVENANCE", "data_checksum", "model_checksum"]
 
 
-def data_checksum(frf: FRF) -> str:
-    """Return the SHA-256 of the data: quantity, labels, lines and values.
+def data_checksum(data: FRF | ModeSet) -> str:
+    """Return the SHA-256 of the data: of FRFs quantity, labels, lines and values.
 
     Parameters
     ----------
-    frf : FRF
-        The data. Lines enter as float64, values as complex128, little-endian.
+    data : FRF or ModeSet
+        The data. Lines enter as float64, values as complex128, little-endian; of modes, labels,
+        frequencies, shapes, loss factors.
 
     Returns
     -------
@@ -30,6 +32,13 @@ def data_checksum(frf: FRF) -> str:
         In hexadecimal digits.
     """
     digest = hashlib.sha256()
+    if isinstance(data, ModeSet):
+        digest.update("\n".join(["modes", *data.dofs.labels]).encode())
+        digest.update(_packed(data.frequency, "<f8"))
+        digest.update(_packed(data.shapes, "<c16"))
+        digest.update(_packed(data.loss_factor, "<f8"))
+        return digest.hexdigest()
+    frf = data
     digest.update("\n".join([frf.quantity, *frf.responses.labels, *frf.references.labels]).encode())
     digest.update(_packed(frf.freq, "<f8"))
     digest.update(_packed(frf.values, "<c16"))
@@ -86,20 +95,23 @@ class Provenance(Section):
     def context(self, content: Content) -> dict[str, Any]:
         """Return names and values of each table."""
         result = content.result
-        frf, start = result.frf, result.start
+        data, start = result.data, result.start
+        kind, fitted = "modes", "modes fitted at"
+        if isinstance(data, FRF):
+            kind, fitted = data.quantity, "responses fitted"
         return {
             "about": [
                 ("method", result.method),
-                ("measured data", f"{frf.quantity}, {extent(frf)}"),
-                ("source of the data", frf.source or "not stated"),
+                ("measured data", f"{kind}, {extent(data)}"),
+                ("source of the data", data.source or "not stated"),
                 ("model", f"{start.n_dofs} DOFs, groups: {', '.join(start.groups)}"),
-                ("responses fitted", ", ".join(result.fitted_responses) or "none"),
+                (fitted, ", ".join(result.fitted_responses) or "none"),
                 ("held out", held_out(result) or "nothing"),
             ],
             "options": [(name, plain(value)) for name, value in result.options.items()],
             "lines": [f"{freq:.6g}" for freq in result.lines],
             "checksums": [
-                ("measured data", data_checksum(frf)),
+                ("measured data", data_checksum(data)),
                 ("start model", model_checksum(start)),
                 ("updated model", model_checksum(result.model)),
             ],

@@ -69,6 +69,7 @@ class Residual(Section):
     heading = "Residual"
     place = 1000
     template = "updyn.report/residual.html"
+    needs_frfs = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the map of the misfit, level differences and the residual by channel."""
@@ -270,6 +271,11 @@ _NOISE_WORDS = {
     "floor_by_channel": "floor, by response",
     "spread": "residual, as if all values were equally sure",
     "modes": "modes fitted",
+    "frequency": "frequencies, standard deviation as a share",
+    "shape": "shapes, standard deviation as a share of their rms",
+    "loss_factor": "loss factors, standard deviation as a share",
+    "scale": "size of shapes, standard deviation as a share",
+    "by_ratio": "taken in the usual ratio to the others",
     "frequency_rms": "frequencies, rms of model over measured less 1",
     "shape_rms": "shapes, root of the mean of 1 - MAC",
     "lowest_mac": "lowest MAC of a pair",

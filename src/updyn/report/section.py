@@ -29,6 +29,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
+from updyn.frf import FRF
 from updyn.registry import Registry
 from updyn.report.data import ReportData, gather
 from updyn.report.plots import Figure
@@ -61,6 +62,11 @@ class Content:
         if self.update is None:
             return {}
         return self.update.results
+
+    @property
+    def has_frfs(self) -> bool:
+        """Whether the page shows the update of one test that measured FRFs."""
+        return isinstance(self.update, UpdateResult) and isinstance(self.update.data, FRF)
 
     @property
     def of_one_test(self) -> bool:
@@ -109,6 +115,8 @@ class Section:
         the other built-in ones the hundreds 100 to 1200; ``provenance``, the last, has 9000.
     template : str
         Package and file of its template, as `updyn.report.templates` has it.
+    needs_frfs : bool
+        Whether it shows measured FRFs, so that a test that measured modes does not have it.
     first_screen : bool
         Whether it is open where the sections of a page are folded, as in the report of an update.
     """
@@ -118,11 +126,12 @@ class Section:
     heading: ClassVar[str]
     place: ClassVar[float]
     template: ClassVar[str]
+    needs_frfs: ClassVar[bool] = False
     first_screen: ClassVar[bool] = False
 
     def applies(self, content: Content) -> bool:
         """Whether a page with this content has the section; by default that of one test has."""
-        return content.of_one_test
+        return content.has_frfs if self.needs_frfs else content.of_one_test
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return its figures as plotly data, by a name that is unique in the page."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from updyn.modal import ModeSet
 from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
 from updyn.report.picture import picture
@@ -74,8 +75,11 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in results:
-        responses |= dict.fromkeys(one.frf.responses.labels)
-        references |= dict.fromkeys(one.frf.references.labels)
+        if isinstance(one.data, ModeSet):
+            responses |= dict.fromkeys(one.data.dofs.labels)
+            continue
+        responses |= dict.fromkeys(one.data.responses.labels)
+        references |= dict.fromkeys(one.data.references.labels)
     changes = _Changes.of(result)
     return picture(
         result.start,

@@ -60,7 +60,8 @@ class Uncertainty(Section):
         intervals = intervals_figure(update, found)
         if intervals is not None:
             out["uncertainty-intervals"] = intervals
-        if isinstance(update, UpdateResult):
+        if content.has_frfs:
+            assert isinstance(update, UpdateResult)
             band = band_figure(update, found)
             if band is not None:
                 figure, channel = band

@@ -3,6 +3,8 @@
 xarray opens the root, which holds what one plots::
 
     frf, coherence *, variance *          (freq, response, reference): the measurement, as given
+    measured_frequency *, ...             instead, where modes were measured: see
+                                          updyn.store.measured_modes
     parameter, group, quantity, start, lower, upper, prior_std *, value, std, at_bound
                                           (parameter)
     link *                                (parameter): JSON text of drives, nominal, unit
@@ -45,6 +47,8 @@ from updyn.frf import FRF
 from updyn.io.atomic import write_json
 from updyn.io.hdf5 import put_model, take_model
 from updyn.io.items import guarded, placed
+from updyn.modal import ModeSet
+from updyn.store.measured_modes import put_mode_set, take_mode_set
 from updyn.store.netcdf import (
     Array,
     Kept,
@@ -102,7 +106,9 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
         put_model(file.create_group("start_model"), result.start, stored)
         put_model(file.create_group("updated_model"), result.model, stored)
 
-    data = result.frf.to_xarray()
+    data = (
+        put_mode_set(result.data) if isinstance(result.data, ModeSet) else result.data.to_xarray()
+    )
     put_fields(data, result, _RESULT)
     write_dataset(data, path, "result", put_models)
 
@@ -133,7 +139,8 @@ def read_result(path: str | Path) -> UpdateResult:
     models: dict[str, Any] = {f: take_model(found[name], path) for f, name in groups.items()}
     with guarded(path, "result"), placed(path):
         fields = take_fields(data, _RESULT, path)
-        return UpdateResult(frf=FRF.from_xarray(data), **models, **fields)
+        measured = take_mode_set(data, path) or FRF.from_xarray(data)
+        return UpdateResult(data=measured, **models, **fields)
 
 
 # -- fields with a special format ---------------------------------------------------------------

@@ -61,7 +61,9 @@ def modal_table(
             f" updyn.modal_table(result, largest={size})."
         )
         return ModalTable(notes=(note,))
-    given = modes or result.options.get("modes")
+    given = modes or (
+        result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
+    )
     if isinstance(given, ModeSet):
         return compare_modes(result.start, result.model, given)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from scipy.special import ndtri, stdtrit
 from updyn.correlation.figures import agreement_table
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
@@ -58,12 +60,12 @@ class UpdateResult:
         The model before the update.
     model : Model
         The updated model.
-    frf : FRF
+    data : FRF or ModeSet
         All data of the test, neither converted nor selected.
     lines : ndarray of float
-        Lines used in the fit, in Hz.
+        Lines used in the fit, in Hz; none of modes.
     fitted_responses, validation_responses : tuple of str
-        Labels of the responses used in the fit and of those held out.
+        Labels of the responses, or of the DOFs of the modes, used in the fit and of those held out.
     validation_band : tuple of (float, float) or None
         Band held out of the fit, in Hz.
     parameters : ParameterSet
@@ -119,7 +121,7 @@ class UpdateResult:
     options: Mapping[str, Any]
     start: Model
     model: Model
-    frf: FRF
+    data: FRF | ModeSet
     lines: NDArray[np.float64]
     fitted_responses: tuple[str, ...]
     validation_responses: tuple[str, ...]
@@ -141,6 +143,19 @@ class UpdateResult:
     trust: Trust | None = None
     findings: tuple[Finding, ...] = ()
     modes: ModalTable | None = None
+
+    @property
+    def frf(self) -> FRF:
+        """The measured FRFs.
+
+        Raises
+        ------
+        OptionError
+            If the data are modes.
+        """
+        if isinstance(self.data, FRF):
+            return self.data
+        raise OptionError("this is an update to modes: it has no FRFs, which this takes")
 
     @property
     def results(self) -> Mapping[str, UpdateResult]:
@@ -263,7 +278,7 @@ class UpdateResult:
         if agreement:
             lines += ["", agreement]
         # What a paragraph has nothing to say on leaves no gap.
-        return "\n".join(lines).replace("\n\n\n", "\n\n")
+        return re.sub(r"\n{3,}", "\n\n", "\n".join(lines))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -484,7 +499,9 @@ def gains_of(result: UpdateResult) -> NDArray[np.float64] | None:
     result : UpdateResult
         The result.
     """
-    gains = Gains.find(result.parameters, result.frf)
+    if isinstance(result.data, ModeSet):
+        return None
+    gains = Gains.find(result.parameters, result.data)
     if gains is None:
         return None
     values = [result.values[p.name] if p.is_channel else 1.0 for p in result.parameters]

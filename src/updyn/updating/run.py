@@ -18,11 +18,12 @@ from updyn import __version__
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
-from updyn.frf import ROUNDING
+from updyn.frf import FRF, ROUNDING
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
-from updyn.updating.fit.methods import check_channels, make_method, options_of
+from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
 from updyn.updating.fit.monitor import CAUSES, JUDGE, Monitor, Progress
 from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
@@ -34,9 +35,19 @@ from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.trust import trust, validated
 from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, verdict
-from updyn.updating.problem.data import Split, Test, check, has_quantity, split_data
+from updyn.updating.problem.data import (
+    ModalSplit,
+    Split,
+    Test,
+    check,
+    has_quantity,
+    split_data,
+    split_modes,
+)
 from updyn.updating.problem.lines import Lines, on_lines
+from updyn.updating.problem.modal import ModalPart, check_any_pair
 from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.noise.modes import choose_modal_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
@@ -125,22 +136,28 @@ def run(
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
     check_channels(unknowns, strategy)
-    splits, noises = [], []
     for i, test in enumerate(tests):
         if test.validation is not None:  # read once, for the fit and for the fingerprint
             tests[i] = replace(test, validation=list(test.validation))  # type: ignore[arg-type]
-        split = split_data(test.frf, tests[i].validation)
-        splits.append(split)
-        noises.append(choose_noise(test.noise, split.fitted))
+    of_frfs = [test for test in tests if isinstance(test.data, FRF)]
+    splits = [split_data(test.frf, test.validation) for test in of_frfs]
+    noises = [
+        choose_noise(test.noise, split.fitted) for test, split in zip(of_frfs, splits, strict=True)
+    ]
+    check_modes(tests, strategy)
+    if not of_frfs:
+        _check_without_lines(options)
+    modal_splits = [
+        split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)
+    ]
     with ExitStack() as ending:
         session = Session(ending.enter_context(opened_engine(options.engine)), Recent())
-        largest = max(test.model.n_dofs for test in tests)
-        n_lines = sum(len(test.frf.freq) for test in tests)
-        reducing = is_reduced(options.tier, largest, n_lines, options.method)
+        largest = max((test.model.n_dofs for test in of_frfs), default=0)
+        n_lines = sum(len(test.frf.freq) for test in of_frfs)
+        reducing = bool(of_frfs) and is_reduced(options.tier, largest, n_lines, options.method)
         check_regularise(options.regularise, options.method, reducing=reducing)
-        parts, used = [], []
-        for test, split in zip(tests, splits, strict=True):
-            part = Part.build(
+        parts = [
+            Part.build(
                 test.model,
                 split.fitted,
                 unknowns,
@@ -149,27 +166,29 @@ def run(
                 session=session,
                 name=test.name,
             )
-            parts.append(part)
-            used.append(_used(strategy, test, part, options, reducing=reducing))
-        whole = Problem.of(parts)
-        measured = [test.frf for test in tests]
+            for test, split in zip(of_frfs, splits, strict=True)
+        ]
+        modal = _modal_parts(tests, modal_splits, unknowns, session)
+        whole = Problem.of(parts, modal)
+        used = _used(strategy, tests, parts, options, reducing=reducing)
+        measured = [test.frf for test in of_frfs]
         reduced = None
         if reducing:
             all_data = list(map(Part.with_data, parts, measured))
             reduced = Reducing(Problem.of(all_data), options.accuracy)
         if options.checkpoint is not None:
-            key = fingerprint(whole, measured, _decisive(tests, used[0], options))
+            key = fingerprint(whole, [t.data for t in tests], _decisive(tests, used[0], options))
             session.memory = Checkpoint(Path(options.checkpoint), key, resume=options.resume)
             ending.callback(session.memory.close)
         elif options.resume:
             raise OptionError("resume: name the checkpoint to go on from")
         monitor = Monitor(whole, options.callback)
-        lines = [test.lines for test in tests]
+        lines = [test.lines for test in of_frfs]
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
-            found = judge(problem, splits, fit, noises, firsts)
+            found = judge(problem, (*splits, *modal_splits), fit, noises, firsts)
         causes = _causes(problem, whole, splits, found, noises, monitor)
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
@@ -183,24 +202,18 @@ def run(
     fit = found.fit
     more = _more(selection, fit, options)
     results = []
-    for i, test in enumerate(tests):
+    for test, i in zip(tests, _places(tests), strict=True):
+        own: dict[str, Any] = {}
+        if i < len(parts):
+            own |= {**_solved(parts[i], reduced), **_left_out(problem.parts[i])}
         result = UpdateResult(
             **common,
+            **_of_data(problem, (*splits, *modal_splits), i),
             title=_title(options.title, test.name),
-            options={
-                **used[i],
-                "engine": session.engine.name,
-                **_solved(parts[i], reduced),
-                **_left_out(problem.parts[i]),
-                **more,
-            },
+            options={**used[i], "engine": session.engine.name, **own, **more},
             start=test.model,
             model=test.model.scaled(_own(changes, test.model)),
-            frf=test.frf,
-            lines=problem.parts[i].frf.freq,
-            fitted_responses=tuple(splits[i].fitted.responses.labels),
-            validation_responses=splits[i].responses,
-            validation_band=splits[i].band,
+            data=test.data,
             noise=dict(fit.noise[i]) if fit.noise else {},
             correlation=found.correlation[i],
             adequacy=found.adequacy[i],
@@ -209,17 +222,80 @@ def run(
     return results
 
 
+def _check_without_lines(options: RunOptions) -> None:
+    """Check that nothing is asked for that belongs to the solution line by line."""
+    for key in ("tier", "backend"):
+        if getattr(options, key) is not None:
+            raise OptionError(f"{key}: modes are computed by one way; leave it out", key=(key,))
+
+
+def _modal_parts(
+    tests: Sequence[Test],
+    splits: Sequence[ModalSplit],
+    unknowns: ParameterSet,
+    session: Session,
+) -> list[ModalPart]:
+    """Return the parts of the tests that measured modes."""
+    own = [test for test in tests if isinstance(test.data, ModeSet)]
+    return [
+        ModalPart.build(
+            test.model,
+            split.fitted,
+            unknowns,
+            choose_modal_noise(test.noise),
+            session=session,
+            name=test.name,
+        )
+        for test, split in zip(own, splits, strict=True)
+    ]
+
+
+def _places(tests: Sequence[Test]) -> list[int]:
+    """Return where each test stands among parts, those that measured modes after all others."""
+    order = sorted(range(len(tests)), key=lambda i: isinstance(tests[i].data, ModeSet))
+    return [order.index(i) for i in range(len(tests))]
+
+
+def _of_data(problem: Problem, splits: Sequence[Split | ModalSplit], i: int) -> dict[str, Any]:
+    """Return, for the record, what of a test's data is fitted and what is held out."""
+    split = splits[i]
+    if isinstance(split, Split):
+        return {
+            "lines": problem.parts[i].frf.freq,
+            "fitted_responses": tuple(split.fitted.responses.labels),
+            "validation_responses": split.responses,
+            "validation_band": split.band,
+        }
+    return {
+        "lines": np.zeros(0),
+        "fitted_responses": tuple(split.fitted.dofs.labels),
+        "validation_responses": (),
+        "validation_band": split.band,
+    }
+
+
 def _used(
-    strategy: Method, test: Test, part: Part, options: RunOptions, *, reducing: bool
-) -> dict[str, Any]:
-    """Return the options as they are used for a test, for its record."""
-    used = {key: getattr(strategy, key) for key in options_of(options.method)}
-    plain = isinstance(test.lines, str) or test.lines is None
-    tier = part.solver.tier
-    used["lines"] = test.lines if plain else "list"
-    used["tier"] = "reduced" if reducing else tier
-    used["backend"] = part.solver.backend if tier == "sparse" else "lapack"
-    return used
+    strategy: Method,
+    tests: Sequence[Test],
+    parts: Sequence[Part],
+    options: RunOptions,
+    *,
+    reducing: bool,
+) -> list[dict[str, Any]]:
+    """Return the options as they are used for each test, in the order of the parts."""
+    common = {key: getattr(strategy, key) for key in options_of(options.method)}
+    found = []
+    of_frfs = [test for test in tests if isinstance(test.data, FRF)]
+    for test, part in zip(of_frfs, parts, strict=True):
+        plain = isinstance(test.lines, str) or test.lines is None
+        tier = part.solver.tier
+        own = {
+            "lines": test.lines if plain else "list",
+            "tier": "reduced" if reducing else tier,
+            "backend": part.solver.backend if tier == "sparse" else "lapack",
+        }
+        found.append(common | own)
+    return found + [dict(common) for _ in range(len(tests) - len(parts))]
 
 
 def _decisive(
@@ -278,9 +354,8 @@ def _causes(
     out: list[Finding] = []
     searched, unseen = False, ""
     with monitor.stage(CAUSES), suppress(Stopped):
-        for i, (part, split, adequacy) in enumerate(
-            zip(problem.parts, splits, found.adequacy, strict=True)
-        ):
+        own = found.adequacy[: len(problem.parts)]
+        for i, (part, split, adequacy) in enumerate(zip(problem.parts, splits, own, strict=True)):
             noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
             predicted = validated([found.correlation[i]]).holds is not False
             if not noisy or not predicted or strained(part, found.fit.x):
@@ -308,7 +383,7 @@ def _common(
 ) -> dict[str, Any]:
     """Return what the results of all tests have in common, apart from the time that it took."""
     fit, names = found.fit, selection.parameters.names
-    tests = [part.name for part in problem.parts]
+    tests = [part.name for part in problem.all]
     adequacy = dict(zip(tests, found.adequacy, strict=True))
     end = ending(problem, fit, monitor.history)
     status, message, remedy = verdict(
@@ -482,7 +557,7 @@ def _beside_start(whole: Problem) -> Problem:
     step = _ASIDE * share * np.where(is_mass, -1.0, 1.0)
     step = np.where((x + step < lower) | (x + step > upper), -step, step)
     moved = coordinates.moved(x + step)
-    return Problem.of([replace(part, coordinates=moved) for part in whole.parts])
+    return whole.with_coordinates(moved)
 
 
 def _fitted_from_start(
@@ -506,12 +581,16 @@ def _fitted_from_start(
             if reduced is not None:
                 reduced.begin()
                 problem = whole = reduced.inside(whole)
-            problem = Problem.of(list(map(on_lines, whole.parts, lines)))
+            problem = whole.with_parts(list(map(on_lines, whole.parts, lines)))
             finest = ROUNDING if reduced is None else FINEST
-            problem = Problem.of([part.without_rounding(x, finest) for part in problem.parts])
+            problem = problem.with_parts(
+                [part.without_rounding(x, finest) for part in problem.parts]
+            )
             monitor.problem = problem
             for part in problem.parts:
                 part.responses(x)
+            if problem.modal and not problem.parts:
+                check_any_pair(problem.modal, x)
         try:
             if reduced is not None:
                 return reduced.fit(problem, strategy, noises, monitor)

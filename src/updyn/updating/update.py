@@ -14,16 +14,15 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine
 from updyn.errors import OptionError
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.monitor import Progress
 from updyn.updating.judge.assessment import at_start
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.data import Test, check
-from updyn.updating.problem.lines import on_lines
-from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.tests import problem_of
 from updyn.updating.result import JointResult, UpdateResult
 from updyn.updating.run import RunOptions, run
 
@@ -35,7 +34,7 @@ __all__ = ["identifiability", "joint_identifiability", "update", "update_jointly
 
 def update(
     model: Model,
-    frf: FRF,
+    frf: FRF | ModeSet,
     parameters: ParameterSet | Selection,
     method: str = "maximum-likelihood",
     lines: str | ArrayLike | None = None,
@@ -53,14 +52,16 @@ def update(
     regularise: str | float | None = None,
     **options: Any,
 ) -> UpdateResult:
-    """Fit the unknowns of a model to measured FRFs.
+    """Fit the unknowns of a model to measured FRFs, or to measured modes.
 
     Parameters
     ----------
     model : Model
         The model to start from.
-    frf : FRF
-        The measurement. Every response and reference has to be a DOF of the model.
+    frf : FRF or ModeSet
+        The measurement, FRFs or modes. Every response and reference, or every DOF of the modes, has
+        to be one of the model. Of modes, frequencies, shapes and, where the damping of a group is
+        unknown, loss factors are fitted, by the methods maximum-likelihood and modal.
     parameters : ParameterSet or Selection
         The unknowns, from `updyn.parameters`; or what `updyn.select` or `updyn.cluster` made of
         them.
@@ -75,7 +76,10 @@ def update(
         with ``relative`` and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2;
         ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one
         source, as does ``source`` in a mapping. ``robust="student-t"`` in a mapping gives outliers
-        less weight, whatever the source.
+        less weight, whatever the source. Of modes: None takes the standard deviations that come
+        with them, and estimates what there is beyond; a mapping with ``frequency``, ``shape``,
+        ``loss_factor`` states them, as shares, and with ``scale`` how exact shapes are in size that
+        are scaled to unit modal mass, which else does not count.
     engine : None, int, dask.distributed Client or Engine
         Where lines, and the tries of the search, are worked on: here one after the other, in so
         many processes on this machine, or on a cluster. The result does not depend on it.
@@ -83,7 +87,7 @@ def update(
         Called with a `Progress` after every step and between blocks of lines; returning True stops
         the run, with status ``"stopped"`` and the best values so far.
     validation : iterable of str or Dof, or (float, float), optional
-        Responses, or a band in Hz, held out of the fit and scored afterwards.
+        Responses, or a band in Hz, held out of the fit and scored afterwards. Of modes, a band.
     title : str
         For the record.
     tier : {"dense", "sparse", "reduced"}, optional
@@ -157,11 +161,12 @@ def update_jointly(
     regularise: str | float | None = None,
     **options: Any,
 ) -> JointResult:
-    """Fit the unknowns of several models to the FRFs of several tests of one structure.
+    """Fit the unknowns of several models to the FRFs and modes of several tests of one structure.
 
     The same structure is tested in several configurations: rotor locked and free, dish up and down,
     with and without an added mass. Each has its model, with the same group names, its data and its
-    noise; there is one set of unknowns.
+    noise; there is one set of unknowns. FRFs of one test and modes of another count by their
+    likelihoods; modes that were identified from FRFs that are fitted, too, would count twice.
 
     Parameters
     ----------
@@ -216,7 +221,7 @@ def update_jointly(
 
 def identifiability(
     model: Model,
-    frf: FRF,
+    frf: FRF | ModeSet,
     parameters: ParameterSet | Selection,
     lines: str | ArrayLike | None = None,
     noise: Mapping[str, float | str] | str | None = None,
@@ -227,7 +232,8 @@ def identifiability(
     ----------
     model, frf, parameters, lines, noise
         As for `update`. Where neither `noise` nor the data state the noise, 5 % of |H| and a floor
-        of 0.1 % of the rms are assumed.
+        of 0.1 % of the rms are assumed; of modes 1 % of a frequency, 10 % of a shape, 20 % of a
+        loss factor.
 
     Returns
     -------
@@ -269,10 +275,5 @@ def joint_identifiability(
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, chosen.parameters)
-    parts, noises = [], []
-    for test in tests:
-        part = Part.build(test.model, test.frf, chosen.parameters, name=test.name)
-        parts.append(on_lines(part, test.lines))
-        noises.append(choose_noise(test.noise, test.frf))
-    analysis, advice = at_start(Problem.of(parts), noises)
+    analysis, advice = at_start(*problem_of(tests, chosen.parameters))
     return replace(analysis.report, advice=advice)

@@ -52,8 +52,8 @@ def test_labels_and_tables_become_ports(job):
     assert dict(table.input_ports[1].weights) == {"2:X": 1 / 40}
     assert dict(table.output_ports[0].weights) == {"5:X": 1.0, "2:X": -0.5}
     assert table.quantities == ("mobility",)
-    assert band_of_plant(ready.job, ready.frf) == pytest.approx(
-        (ready.frf.freq[0], ready.frf.freq[-1])
+    assert band_of_plant(ready.job, ready.tests[0].freq) == pytest.approx(
+        (ready.tests[0].freq[0], ready.tests[0].freq[-1])
     )
 
 
@@ -74,9 +74,9 @@ def test_what_is_written_out_says_the_same(job, tmp_path):
 
 def test_a_band_beyond_the_data_is_said(job):
     ready = prepare(load_job(job(PORTS + "band = [1.0, 90.0]\n")))
-    said = beyond_the_data(band_of_plant(ready.job, ready.frf), ready.frf)
+    said = beyond_the_data(band_of_plant(ready.job, ready.tests[0].freq), ready.tests[0].freq)
     assert "1 to 90 Hz, goes beyond the data, 0.63" in said
-    assert beyond_the_data((1.0, 20.0), ready.frf) == ""
+    assert beyond_the_data((1.0, 20.0), ready.tests[0].freq) == ""
 
 
 @pytest.mark.parametrize(

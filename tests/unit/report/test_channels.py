@@ -23,7 +23,9 @@ def test_a_channel_of_the_wrong_sign_is_the_worst(data):
     result = realistic()
     values_ = result.frf.values.copy()
     values_[:, 3, 1] *= -1.0
-    found = gather(dataclasses.replace(result, frf=dataclasses.replace(result.frf, values=values_)))
+    found = gather(
+        dataclasses.replace(result, data=dataclasses.replace(result.frf, values=values_))
+    )
     assert worst_and_median(found)["worst"] == (3, 1)
     assert found.frac_after[3, 1] == pytest.approx(data.frac_after[3, 1])
     assert found.residual_after[3, 1] == pytest.approx(2.0, abs=0.01)

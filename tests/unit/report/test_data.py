@@ -118,7 +118,7 @@ def test_a_model_that_is_singular_between_the_lines_has_curves_through_them(resu
         report_data, "fine_grid", lambda *_, **__: np.union1d(frf.freq, at_resonance)
     )
     found = gather(
-        dataclasses.replace(smallest(), start=start, model=start, frf=frf, lines=frf.freq)
+        dataclasses.replace(smallest(), start=start, model=start, data=frf, lines=frf.freq)
     )
     assert np.array_equal(found.grid, frf.freq)
     assert found.notes == ()
@@ -140,7 +140,7 @@ def test_zero_hertz_is_left_out_and_said(result):
         old.references,
         "accelerance",
     )
-    found = gather(dataclasses.replace(result, frf=frf))
+    found = gather(dataclasses.replace(result, data=frf))
     assert found.freq[0] == old.freq[0]
     assert "The line at 0 Hz is not drawn." in found.notes
 

@@ -231,7 +231,7 @@ def test_units_follow_the_kind_of_each_dof():
     chosen = ParameterSet((Parameter("hub", "stiffness", 1.0, 0.5, 2.0),))
     frf = measured(start, n_lines=20, responses=["1:Z", "1:RX"], references=["1:Z", "1:-RX"])
     result = realistic(
-        start=start, model=start, frf=frf, lines=frf.freq, fitted_responses=("1:Z", "1:RX"), validation_responses=(),
+        start=start, model=start, data=frf, lines=frf.freq, fitted_responses=("1:Z", "1:RX"), validation_responses=(),
         validation_band=None, parameters=chosen, values={"hub.stiffness": 1.0}, std={"hub.stiffness": 0.1},
         covariance=np.array([[0.01]]), at_bound={}, history=(),
     )  # fmt: skip
@@ -308,7 +308,7 @@ def test_a_model_that_cannot_be_solved_is_reported_not_raised():
     page = Page(
         render(
             dataclasses.replace(
-                base, start=stuck, model=stuck, frf=frf, lines=frf.freq, status="failed"
+                base, start=stuck, model=stuck, data=frf, lines=frf.freq, status="failed"
             )
         )
     )

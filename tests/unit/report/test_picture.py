@@ -60,7 +60,7 @@ def fitted(model: Model, values: dict[str, float], responses=("10:X",)):
         "fitted_responses": tuple(frf.responses.labels),
     }
     return dataclasses.replace(
-        smallest(), start=model, model=model, frf=frf, parameters=chosen, values=values, **found
+        smallest(), start=model, model=model, data=frf, parameters=chosen, values=values, **found
     )
 
 

@@ -106,7 +106,7 @@ def sample(**changes: object) -> UpdateResult:
         },
         "start": start,
         "model": start.scaled({"arm": {"stiffness": 1.0 / 3.0}}),
-        "frf": measured,
+        "data": measured,
         "lines": np.array([10.0, 30.0]),
         "fitted_responses": ("1:Z",),
         "validation_responses": ("2:-Z",),
@@ -273,7 +273,7 @@ def test_no_field_is_forgotten():
     """A field that UpdateResult or a part of it gains has to be stored too; this list says what is."""
     stored = {
         UpdateResult: (
-            "status message remedy method options start model frf lines fitted_responses"
+            "status message remedy method options start model data lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
             " alternatives trust findings modes"

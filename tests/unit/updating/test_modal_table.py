@@ -114,7 +114,7 @@ def test_given_modes_are_used():
 
 
 def test_too_few_lines_say_so_and_break_nothing():
-    result = dataclasses.replace(updated(), frf=measured(n_lines=3))
+    result = dataclasses.replace(updated(), data=measured(n_lines=3))
     table = updyn.modal_table(result)
     assert not table.known
     assert table.rows == ()

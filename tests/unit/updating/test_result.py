@@ -46,7 +46,7 @@ def result() -> UpdateResult:
         options={"max_iterations": 50},
         start=start,
         model=unknowns.apply(start, list(values.values())),
-        frf=FRF([1.0, 2.0], np.ones((2, 1, 1)), ["1:RZ"], ["1:RZ"], "receptance"),
+        data=FRF([1.0, 2.0], np.ones((2, 1, 1)), ["1:RZ"], ["1:RZ"], "receptance"),
         lines=np.array([1.0, 2.0]),
         fitted_responses=("1:RZ",),
         validation_responses=(),

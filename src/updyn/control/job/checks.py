@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.ports import port_matrix
 from updyn.errors import JobError, key_path, suggest
 from updyn.job.schema import Job
 from updyn.model import Model
-
-if TYPE_CHECKING:
-    from updyn.frf import FRF
 
 __all__ = [
     "band_of_plant",
@@ -98,35 +97,35 @@ def part_of_plant(job: Job) -> int:
     return [part.test.name for part in job.parts].index(table.test)
 
 
-def band_of_plant(job: Job, frf: FRF) -> tuple[float, float]:
+def band_of_plant(job: Job, freq: NDArray[np.float64]) -> tuple[float, float]:
     """Return the band of the plant: its own, else that of the test.
 
     Parameters
     ----------
     job : Job
         With ``[plant]``.
-    frf : FRF
-        The data of the test, in its band.
+    freq : ndarray of float
+        Frequencies of the data of the test in Hz, ascending.
     """
     table = job.table(PlantTable)
     assert table is not None
     if table.band is not None:
         return table.band
-    above = frf.freq[frf.freq > 0]
+    above = freq[freq > 0]
     return float(above[0]), float(above[-1])
 
 
-def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
+def beyond_the_data(band: tuple[float, float], freq: NDArray[np.float64]) -> str:
     """Return a note where a band goes beyond the data, else an empty text.
 
     Parameters
     ----------
     band : (float, float)
         In Hz.
-    frf : FRF
-        The data.
+    freq : ndarray of float
+        Frequencies of the data in Hz, ascending.
     """
-    low, high = float(frf.freq[0]), float(frf.freq[-1])
+    low, high = float(freq[0]), float(freq[-1])
     if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
         return ""
     return (
@@ -135,15 +134,17 @@ def beyond_the_data(band: tuple[float, float], frf: FRF) -> str:
     )
 
 
-def check_control(job: Job, models: Sequence[Model], data: Sequence[FRF]) -> None:
+def check_control(job: Job, models: Sequence[Model], data: Sequence[NDArray[np.float64]]) -> None:
     """Check ``[plant]`` and ``[servo]`` by the model and the data.
 
     Parameters
     ----------
     job : Job
         The job.
-    models, data : sequence of Model and of FRF
+    models : sequence of Model
         One for each of its tests.
+    data : sequence of ndarray of float
+        Frequencies of the data of each, in Hz, ascending.
 
     Raises
     ------

@@ -55,7 +55,7 @@ class _PlantJobTable(JobTable):
         check_control(
             prepared.job,
             [test.model for test in prepared.tests],
-            [test.frf for test in prepared.tests],
+            [test.freq for test in prepared.tests],
         )
 
     def announce(self, prepared: Prepared) -> str:

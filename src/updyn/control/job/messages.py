@@ -71,7 +71,7 @@ def describe_request(ready: Prepared) -> str:
     if table is None:
         return ""
     test = ready.tests[part_of_plant(ready.job)]
-    band = band_of_plant(ready.job, test.frf)
+    band = band_of_plant(ready.job, test.freq)
     inputs = ", ".join(p.name for p in table.input_ports)
     outputs = ", ".join(p.name for p in table.output_ports)
     lines = [
@@ -83,7 +83,7 @@ def describe_request(ready: Prepared) -> str:
         lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}")
         if servo.position:
             lines[-1] += f" and {servo.position}"
-    note = beyond_the_data(band, test.frf)
+    note = beyond_the_data(band, test.freq)
     if note:
         lines.append(f"note: {note}")
     return "\n".join(lines)

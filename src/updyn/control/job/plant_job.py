@@ -14,6 +14,7 @@ from updyn.control.job.plant_result import PlantResult, make_plant
 from updyn.control.job.tables import PlantTable
 from updyn.control.report.page import write_plant_page
 from updyn.errors import InputError, JobError
+from updyn.frf import FRF
 from updyn.io.toml_text import parse_toml
 from updyn.job.folder import (
     check_out,
@@ -24,6 +25,7 @@ from updyn.job.folder import (
 from updyn.job.prepare import prepare
 from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
+from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, recover, replaced
 
 if TYPE_CHECKING:
@@ -178,9 +180,7 @@ def _finished(
         _check_same(job, folder)
         result = read_result(folder / inside)
         test = ready.tests[number]
-        same = result.frf.values.shape == test.frf.values.shape and np.array_equal(
-            result.frf.values, test.frf.values
-        )
+        same = _same(result.data, test.data)
         if not same or result.model.dofs.labels != test.model.dofs.labels:
             what = "model" if same else "measurement"
             raise JobError(
@@ -242,3 +242,10 @@ def _draws(folder: Path, result: UpdateResult) -> Draws | None:
     if isinstance(found, Draws) and len(found) > 1:
         return found
     return None
+
+
+def _same(a: FRF | ModeSet, b: FRF | ModeSet) -> bool:
+    """Whether two measurements hold the same values."""
+    if isinstance(a, FRF) and isinstance(b, FRF):
+        return a.values.shape == b.values.shape and np.array_equal(a.values, b.values)
+    return isinstance(a, ModeSet) and isinstance(b, ModeSet) and a.digest == b.digest

@@ -178,9 +178,9 @@ def make_plant(
     test = ready.tests[number]
     one = None if result is None else list(result.results.values())[number]
     model = test.model if one is None else one.model
-    band = band_of_plant(job, test.frf)
+    band = band_of_plant(job, test.freq)
     stage = say if say is not None else lambda name: None
-    notes = [_unconverged_note(one), beyond_the_data(band, test.frf), _test_note(ready, number)]
+    notes = [_unconverged_note(one), beyond_the_data(band, test.freq), _test_note(ready, number)]
     given: dict[str, Any] = {
         "inputs": table.input_ports,
         "outputs": table.output_ports,

@@ -102,6 +102,10 @@ def explains(problem: Problem, answer: Answer) -> bool:
             return False
         if len(e) >= _ENOUGH_LINES and serial_correlation(e) > _CORRELATED:
             return False
+    for modal, error in zip(problem.modal, answer.residual.modal, strict=True):
+        squares, number = error.power(modal, answer.x)
+        if error.noise.size_known and squares > _EXCESS * number:
+            return False
     return True
 
 
@@ -231,7 +235,7 @@ def elsewhere(
     tries = [*exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
-    promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_values, 50)]
+    promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]
     return [tries[i] for i in promising[:_PROMISING]]
 
 
@@ -276,7 +280,7 @@ def _reverse(names: Sequence[str]) -> list[tuple[str, str]]:
 
 def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
     """Return groups whose matrices have the same entries but for a factor, two or more each."""
-    system = problem.parts[0].solver.system
+    system = problem.system
     classes: dict[tuple[object, ...], list[str]] = {}
     for name in names:
         kind: list[object] = []
@@ -291,7 +295,7 @@ def _alike(problem: Problem, names: Sequence[str]) -> list[list[str]]:
 
 def _sizes(problem: Problem) -> _Vector:
     """Return the logarithm of what a factor of 1 stands for, shape (n,); 0 for other unknowns."""
-    system, parameters = problem.parts[0].solver.system, problem.coordinates.parameters
+    system, parameters = problem.system, problem.coordinates.parameters
     sizes = np.zeros(problem.n)
     for i, p in enumerate(parameters):
         if p.is_factor and not p.drives and system.has(p.group, p.quantity):

@@ -27,6 +27,7 @@ import numpy as np
 from updyn import __version__
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
+from updyn.modal import ModeSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Record, digest
 
@@ -181,7 +182,7 @@ class Checkpoint:
 
 
 def fingerprint(
-    problem: Problem, data: Sequence[FRF], options: Mapping[str, object]
+    problem: Problem, data: Sequence[FRF | ModeSet], options: Mapping[str, object]
 ) -> dict[str, Any]:
     """Return the data that identify a run, as plain data.
 
@@ -189,8 +190,8 @@ def fingerprint(
     ----------
     problem : Problem
         Model and unknowns.
-    data : sequence of FRF
-        All data of each part.
+    data : sequence of FRF or ModeSet
+        All data of each test.
     options : mapping
         Other options that change what is evaluated. The number of steps is not one of them: a run
         that ended at the largest number of steps can be resumed with more.
@@ -201,8 +202,11 @@ def fingerprint(
     """
     model: list[object] = []
     measured: list[object] = []
-    for part, frf in zip(problem.parts, data, strict=True):
-        system = part.solver.system
+    frfs = [one for one in data if isinstance(one, FRF)]
+    measured += [one.digest for one in data if isinstance(one, ModeSet)]
+    systems = [part.solver.system for part in problem.parts]
+    systems += [part.system for part in problem.modal]
+    for part, system in zip(problem.all, systems, strict=True):
         start = system.start
         model += [
             part.name,
@@ -217,6 +221,7 @@ def fingerprint(
         for term in system.terms:
             if term.table is not None:
                 model += [term.group, term.table.freq, term.table.relative]
+    for frf in frfs:
         measured += [frf.freq, frf.values, frf.quantity, str(frf.averages)]
         measured += [*frf.responses.labels, "/", *frf.references.labels]
         for array in (frf.variance, frf.coherence):

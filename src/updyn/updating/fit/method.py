@@ -196,6 +196,8 @@ class Method(ABC):
         Whether it minimises one sum of squares within bounds, to which a pull can be added.
     is_likelihood : bool
         Whether it minimises the negative logarithm of a likelihood.
+    fits_modes : bool
+        Whether modes can be its data.
     states_noise : bool
         Whether its noise record holds all that is needed to simulate data.
     """
@@ -215,6 +217,7 @@ class Method(ABC):
     calibrates: ClassVar[bool] = False
     can_regularise: ClassVar[bool] = False
     is_likelihood: ClassVar[bool] = False
+    fits_modes: ClassVar[bool] = False
     states_noise: ClassVar[bool] = False
 
     @property
@@ -237,7 +240,7 @@ class Method(ABC):
         problem : Problem
             Model, data and unknowns, at their start.
         """
-        numbers = 2 * problem.n_values
+        numbers = problem.n_numbers
         if numbers >= problem.n:
             return ""
         return f"The data hold {numbers} real numbers for {problem.n} unknowns."
@@ -380,7 +383,7 @@ def descend_to_scale(
     x: _Vector,
     monitor: Monitor,
     settings: TrustRegion,
-    spread: Callable[[Local], float] | None = None,
+    spread: Callable[[_Vector, Local], float] | None = None,
 ) -> Outcome:
     """Minimise a residual whose spread is not known, priors included.
 
@@ -393,8 +396,8 @@ def descend_to_scale(
     problem, residual, x, monitor, settings
         As for `descend`.
     spread : callable, optional
-        Returns the standard deviation of the residual at a local problem, where it is not of
-        measured values (`spread_of`).
+        Returns the standard deviation of the residual at a point and its local problem, where it
+        is not of measured values (`spread_of`).
 
     Raises
     ------
@@ -416,9 +419,10 @@ def descend_to_scale(
             local = residual.local(problem, outcome.x)
             if local is None:
                 break
-            sigma = (
-                spread_of(local, problem.n_values, problem.n) if spread is None else spread(local)
-            )
+            if spread is None:
+                sigma = spread_of(local, problem.n_values, problem.n)
+            else:
+                sigma = spread(outcome.x, local)
             if sigma == 0.0 or abs(sigma / unit - 1.0) < 0.01:
                 break
             unit = sigma

@@ -234,7 +234,7 @@ class Reducing:
         for part, made in zip(problem.parts, self._parts, strict=True):
             if made.solver is not None:
                 parts.append(replace(part, solver=made.solver))
-        return Problem.of(parts)
+        return problem.with_parts(parts)
 
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor

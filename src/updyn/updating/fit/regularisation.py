@@ -23,9 +23,10 @@ from updyn.updating.fit.method import Fit, Method, Pull, Starts, in_units
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
+from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Coordinates, Problem
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Stopped
 
 __all__ = [
@@ -598,7 +599,7 @@ class _Run:
 
     # -- shared ------------------------------------------------------------------------------------
     def _with(self, coordinates: Coordinates) -> Problem:
-        return Problem.of([replace(part, coordinates=coordinates) for part in self.problem.parts])
+        return self.problem.with_coordinates(coordinates)
 
     def _after(self, fit: Fit) -> _Run:
         return replace(self, unit=fit.unit)

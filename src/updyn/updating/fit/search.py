@@ -391,7 +391,7 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     for part, noise in zip(problem.parts, noises, strict=True):
         frf = replace(part.frf, variance=noise.beforehand(part.frf))
         parts.append(replace(part, frf=frf).thinned(SEARCH_LINES))
-    return Problem(tuple(parts))
+    return replace(problem, parts=tuple(parts))
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:

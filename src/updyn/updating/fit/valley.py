@@ -9,7 +9,7 @@ fitted again (profile likelihood; Raue et al., Bioinformatics 25 (2009) 1923).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,7 @@ def holding(problem: Problem, x: _Vector, i: int) -> Problem:
     """Return the problem with unknown `i` held where it is at x."""
     lower, upper = (bound.copy() for bound in problem.coordinates.bounds)
     lower[i] = upper[i] = x[i]
-    parts = []
-    for part in problem.parts:
-        coordinates = replace(part.coordinates, box=(lower, upper))
-        parts.append(replace(part, coordinates=coordinates))
-    return replace(problem, parts=tuple(parts))
+    return problem.with_box((lower, upper))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

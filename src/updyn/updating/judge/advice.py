@@ -12,6 +12,7 @@ from updyn import sensitivity
 from updyn.dofs import DofSet
 from updyn.errors import SolverError
 from updyn.frf import FRF
+from updyn.updating.fit.methods.modal import ADVICE
 from updyn.updating.judge.identifiability import Analysis
 from updyn.updating.problem.problem import Part, Problem
 
@@ -60,6 +61,8 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     unseen = np.flatnonzero(np.linalg.norm(analysis.null_space, axis=1) > 1 - 1e-6)
     if unseen.size:
         parts.append(f"The data do not see {_list([names[i] for i in unseen])} at all.")
+    if not problem.parts:
+        return " ".join([*parts, ADVICE])
     lines, sensors = [], []
     for part in problem.parts:
         lines.append((part.name, _best_line(analysis, part, x)))

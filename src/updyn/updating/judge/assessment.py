@@ -24,10 +24,12 @@ from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
 from updyn.updating.judge.identifiability import Analysis, analyse
 from updyn.updating.judge.localise import localise
+from updyn.updating.judge.modal_figures import modal_correlation
 from updyn.updating.judge.rounding import Rounding, worst_rounding
-from updyn.updating.problem.data import Split
+from updyn.updating.problem.data import ModalSplit, Split
 from updyn.updating.problem.levelled import levelled
 from updyn.updating.problem.local import Local
+from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import ASSUMED, Estimated, NoiseModel, Robust, choose_noise
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -92,7 +94,7 @@ class Judgement:
 
 def judge(
     problem: Problem,
-    data: Sequence[Split],
+    data: Sequence[Split | ModalSplit],
     fit: Fit,
     noises: Sequence[NoiseModel],
     firsts: Sequence[FieldSolver] | None = None,
@@ -103,8 +105,8 @@ def judge(
     ----------
     problem : Problem
         What was fitted.
-    data : sequence of Split
-        For each part, all its data, and what of them was held out.
+    data : sequence of Split or ModalSplit
+        For each part, all its data, and what of them was held out; those of modes last.
     fit : Fit
         How it ended.
     noises : sequence of NoiseModel
@@ -143,9 +145,15 @@ def judge(
         else:
             advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
     solvers = firsts or [part.solver for part in problem.parts]
+    scored: list[Callable[[], dict[str, Any]]] = []
+    splits = [split for split in data if isinstance(split, Split)]
+    for part, split, first in zip(problem.parts, splits, solvers, strict=True):
+        scored.append(partial(_correlation, part, fit.x, split, first))
+    modal_splits = [split for split in data if isinstance(split, ModalSplit)]
+    for modal, of_modes in zip(problem.modal, modal_splits, strict=True):
+        scored.append(partial(modal_correlation, modal, fit.x, of_modes))
     correlation = tuple(
-        unless_stopped(partial(_correlation, part, fit.x, split, first), _no_figures(split))
-        for part, split, first in zip(problem.parts, data, solvers, strict=True)
+        unless_stopped(score, _no_figures(split)) for score, split in zip(scored, data, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
     rounding: Rounding | None = None
@@ -159,6 +167,7 @@ def judge(
     others: tuple[Alternative, ...] = ()
     if fit.rivals:
         others = unless_stopped(lambda: alternatives(problem, fit), others)
+    adequacy += (None,) * len(problem.modal)
     if cut_short:
         fit = replace(fit, reason="stopped")
     covariance, at_bound = _covariance(problem, fit, even), _at_bound(problem, fit.x)
@@ -211,10 +220,12 @@ def local_at_start(problem: Problem, noises: Sequence[NoiseModel]) -> tuple[Loca
         variance = noise.variance(H, part.frf)
         errors.append(OutputError(np.sqrt(2.0 / variance)))
         shares.append((np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)).ravel())
-    local = Each(tuple(errors)).local(problem, x)
+    modal = tuple(ModalError(part.noise) for part in problem.modal)
+    local = Each(tuple(errors), modal).local(problem, x)
     if local is None:
         raise SolverError("the model cannot be solved at its start")
-    return local, float(np.median(np.concatenate(shares)))
+    share = float(np.median(np.concatenate(shares))) if shares else 0.0
+    return local, share
 
 
 def _even(
@@ -256,13 +267,19 @@ def _covariance(
 def _typical_misfit(
     problem: Problem, noises: Sequence[NoiseModel], x: NDArray[np.float64]
 ) -> float:
-    """Return the median of |H - H_X| / |H_X|, over values that are clear of the noise."""
+    """Return the median of |H - H_X| / |H_X|, over values that are clear of the noise.
+
+    Of modes alone, of the relative errors of frequencies.
+    """
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):
         measured = part.frf.values
         size = np.abs(measured)
         seen = size > _CLEAR * np.sqrt(noise.beforehand(part.frf))
         misfits.append(np.abs(part.responses(x) - measured)[seen] / size[seen])
+    for modal in problem.modal if not misfits else ():
+        rows = modal.rows(x)
+        misfits.append(np.abs(rows.r[rows.of("frequency")]))
     misfit = np.concatenate(misfits)
     return float(np.median(misfit)) if misfit.size else 0.0
 
@@ -294,7 +311,7 @@ def _correlation(
     return out
 
 
-def _no_figures(split: Split) -> dict[str, Any]:
+def _no_figures(split: Split | ModalSplit) -> dict[str, Any]:
     none: dict[str, Any] = {"before": {}, "after": {}}
     if split.held is not None:
         none["validation"] = {"before": {}, "after": {}}

@@ -17,11 +17,9 @@ from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
 from updyn.updating.judge.assessment import local_at_start
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.data import Test, check
-from updyn.updating.problem.lines import on_lines
-from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import Drive, Parameter, ParameterSet
-from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.tests import problem_of
 
 __all__ = [
     "ALIKE",
@@ -540,13 +538,7 @@ def _sensitivity(tests: Sequence[Test], before: Selection) -> _Matrix:
     parameters = before.parameters
     tests = [replace(t, model=before.start_of(t.model)) for t in tests]
     check(tests, parameters)
-    parts, noises = [], []
-    for test in tests:
-        part = Part.build(test.model, test.frf, parameters, name=test.name)
-        part = on_lines(part, test.lines)
-        parts.append(part)
-        noises.append(choose_noise(test.noise, part.frf))
-    return local_at_start(Problem.of(parts), noises)[0].R
+    return local_at_start(*problem_of(tests, parameters))[0].R
 
 
 def _cosines(R: _Matrix) -> _Matrix:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, modes_said
 
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
@@ -40,41 +42,6 @@ LOST = 0.0
 FAR_WORSE, BAD = 3.0, 0.5
 #: Residual after over residual before, from which an update did harm, if it is not small anyway.
 HARM, SMALL = 1.1, 0.1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Claim:
-    """One part of the verdict. It compares equal to True, False or None.
-
-    Attributes
-    ----------
-    holds : bool or None
-        Yes, no, or not known.
-    why : str
-        A sentence with the figure that it hangs on.
-    """
-
-    holds: bool | None
-    why: str
-
-    def __bool__(self) -> bool:
-        return self.holds is True
-
-    def __eq__(self, other: object) -> bool:
-        if isinstance(other, Claim):
-            return (self.holds, self.why) == (other.holds, other.why)
-        return self.holds is other
-
-    def __hash__(self) -> int:
-        return hash((self.holds, self.why))
-
-    def __str__(self) -> str:
-        return f"{self.answer}: {self.why}"
-
-    @property
-    def answer(self) -> str:
-        """``"yes"``, ``"no"`` or ``"not known"``."""
-        return {True: "yes", False: "no", None: "not known"}[self.holds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,9 +177,15 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     if not tests:
         return Claim(None, "No data were held out.")
     said = []
+    predicted = [modes_predicted(one) for one in tests if "mac_min" in one["validation"]["after"]]
+    for claim in predicted:
+        if claim.holds is False:
+            return claim
     for one in tests:
         fitted, held = one.get("after", {}), one["validation"]["after"]
         before = one["validation"].get("before", {})
+        if "correlation_min" not in held:
+            continue
         lowest, residual = held["correlation_min"], held["residual_median"]
         if lowest < LOST:
             return Claim(
@@ -234,12 +207,14 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
                 f" {residual:.2g} of their level.",
             )
         said.append((residual, held["correlation_median"]))
-    residual, alike = max(said)
-    return Claim(
-        True,
-        f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
-        f" correlation {alike:.2f}.",
-    )
+    why = [claim.why for claim in predicted]
+    if said:
+        residual, alike = max(said)
+        why.append(
+            f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
+            f" correlation {alike:.2f}."
+        )
+    return Claim(True, " ".join(why))
 
 
 def _plausible(
@@ -269,6 +244,11 @@ def _plausible(
         before, after = one.get("before", {}), one.get("after", {})
         if not (before and after):
             continue
+        if "mac_min" in after:
+            claim = modes_plausible(before, after)
+            if claim.holds is False:
+                return claim
+            continue
         residual = after["residual_median"]
         if residual >= NOTHING:
             return Claim(
@@ -286,6 +266,10 @@ def _plausible(
     if unseen:
         mild = f" What is left is not noise; {unseen}."
     said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
-    if misfit < ROUNDED:
+    modal = [one["after"] for one in correlation if "mac_min" in one.get("after", {})]
+    if modal and len(modal) == len(correlation):
+        said = " ".join(modes_said(after) for after in modal)
+    complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)
+    if misfit < ROUNDED and complete:
         said = "The model answers the data but for rounding."
     return Claim(True, said + mild)

@@ -14,17 +14,20 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
 from updyn.geometry import Geometry
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.channels import check_channel
 from updyn.updating.problem.lines import Lines
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = [
+    "ModalSplit",
     "Split",
     "Test",
     "check",
     "complete_parts",
     "split_data",
+    "split_modes",
 ]
 
 
@@ -40,22 +43,36 @@ class Test:
     ----------
     model : Model
         The model of that configuration. Groups are identified by their names.
-    frf : FRF
-        The measurement.
+    data : FRF or ModeSet
+        The measurement. FRFs and modes of one configuration are two tests of the same model.
     name : str
         Name of the test.
     lines, noise, validation
-        As for `updyn.update`.
+        As for `updyn.update`; modes have no lines.
     """
 
     __test__ = False  # not a test, whatever its name suggests to pytest
 
     model: Model
-    frf: FRF
+    data: FRF | ModeSet
     name: str = ""
     lines: Lines = None
     noise: Mapping[str, float | str] | str | None = None
     validation: Iterable[str | Dof] | tuple[float, float] | None = None
+
+    @property
+    def frf(self) -> FRF:
+        """The measured FRFs.
+
+        Raises
+        ------
+        OptionError
+            If it measured modes.
+        """
+        if isinstance(self.data, FRF):
+            return self.data
+        named = f"test {self.name!r}" if self.name else "the test"
+        raise OptionError(f"{named} measured modes; this takes FRFs")
 
 
 def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
@@ -69,9 +86,9 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     """
     for test in tests:
         _check_type(test.model, Model)
-        _check_type(test.frf, FRF)
+        _check_type(test.data, FRF, ModeSet)
     _check_type(parameters, ParameterSet)
-    data = [test.frf for test in tests]
+    data = [test.data for test in tests if isinstance(test.data, FRF)]
     for p in parameters:
         for d in p.acts_on:
             if p.is_channel:
@@ -82,23 +99,33 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
                     f"unknown {p.name!r}: group {d.group!r} has no {d.quantity} in this model"
                 )
     for test in tests:
-        test.model.dofs.match(test.frf.responses, "response")
-        test.model.dofs.match(test.frf.references, "reference")
-        _warn_of_axes(test)
+        if isinstance(test.data, ModeSet):
+            test.model.dofs.match(test.data.dofs, "DOF of the modes")
+            _check_without_lines(test)
+        else:
+            test.model.dofs.match(test.data.responses, "response")
+            test.model.dofs.match(test.data.references, "reference")
+            _warn_of_axes(test.model, test.data)
 
 
-def _check_type(given: object, kind: type) -> None:
-    if not isinstance(given, kind):
-        raise OptionError(f"expected a {kind.__name__}, found {type(given).__name__}")
+def _check_type(given: object, *kinds: type) -> None:
+    if not isinstance(given, kinds):
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise OptionError(f"expected a {names}, found {type(given).__name__}")
 
 
-def _warn_of_axes(test: Test) -> None:
+def _check_without_lines(test: Test) -> None:
+    if test.lines is not None:
+        raise OptionError("lines: modes have none; leave it out", key=("lines",))
+
+
+def _warn_of_axes(model: Model, frf: FRF) -> None:
     """Warn where a sensor or force of the measurement does not point along its DOF."""
-    placed = test.frf.geometry
+    placed = frf.geometry
     if placed is None or placed.axes is None:
         return
-    modelled = test.model.geometry
-    for dof in dict.fromkeys([*test.frf.responses, *test.frf.references]):
+    modelled = model.geometry
+    for dof in dict.fromkeys([*frf.responses, *frf.references]):
         measured_axes = _axes_at(placed, dof.node)
         if measured_axes is None:
             continue
@@ -202,6 +229,58 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
         tuple(held_set.labels),
         held=frf.select(responses=held_set),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ModalSplit:
+    """Modes that are fitted and modes that are held out.
+
+    Attributes
+    ----------
+    whole, fitted : ModeSet
+        All modes, and those that are fitted.
+    band : tuple of (float, float) or None
+        Band that is held out, in Hz.
+    held : ModeSet or None
+        The modes in it.
+    """
+
+    whole: ModeSet
+    fitted: ModeSet
+    band: tuple[float, float] | None = None
+    held: ModeSet | None = None
+
+
+def split_modes(
+    modes: ModeSet, validation: Iterable[str | Dof] | tuple[float, float] | None
+) -> ModalSplit:
+    """Hold the modes in a band out of the data.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        All modes.
+    validation : (float, float), optional
+        The band in Hz.
+
+    Raises
+    ------
+    DataError
+        If it is no band, no mode lies in it, or none outside.
+    """
+    given = [] if validation is None else list(validation)
+    if not given:
+        return ModalSplit(modes, modes)
+    if len(given) != 2 or not all(isinstance(v, int | float) for v in given):
+        raise DataError(f"validation {given!r}: of modes, a band of two frequencies in Hz")
+    low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
+    inside = (modes.frequency >= low) & (modes.frequency <= high)
+    if inside.all() or not inside.any():
+        where = "outside" if inside.all() else "in"
+        raise DataError(f"validation band {low:g} to {high:g} Hz: no measured mode lies {where} it")
+    rest = modes.select(np.flatnonzero(~inside).tolist())
+    held = modes.select(np.flatnonzero(inside).tolist())
+    return ModalSplit(modes, rest, (low, high), held)
 
 
 def complete_parts(

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EachOf, LineResidual, clear_of_noise
@@ -70,4 +71,5 @@ def levelled(problem: Problem, noises: Sequence[NoiseModel]) -> EachOf[Levelled]
     for part, noise in zip(problem.parts, noises, strict=True):
         without = np.where(np.isfinite(noise.beforehand(part.frf)), 0.0, np.inf)
         errors.append(Levelled(clear_of_noise(part.frf.values, without, part.frf)))
-    return EachOf(tuple(errors))
+    modal = tuple(ModalError(part.noise.levelled()) for part in problem.modal)
+    return EachOf(tuple(errors), modal)

@@ -16,13 +16,14 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.channels import Gains
+from updyn.updating.problem.coordinates import Coordinates
+from updyn.updating.problem.modal import ModalPart
 from updyn.updating.problem.noise.known import level_by_unit
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
 
 __all__ = [
     "Block",
-    "Coordinates",
     "Part",
     "Problem",
     "shares_of",
@@ -30,8 +31,6 @@ __all__ = [
 
 _Vector = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-
-_RELAXED = -0.5
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 R = TypeVar("R")
@@ -42,108 +41,6 @@ _BLOCK_BYTES = 6 * 2**20
 #: Operations of one evaluation from which spreading its lines pays, and from which it is long to
 #: wait for; some tenth of a second and some ten seconds.
 _SPREAD, _LONG = 5e8, 5e10
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Coordinates:
-    """The optimiser's coordinates x: logarithms of factors; equivalent loss factors for damping.
-
-    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
-    frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
-    size of one, whatever the band.
-
-    Parameters
-    ----------
-    parameters : ParameterSet
-        The unknowns.
-    box : (ndarray, ndarray), optional
-        Narrower bounds in x, each of shape (n,).
-    within : ndarray of float, shape (n, k), optional
-        Orthonormal directions: x moves from the unknowns' start along them only.
-    unit : float, optional
-        The standard deviation against which priors count, where the spread of a residual would say
-        it.
-    omega : float
-        That frequency in rad/s.
-    centre : ndarray of float, shape (n,), optional
-        Centres of the priors in x, where they are not at the unknowns' start.
-    """
-
-    parameters: ParameterSet
-    box: tuple[_Vector, _Vector] | None = None
-    within: NDArray[np.float64] | None = None
-    unit: float | None = None
-    omega: float = 1.0
-    centre: _Vector | None = None
-    _factor: NDArray[np.bool_] = field(init=False, repr=False)
-    _unit: _Vector = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
-        object.__setattr__(self, "_factor", self.parameters.is_factor)
-        object.__setattr__(
-            self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters])
-        )
-
-    def to_x(self, values: _Vector) -> _Vector:
-        """Return x for the unknowns' values, both shape (n,)."""
-        return np.where(
-            self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit
-        )
-
-    def to_values(self, x: _Vector) -> _Vector:
-        """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
-        return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
-
-    def slope(self, x: _Vector) -> _Vector:
-        """Return d values / d x, shape (n,)."""
-        return np.where(self._factor, self.to_values(x), self._unit)
-
-    @property
-    def bounds(self) -> tuple[_Vector, _Vector]:
-        """Bounds in x, each shape (n,)."""
-        return self._boxed(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
-
-    @property
-    def relaxed_lower(self) -> _Vector:
-        """Lower bounds in x that let damping turn negative on the way, shape (n,).
-
-        The true loss factor of a lightly damped part lies on its bound at zero, and a search that
-        may not step across gets caught there.
-        """
-        lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
-        return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
-
-    def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
-        if self.box is None:
-            return lower, upper
-        # A box that begins outside the bounds still leaves their nearest point.
-        low, high = np.clip(self.box[0], lower, upper), np.clip(self.box[1], lower, upper)
-        return low, high
-
-    @property
-    def prior(self) -> tuple[_Vector, _Vector]:
-        """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
-        weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
-        centre = self.home if self.centre is None else self.centre
-        return centre, np.array(weight) * self._unit
-
-    @property
-    def home(self) -> _Vector:
-        """Where the unknowns start, as x, shape (n,)."""
-        return self.to_x(self.parameters.start)
-
-    def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
-        """Return x with unknown `i` at `value`, a coordinate as in x, within the bounds."""
-        moved = x.copy()
-        moved[i] = value
-        return np.clip(moved, *self.bounds)
-
-    def moved(self, x: _Vector) -> Coordinates:
-        """Return a copy whose unknowns start at x; priors stay where they are."""
-        own = self.parameters
-        start = np.clip(self.to_values(x), own.lower, own.upper)
-        return replace(self, parameters=own.with_start(start), centre=self.prior[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,14 +215,6 @@ class Part:
     def n_lines(self) -> int:
         """Number of lines."""
         return len(self.frf.freq)
-
-    def with_session(self, session: Session) -> Part:
-        """Return the part with another session."""
-        return replace(self, session=session)
-
-    def with_box(self, box: tuple[_Vector, _Vector]) -> Part:
-        """Return the part with narrower bounds in x."""
-        return replace(self, coordinates=replace(self.coordinates, box=box))
 
     def values(self, x: _Vector) -> _Vector:
         """Return the unknowns' values at x, shape (n,)."""
@@ -508,46 +397,63 @@ def _responses(part: Part, item: tuple[_Vector, slice]) -> _Complex:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """What an update works on: a part for each test, with the same unknowns and the same session.
+    """What an update works on: a part for what each test measured, with the same unknowns.
 
     Attributes
     ----------
     parts : tuple of Part
-        At least one; where there are several, their names differ.
+        Of tests that measured FRFs; where there are several, their names differ.
+    modal : tuple of ModalPart
+        Of tests that measured modes. One test may have both.
     """
 
     parts: tuple[Part, ...]
+    modal: tuple[ModalPart, ...] = ()
 
     @classmethod
-    def of(cls, parts: Sequence[Part]) -> Problem:
+    def of(cls, parts: Sequence[Part], modal: Sequence[ModalPart] = ()) -> Problem:
         """Return parts as one problem, in the coordinates of the first."""
-        shared = parts[0].coordinates
-        own = []
-        for part in parts:
-            if part.coordinates is not shared:
-                part = replace(part, coordinates=shared)
-            own.append(part)
-        return cls(tuple(own))
+        first: Part | ModalPart = parts[0] if parts else modal[0]
+        return cls(tuple(parts), tuple(modal)).with_coordinates(first.coordinates)
+
+    @property
+    def all(self) -> tuple[Part | ModalPart, ...]:
+        """The parts of FRFs, and after them those of modes."""
+        return (*self.parts, *self.modal)
+
+    @property
+    def _first(self) -> Part | ModalPart:
+        return self.all[0]
 
     @property
     def coordinates(self) -> Coordinates:
         """The optimiser's coordinates, the same for all parts."""
-        return self.parts[0].coordinates
+        return self._first.coordinates
+
+    @property
+    def system(self) -> AffineSystem:
+        """The compiled model of the first part."""
+        return self.parts[0].solver.system if self.parts else self.modal[0].system
 
     @property
     def session(self) -> Session:
         """Where the lines of all parts are solved."""
-        return self.parts[0].session
+        return self._first.session
 
     @property
     def n(self) -> int:
         """Number of unknowns."""
-        return self.parts[0].n
+        return self._first.n
 
     @property
     def n_values(self) -> int:
-        """Number of measured values of all parts."""
+        """Number of measured values of all FRFs."""
         return sum(part.n_values for part in self.parts)
+
+    @property
+    def n_numbers(self) -> int:
+        """Number of measured real numbers: two a value of an FRF, and those of modes."""
+        return 2 * self.n_values + sum(part.n_numbers for part in self.modal)
 
     @property
     def n_lines(self) -> int:
@@ -559,17 +465,40 @@ class Problem:
         """Whether lines are distributed over workers; else whole descents are."""
         return any(part.spreads for part in self.parts)
 
+    @property
+    def of_frfs(self) -> Problem:
+        """The parts that measured FRFs alone."""
+        return replace(self, modal=())
+
     def thinned(self, largest: int) -> Problem:
         """Return the parts on at most `largest` lines each."""
-        return Problem(tuple(part.thinned(largest) for part in self.parts))
+        return replace(self, parts=tuple(part.thinned(largest) for part in self.parts))
+
+    def with_parts(self, parts: Sequence[Part]) -> Problem:
+        """Return the problem with other parts of FRFs, in their coordinates."""
+        return Problem.of(parts, self.modal)
 
     def with_session(self, session: Session) -> Problem:
         """Return the parts with another session."""
-        return Problem(tuple(part.with_session(session) for part in self.parts))
+        return Problem(
+            tuple(replace(part, session=session) for part in self.parts),
+            tuple(replace(part, session=session) for part in self.modal),
+        )
+
+    def with_coordinates(self, coordinates: Coordinates) -> Problem:
+        """Return the parts in other coordinates."""
+        parts, modal = [], []
+        for part in self.parts:
+            own = part.coordinates is coordinates
+            parts.append(part if own else replace(part, coordinates=coordinates))
+        for one in self.modal:
+            own = one.coordinates is coordinates
+            modal.append(one if own else replace(one, coordinates=coordinates))
+        return Problem(tuple(parts), tuple(modal))
 
     def with_box(self, box: tuple[_Vector, _Vector]) -> Problem:
         """Return the parts with narrower bounds in x."""
-        return Problem(tuple(part.with_box(box) for part in self.parts))
+        return self.with_coordinates(replace(self.coordinates, box=box))
 
     def recall(
         self, kind: str, x: _Vector, compute: Callable[[], Record], *about: object
@@ -578,6 +507,6 @@ class Problem:
         if self.session.memory is None:
             return compute()
         keys = []
-        for part in self.parts:
+        for part in self.all:
             keys += part.key(kind, x, *about)
         return self.session.recall(keys, compute)

@@ -20,6 +20,7 @@ from updyn.errors import DataError, SolverError
 from updyn.frf import FRF, QUANTITIES, ROUNDING
 from updyn.registry import Registry
 from updyn.updating.problem.local import Local, joined, qr_triangle, reduce
+from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.session import Record
@@ -237,23 +238,31 @@ class EachOf(Generic[E]):
     Parameters
     ----------
     errors : tuple
-        One for each test, each of them evaluated block by block of lines.
+        One for each test that measured FRFs, each of them evaluated block by block of lines.
+    modal : tuple of ModalError
+        One for each that measured modes.
     """
 
     errors: tuple[E, ...]
+    modal: tuple[ModalError, ...] = ()
 
     @property
     def name(self) -> str:
         """How the report calls it."""
-        return self.errors[0].name
+        return self.errors[0].name if self.errors else ModalError.name
 
     def local(self, problem: Problem, x: _Vector) -> Local | None:
         """Return the reduced problem at x, or None where the model cannot be solved."""
         return _local(self, problem, x)
 
     def of(self, part: int) -> E:
-        """Return the residual of one of the tests."""
+        """Return the residual of one of the tests that measured FRFs."""
         return self.errors[part]
+
+    @property
+    def of_frfs(self) -> Self:
+        """The residuals of FRFs alone."""
+        return replace(self, modal=())
 
 
 class Each(EachOf[OutputError]):
@@ -353,8 +362,13 @@ def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
 
 
 def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of data that carry their variance, weighted by what the noise leaves."""
-    return EachOf(tuple(map(LogError.clear_of_noise, problem.parts)))
+    """Return the log error of data that carry their variance, weighted by what the noise leaves.
+
+    Errors of frequencies are logarithms as they are; of a shape, and of damping, so much less as
+    they are usually less exact.
+    """
+    errors = tuple(map(LogError.clear_of_noise, problem.parts))
+    return EachOf(errors, tuple(ModalError(part.noise.levelled()) for part in problem.modal))
 
 
 def with_prior(local: Local, problem: Problem, x: _Vector) -> Local:
@@ -394,6 +408,9 @@ def is_cached(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector
     for i, part in enumerate(problem.parts):
         own = residual.of(i)
         keys.append(part.key(_kind(own), x, own.cache_key))
+    if isinstance(residual, EachOf):
+        for modal, error in zip(problem.modal, residual.modal, strict=True):
+            keys.append(modal.key(error.kind, x))
     return all(problem.session.knows(key) for key in keys)
 
 
@@ -403,11 +420,13 @@ def _kind(residual: LineResidual) -> str:
 
 def _local(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> Local | None:
     try:
-        return joined(
-            [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)], problem.n
-        )
+        found = [solved(residual.of(i), part, x) for i, part in enumerate(problem.parts)]
+        if isinstance(residual, EachOf):
+            for modal, error in zip(problem.modal, residual.modal, strict=True):
+                found.append(error.solved(modal, x))
     except SolverError:
         return None
+    return joined(found, problem.n)
 
 
 def _block(part: Part, item: tuple[LineResidual, _Vector, slice]) -> tuple[_Complex, _Complex]:

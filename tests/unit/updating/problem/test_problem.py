@@ -6,7 +6,8 @@ import pytest
 import updyn
 from updyn.dynamics import fields
 from updyn.errors import DofError, OptionError
-from updyn.updating.problem.problem import Coordinates, Part
+from updyn.updating.problem.coordinates import Coordinates
+from updyn.updating.problem.problem import Part
 
 
 @pytest.fixture

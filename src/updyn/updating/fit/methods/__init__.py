@@ -13,18 +13,20 @@ with priors (`updyn.updating.fit.methods.least_squares.LeastSquares`).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, cast
 
 import numpy as np
 
 from updyn.errors import OptionError, suggest
+from updyn.modal import ModeSet
 from updyn.registry import Registry, load_object
 from updyn.updating.fit.method import Method
+from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.residuals import RESIDUALS
 
-__all__ = ["METHODS", "check_channels", "make_method", "methods_with", "options_of"]
+__all__ = ["METHODS", "check_channels", "check_modes", "make_method", "methods_with", "options_of"]
 
 _HERE = "updyn.updating.fit.methods."
 
@@ -137,6 +139,27 @@ def check_channels(parameters: ParameterSet, method: Method | type[Method]) -> N
             f"method {method.name!r} takes the measurement as it is and knows no calibration"
             f" factors ({sensors[0]!r}); use {', '.join(others)} or {last}"
         )
+
+
+def check_modes(tests: Sequence[Test], method: Method) -> None:
+    """Check that a method fits modes, if a test measured any.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        The tests.
+    method : Method
+        The method.
+
+    Raises
+    ------
+    OptionError
+        If it fits FRFs only.
+    """
+    if method.fits_modes or not any(isinstance(test.data, ModeSet) for test in tests):
+        return
+    names = " or ".join(repr(name) for name in methods_with("fits_modes"))
+    raise OptionError(f"method {method.name!r} fits FRFs, not modes; use {names}", key=("name",))
 
 
 def _check(key: str, value: Any, default: Any) -> None:

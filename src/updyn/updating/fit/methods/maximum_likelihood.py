@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,22 @@ from updyn.updating.fit.answers import (
     restarted,
     weakly_held,
 )
-from updyn.updating.fit.method import Fit, Method, Rival, Starts, descend, known_length, stopped_at
+from updyn.updating.fit.method import (
+    Fit,
+    Method,
+    Rival,
+    Starts,
+    descend,
+    in_units,
+    known_length,
+    stopped_at,
+)
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import holding, valleys
-from updyn.updating.problem.local import Local
+from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError
@@ -55,6 +65,14 @@ _BACK = (6, 2)
 _HOPS = 2
 #: Steps of a descent along a valley; as many as there were before, or so many, are taken in all.
 _FOLLOWING, _FEWEST = 12, 50
+
+
+#: Kinds of residuals of modes in the plural.
+_KINDS_IN_WORDS = {
+    "frequency": "frequencies",
+    "shape": "shapes",
+    "loss_factor": "loss factors",
+}
 
 
 def _one(local: Local) -> float:
@@ -96,6 +114,7 @@ class MaximumLikelihood(Method):
     calibrates: ClassVar[bool] = True
     can_regularise: ClassVar[bool] = True
     is_likelihood: ClassVar[bool] = True
+    fits_modes: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
     @property
@@ -107,8 +126,8 @@ class MaximumLikelihood(Method):
         return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
-        """Return where to begin: the best basins of the log error."""
-        if not self.starts:
+        """Return where to begin: the best basins of the log error, or the start for modes alone."""
+        if not self.starts or not problem.parts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
         with monitor.stage("search", rough):
@@ -227,7 +246,7 @@ class MaximumLikelihood(Method):
 
         def unlikelihood(x: _Vector) -> float:
             try:
-                return _unlikelihood(problem, at.noises, x)
+                return _unlikelihood(problem, at.noises, at.residual, x)
             except SolverError:
                 return np.inf
 
@@ -260,7 +279,7 @@ class MaximumLikelihood(Method):
                 break
             with suppress(Stopped, SolverError):
                 x = descend(problem, at.residual, x, monitor, settings).x
-                here = _unlikelihood(problem, _weigh(problem, noises, x)[0], x)
+                here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
                 if here <= at.unlikelihood + _WORTH:
                     found.append(self._answer(problem, noises, x, monitor))
         return found
@@ -282,7 +301,8 @@ class MaximumLikelihood(Method):
                 # The answer is a minimum with its own weights; with renewed ones, next to an error
                 # of the model, it need not be.
                 rise = outcome.local.cost - lowest
-                least = max(_unlikelihood(problem, known, outcome.x), at.unlikelihood + rise)
+                here = _unlikelihood(problem, known, residual, outcome.x)
+                least = max(here, at.unlikelihood + rise)
                 return Answer(outcome.x, "held", least, known, residual, outcome.local)
             return None
 
@@ -326,12 +346,13 @@ class MaximumLikelihood(Method):
                 settled = number > 0 and np.linalg.norm(local.R @ moved) < 1e-2
                 if settled or np.abs(moved).max() <= self.tolerance:
                     break
-            return Answer(x, reason, _unlikelihood(problem, noises, x), noises, residual, local)
+            here = _unlikelihood(problem, noises, residual, x)
+            return Answer(x, reason, here, noises, residual, local)
         except Stopped:
             return Answer(x, "stopped", np.inf, noises, residual, local)
 
     def _judged(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
-        if answer.residual.errors:
+        if answer.residual.errors or answer.residual.modal:
             with suppress(Stopped):
                 return self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
         return stopped_at(coarse(problem, noises), answer.x)  # what the search knows of it
@@ -344,36 +365,127 @@ class MaximumLikelihood(Method):
         residual: Each,
         reason: str,
     ) -> Fit:
+        found = [
+            _known_of_frfs(problem, x, noises, residual),
+            _known_of_modes(problem, x, residual),
+        ]
         local = residual.local(problem, x)
         assert local is not None
-        freedom = 2 * problem.n_values - problem.n
-        # Without degrees of freedom the noise cannot be estimated from the misfit.
-        chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
-        known = known_length(
-            problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)
-        )
-        length = known.get("correlation_length", 1.0)
-        # More misfit than the noise explains widens the error bars; less of it narrows them only
-        # where the scale of the noise was not known. A serially correlated misfit holds less
-        # information than independent noise.
-        scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
-        inflation = float(np.sqrt(scale * length))
-        record = {
-            **({"chi_square": chi_square} if freedom > 0 else {}),
-            **known,
-            "inflation": inflation,
-        }
-        by_part = tuple({"kind": noise.kind, **record, **noise.figures()} for noise in noises)
+        whitened = joined([known.local for known in found if known is not None], problem.n)
+        records = [record for known in found if known is not None for record in known.records]
+        modal = "" if found[1] is None else found[1].note
         return Fit(
-            x, reason, local.R / inflation if inflation > 0 else local.R, by_part, local=local
+            x,
+            reason,
+            whitened.R,
+            tuple(records),
+            modal,
+            local=local,
         )
 
 
-def _unlikelihood(problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> float:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """What the data of one kind say of the unknowns where a fit ended.
+
+    Attributes
+    ----------
+    local : Local
+        The reduced problem, in standard deviations of what is left of these data.
+    records : list of mapping
+        The noise, of each part.
+    note : str
+        What the user should know; may be empty.
+    """
+
+    local: Local
+    records: Sequence[Mapping[str, Any]]
+    note: str = ""
+
+
+def _known_of_frfs(
+    problem: Problem, x: _Vector, noises: Sequence[NoiseModel], residual: Each
+) -> _Known | None:
+    """Return what the FRFs say; None where there are none."""
+    if not problem.parts:
+        return None
+    local = residual.of_frfs.local(problem.of_frfs, x)
+    assert local is not None
+    freedom = 2 * problem.n_values - problem.n
+    # Without degrees of freedom the noise cannot be estimated from the misfit.
+    chi_square = 2.0 * local.cost / freedom if freedom > 0 else 1.0
+    known = known_length(
+        problem, x, lambda i, H: residual.of(i).weight * (H - problem.parts[i].frf.values)
+    )
+    length = known.get("correlation_length", 1.0)
+    # More misfit than the noise explains widens the error bars; less of it narrows them only where
+    # the scale of the noise was not known. A serially correlated misfit holds less information than
+    # independent noise.
+    scale = max(chi_square, 1.0) if all(noise.scale_known for noise in noises) else chi_square
+    inflation = float(np.sqrt(scale * length))
+    record = {
+        **({"chi_square": chi_square} if freedom > 0 else {}),
+        **known,
+        "inflation": inflation,
+    }
+    by_part = [{"kind": noise.kind, **record, **noise.figures()} for noise in noises]
+    return _Known(in_units(local, inflation), by_part)
+
+
+def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | None:
+    """Return what the modes say; None where there are none."""
+    if not problem.modal:
+        return None
+    locals_, records, missing = [], [], []
+    for part, error in zip(problem.modal, residual.modal, strict=True):
+        squares, number = error.power(part, x)
+        spare = number * (1.0 - problem.n / problem.n_numbers)  # it pays for its share
+        chi_square = squares / spare if spare > 0.0 else 1.0
+        stated = error.noise.size_known
+        inflation = float(np.sqrt(max(chi_square, 1.0))) if stated else 1.0
+        locals_.append(in_units(error.solved(part, x), inflation))
+        rows = error.rows(part, x)
+        record: dict[str, Any] = {
+            "kind": error.noise.kind,
+            "chi_square": chi_square,
+            "inflation": inflation,
+            **error.noise.figures(rows),
+            "modes": len(rows.mac) - len(rows.lost(part.like)),
+            **part.left_out(rows),
+        }
+        missing += [record["left_out"]] if "left_out" in record else []
+        if error.noise.by_ratio:
+            record["by_ratio"] = list(error.noise.by_ratio)
+        records.append(record)
+    return _Known(joined(locals_, problem.n), records, _modal_note(records, missing))
+
+
+def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) -> str:
+    """Return what the user should know about modes that were left out, and about their noise."""
+    notes = []
+    if missing:
+        said = ", ".join(missing)
+        notes.append(f"Measured modes that resemble none of the model are left out: {said}.")
+    kinds = dict.fromkeys(kind for record in records for kind in record.get("by_ratio", ()))
+    if kinds:
+        *others, last = [_KINDS_IN_WORDS[kind] for kind in kinds]
+        named = f"{', '.join(others)} and {last}" if others else last
+        notes.append(
+            f"State how exact {named} are (noise): too few are left to see it, and the usual sizes"
+            " were taken."
+        )
+    return " ".join(notes)
+
+
+def _unlikelihood(
+    problem: Problem, noises: Sequence[NoiseModel], residual: Each, x: _Vector
+) -> float:
     """Return minus the log-likelihood of the data and of the priors at x, but for a constant."""
     total = 0.0
     for part, noise in zip(problem.parts, noises, strict=True):
         total += noise.unlikelihood(part.responses(x), part.frf)
+    for modal, error in zip(problem.modal, residual.modal, strict=True):
+        total += error.unlikelihood(modal, x)
     centre, weight = problem.coordinates.prior
     return total + 0.5 * float(np.sum((weight * (x - centre)) ** 2))
 
@@ -390,4 +502,27 @@ def _weigh(
         errors.append(
             OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
         )
-    return looked, Each(tuple(errors))
+    of_frfs = Each(tuple(errors))
+    return looked, replace(of_frfs, modal=_weigh_modes(problem, of_frfs, x))
+
+
+def _weigh_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalError, ...]:
+    """Return the residuals of modes, weighted by what is known and estimated of their noise."""
+    found = [ModalError(part.noise) for part in problem.modal]
+    if all(error.noise.size_known for error in found):
+        return tuple(found)
+    rest = [np.diag(problem.coordinates.prior[1])]
+    if problem.parts:
+        local = of_frfs.local(problem.of_frfs, x)
+        if local is None:
+            raise SolverError("the model cannot be solved where its noise is estimated")
+        rest.append(local.R)
+    for i, part in enumerate(problem.modal):
+        others = [
+            error.solved(one, x).R
+            for one, error in zip(problem.modal, found, strict=True)
+            if one is not part
+        ]
+        noise = part.noise.refit(found[i].rows(part, x), np.vstack([*rest, *others]))
+        found[i] = ModalError(noise)
+    return tuple(found)

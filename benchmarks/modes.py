@@ -1,0 +1,200 @@
+"""Updating on measured modes alone, and beside FRFs.
+
+Three studies, on space frames that stand on supports (`models.footbridge`):
+
+- ``exact``: twelve unknown stiffnesses of a frame of 2,037 DOFs, off by up to 30 %, from three
+  modes without noise at 20 sensors.
+- ``bridge``: eight unknown stiffnesses of a bridge of 948 DOFs, off by up to 40 %, from eight modes
+  at 58 sensors; frequencies to 0.1 %, shapes to 5 or 20 % of their rms. With standard deviations
+  that are stated, with none (estimated), and by ``method="modal"`` with its fixed weight of shapes.
+  In a second set the true bridge has a deck of 3 % more mass here and there that the model lacks.
+- ``damping``: stiffnesses and loss factors of a chain of twelve masses, from eight modes; how far
+  the estimates are from the truth in their standard deviations.
+
+    python benchmarks/modes.py [exact bridge damping] [--draws 10]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from models import chain, footbridge
+
+import updyn
+from updyn.modal import ModeSet
+from updyn.model import Group, Model
+from updyn.updating.result import UpdateResult
+
+Make = Callable[[Model, ModeSet], UpdateResult]
+
+
+def measured(
+    model: Model, n: int, dofs: list[str], noise: Mapping[str, float], seed: int, *, stated: bool
+) -> ModeSet:
+    """The lowest modes of a model as a test gives them: with noise, of any scale and sign."""
+    found, rng = updyn.modes(model, n), np.random.default_rng(seed)
+    at = model.dofs.match(dofs)
+    shapes = found.shapes[at.index].real * at.sign[:, None] * rng.choice([-3.0, 3.0], n)
+    rms = np.sqrt(np.mean(shapes**2, axis=0))
+    off = {kind: share * rng.standard_normal(n) for kind, share in noise.items()}
+    shapes = shapes + noise.get("shape", 0.0) * rms * rng.standard_normal(shapes.shape)
+    f = found.frequency * (1.0 + off.get("frequency", 0.0))
+    loss = found.loss_factor * np.maximum(1.0 + off.get("loss_factor", 0.0), 0.05)
+    known = {}
+    if stated:
+        known = {
+            "std_frequency": noise["frequency"] * f,
+            "std_loss_factor": noise.get("loss_factor", 0.0) * loss,
+            "std_shapes": noise["shape"] * np.broadcast_to(rms, shapes.shape),
+        }
+    return ModeSet(f, shapes, dofs, loss_factor=loss, source="simulated", **known)
+
+
+def scattered(model: Model, far: float, rng: np.random.Generator) -> Model:
+    """A model whose stiffnesses are off by up to a share."""
+    off = rng.uniform(-far, far, len(model.groups))
+    return model.scaled(
+        {g: {"stiffness": float(np.exp(o))} for g, o in zip(model.groups, off, strict=True)}
+    )
+
+
+def exact(draws: int) -> None:
+    true = footbridge(4, 19, pieces=12)
+    rng = np.random.default_rng(0)
+    dofs = [str(true.dofs[int(i)]) for i in rng.choice(true.n_dofs, 20, replace=False)]
+    worst, seconds = [], []
+    for draw in range(draws):
+        start = scattered(true, 0.3, np.random.default_rng([1, draw]))
+        modes = measured(true, 3, dofs, {}, draw, stated=False)
+        begun = time.process_time()
+        result = updyn.update(start, modes, updyn.parameters(start, stiffness="all"))
+        seconds.append(time.process_time() - begun)
+        worst.append(max(abs(_stiffness(result.model, true) - 1.0)))
+    found = sum(one < 1e-6 for one in worst)
+    print(
+        f"frame of {true.n_dofs} DOFs, 12 unknowns, 3 exact modes at 20 sensors: {found} of"
+        f" {draws} to 1e-6 (median of the worst unknown {np.median(worst):.1g});"
+        f" {np.median(seconds):.1f} s"
+    )
+
+
+def _stiffness(model: Model, true: Model) -> np.ndarray:
+    return np.array([_size(model.group(g)) / _size(true.group(g)) for g in true.groups])
+
+
+def _size(group: Group) -> float:
+    assert group.stiffness is not None
+    return float(np.abs(group.stiffness.data).sum())
+
+
+def bridge(draws: int) -> None:
+    nominal = footbridge(1, 35, pieces=8)
+    upper = [f"{node}:{d}" for node in range(8, 176, 6) for d in "ZY"]
+    dofs = (upper + [f"{node}:Z" for node in range(190, 316, 5)])[:58]
+    print("\n| bridge | shapes | how | frequency, rms | worst | MAC, lowest | before | stiffness |")
+    print("|---|---|---|---|---|---|---|---|")
+    for lacking in (False, True):
+        for share in (0.05, 0.2):
+            noise = {"frequency": 1e-3, "shape": share}
+            for how, make, stated in (
+                ("stated", _default, True),
+                ("default", _default, False),
+                ("fixed weight of shapes 0.1", _fixed, False),
+            ):
+                _bridge_row(nominal, dofs, noise, how, make, draws, lacking=lacking, stated=stated)
+
+
+def _default(start: Model, modes: ModeSet) -> UpdateResult:
+    return updyn.update(start, modes, updyn.parameters(start, stiffness="piece*"))
+
+
+def _fixed(start: Model, modes: ModeSet) -> UpdateResult:
+    unknowns = updyn.parameters(start, stiffness="piece*")
+    return updyn.update(start, modes, unknowns, method="modal")
+
+
+def _bridge_row(
+    nominal: Model,
+    dofs: list[str],
+    noise: Mapping[str, float],
+    how: str,
+    make: Make,
+    draws: int,
+    *,
+    lacking: bool,
+    stated: bool,
+) -> None:
+    rows = []
+    for draw in range(draws):
+        rng = np.random.default_rng([2, draw])
+        true = _with_deck(nominal, rng) if lacking else nominal
+        start = scattered(nominal, 0.4, rng)
+        modes = measured(true, 8, dofs, noise, draw, stated=stated)
+        result = make(start, modes)
+        clean = measured(true, 8, dofs, {}, draw, stated=False)
+        found, first = (updyn.correlate(m, clean) for m in (result.model, start))
+        off = np.abs(found.frequency_change)
+        rows.append(
+            [
+                float(np.sqrt(np.mean(off**2))),
+                float(off.max()),
+                float(found.pairs.mac.min()),
+                float(first.pairs.mac.min()),
+                100.0 * float(np.abs(_stiffness(result.model, nominal) - 1.0).max()),
+            ]
+        )
+    rms, worst, mac, before, stiff = np.median(rows, axis=0)
+    kind = "with a deck" if lacking else "as modelled"
+    cells = [kind, f"{100 * noise['shape']:.0f} %", how, f"{rms:.2f} %", f"{worst:.2f} %"]
+    cells += [f"{mac:.4f}", f"{before:.4f}", f"{stiff:.1f} %"]
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def _with_deck(model: Model, rng: np.random.Generator) -> Model:
+    """The bridge with 3 % of its mass in addition, on some of its DOFs."""
+    at = rng.choice(model.n_dofs // 3, 20, replace=False)
+    own = np.zeros(model.n_dofs)
+    total = float(model.mass.diagonal().sum()) / 3.0
+    own[(3 * at[:, None] + np.arange(3)).ravel()] = 0.03 * total / len(at)
+    return Model.from_groups({**model.groups, "deck": Group(mass=np.diag(own))}, model.dofs)
+
+
+def damping(draws: int) -> None:
+    start = chain(12, 4)
+    changes = {
+        f"piece {p + 1}": {"stiffness": s, "loss_factor": eta}
+        for p, (s, eta) in enumerate(((1.3, 0.01), (0.8, 0.04), (1.1, 0.02), (0.9, 0.03)))
+    }
+    true = start.scaled(changes)
+    unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
+    truth = np.array([changes[p.group][p.quantity] for p in unknowns])
+    noise = {"frequency": 1e-3, "shape": 0.03, "loss_factor": 0.1}
+    for stated in (True, False):
+        scores = []
+        for draw in range(draws):
+            modes = measured(true, 8, [f"{i}:X" for i in range(1, 13)], noise, draw, stated=stated)
+            result = updyn.update(start, modes, unknowns)
+            found, std = (np.array(list(m.values())) for m in (result.values, result.std))
+            scores.append((found - truth) / std)
+        s = np.array(scores)
+        for kind in ("stiffness", "loss_factor"):
+            own = s[:, [p.quantity == kind for p in unknowns]]
+            print(
+                f"chain, {kind}, noise {'stated' if stated else 'estimated'}: rms of the error"
+                f" {np.sqrt(np.mean(own**2)):.2f} standard deviations, within 1.96 of them"
+                f" {100.0 * np.mean(np.abs(own) < 1.96):.0f} % ({draws} draws)"
+            )
+
+
+STUDIES = {"exact": exact, "bridge": bridge, "damping": damping}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("studies", nargs="*", default=list(STUDIES), help=", ".join(STUDIES))
+    parser.add_argument("--draws", type=int, default=10)
+    options = parser.parse_args()
+    for name in options.studies:
+        STUDIES[name](options.draws)

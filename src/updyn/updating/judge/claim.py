@@ -1,0 +1,42 @@
+"""`Claim`: one part of the verdict, yes, no or not known, with its sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Claim"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Claim:
+    """One part of the verdict. It compares equal to True, False or None.
+
+    Attributes
+    ----------
+    holds : bool or None
+        Yes, no, or not known.
+    why : str
+        A sentence with the figure that it hangs on.
+    """
+
+    holds: bool | None
+    why: str
+
+    def __bool__(self) -> bool:
+        return self.holds is True
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, Claim):
+            return (self.holds, self.why) == (other.holds, other.why)
+        return self.holds is other
+
+    def __hash__(self) -> int:
+        return hash((self.holds, self.why))
+
+    def __str__(self) -> str:
+        return f"{self.answer}: {self.why}"
+
+    @property
+    def answer(self) -> str:
+        """``"yes"``, ``"no"`` or ``"not known"``."""
+        return {True: "yes", False: "no", None: "not known"}[self.holds]

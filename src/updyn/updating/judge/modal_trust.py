@@ -1,0 +1,87 @@
+"""What modes say of an answer: whether it is plausible, and whether it predicts held-out modes.
+
+The rules, and why they are as they are, stand in docs/verdict.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from updyn.correlation.figures import figure_text
+from updyn.updating.judge.claim import Claim
+
+__all__ = ["modes_plausible", "modes_predicted", "modes_said"]
+
+_Figures = Mapping[str, float]
+
+#: Share of the measured modes that the model has to have.
+_MOST = 0.5
+#: Typical error of frequencies, in %, from which no answer is plausible: modes of structures are
+#: often as near to each other.
+_GROSS = 10.0
+#: Error of frequencies after over error before from which an update did harm, unless it is small
+#: (in %) anyway.
+_HARM, _SMALL = 1.1, 1.0
+#: Error of held-out frequencies over that of the fitted ones that is far worse, and one that is bad
+#: by itself, in %.
+_FAR_WORSE, _BAD = 3.0, 3.0
+
+
+def modes_said(after: _Figures) -> str:
+    """Return how near the model's modes are to the measured ones, in a sentence.
+
+    Parameters
+    ----------
+    after : mapping of str to float
+        Figures of agreement after the fit.
+    """
+    paired, measured = int(after["modes_paired"]), int(after["modes_measured"])
+    said = f"{paired} of {measured} measured modes resemble one of the model"
+    if not paired:
+        return said + "."
+    off = after["frequency_error_rms"]
+    least = figure_text("mac_min", after["mac_min"])
+    lowest = f"; the lowest MAC is {least}" if paired == measured else ""
+    return f"{said}, with an rms error of frequency of {off:.2g} %{lowest}."
+
+
+def modes_plausible(before: _Figures, after: _Figures) -> Claim:
+    """Return whether what is left of modes allows an answer.
+
+    Parameters
+    ----------
+    before, after : mapping of str to float
+        Figures of agreement before and after the fit.
+    """
+    paired, measured = after["modes_paired"], after["modes_measured"]
+    said = modes_said(after)
+    if paired < _MOST * measured or paired < before["modes_paired"]:
+        fewer = f" (before the fit {int(before['modes_paired'])})" if paired else ""
+        return Claim(False, f"Only {said.rstrip('.')}{fewer}.")
+    off = after["frequency_error_rms"]
+    was = before.get("frequency_error_rms", off)
+    alike = paired == before["modes_paired"]
+    if off > _GROSS or (alike and off > _HARM * was and off > _SMALL):
+        return Claim(False, f"{said.rstrip('.')}; before the fit it was {was:.2g} %.")
+    return Claim(True, said)
+
+
+def modes_predicted(one: Mapping[str, Any]) -> Claim:
+    """Return whether an updated model predicts modes that were held out.
+
+    Parameters
+    ----------
+    one : mapping
+        Of a test, the figures ``after`` and ``validation``.
+    """
+    held, fitted = one["validation"]["after"], one.get("after", {})
+    said = f"Of the held-out modes, {modes_said(held)}"
+    if held["modes_paired"] < held["modes_measured"]:
+        return Claim(False, said)
+    off = held["frequency_error_rms"]
+    if off > _BAD and off > _FAR_WORSE * fitted.get("frequency_error_rms", off):
+        return Claim(
+            False, f"{said.rstrip('.')}, of the fitted ones {fitted['frequency_error_rms']:.2g} %."
+        )
+    return Claim(True, said)

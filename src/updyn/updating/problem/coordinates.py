@@ -1,0 +1,118 @@
+"""`Coordinates`: the optimiser's coordinates of the unknowns, their bounds and priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.problem.parameters import ParameterSet
+
+__all__ = ["Coordinates"]
+
+_Vector = NDArray[np.float64]
+
+_RELAXED = -0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coordinates:
+    """The optimiser's coordinates x: logarithms of factors; equivalent loss factors for damping.
+
+    A loss factor is its own. A Rayleigh coefficient is the loss factor that it makes at one
+    frequency, the same for all tests of a run: alpha / omega and omega beta. So all x are of the
+    size of one, whatever the band.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns.
+    box : (ndarray, ndarray), optional
+        Narrower bounds in x, each of shape (n,).
+    within : ndarray of float, shape (n, k), optional
+        Orthonormal directions: x moves from the unknowns' start along them only.
+    unit : float, optional
+        The standard deviation against which priors count, where the spread of a residual would say
+        it.
+    omega : float
+        That frequency in rad/s.
+    centre : ndarray of float, shape (n,), optional
+        Centres of the priors in x, where they are not at the unknowns' start.
+    """
+
+    parameters: ParameterSet
+    box: tuple[_Vector, _Vector] | None = None
+    within: NDArray[np.float64] | None = None
+    unit: float | None = None
+    omega: float = 1.0
+    centre: _Vector | None = None
+    _factor: NDArray[np.bool_] = field(init=False, repr=False)
+    _unit: _Vector = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        units = {"mass_damping": self.omega, "stiffness_damping": 1.0 / self.omega}
+        object.__setattr__(self, "_factor", self.parameters.is_factor)
+        object.__setattr__(
+            self, "_unit", np.array([units.get(p.value_of or "", 1.0) for p in self.parameters])
+        )
+
+    def to_x(self, values: _Vector) -> _Vector:
+        """Return x for the unknowns' values, both shape (n,)."""
+        return np.where(
+            self._factor, np.log(np.where(self._factor, values, 1.0)), values / self._unit
+        )
+
+    def to_values(self, x: _Vector) -> _Vector:
+        """Return the unknowns' values for x, both shape (n,), or (..., n) of several points."""
+        return np.where(self._factor, np.exp(np.where(self._factor, x, 0.0)), x * self._unit)
+
+    def slope(self, x: _Vector) -> _Vector:
+        """Return d values / d x, shape (n,)."""
+        return np.where(self._factor, self.to_values(x), self._unit)
+
+    @property
+    def bounds(self) -> tuple[_Vector, _Vector]:
+        """Bounds in x, each shape (n,)."""
+        return self._boxed(self.to_x(self.parameters.lower), self.to_x(self.parameters.upper))
+
+    @property
+    def relaxed_lower(self) -> _Vector:
+        """Lower bounds in x that let damping turn negative on the way, shape (n,).
+
+        The true loss factor of a lightly damped part lies on its bound at zero, and a search that
+        may not step across gets caught there.
+        """
+        lower, upper = self.to_x(self.parameters.lower), self.to_x(self.parameters.upper)
+        return self._boxed(np.where(self._factor, lower, np.minimum(lower, _RELAXED)), upper)[0]
+
+    def _boxed(self, lower: _Vector, upper: _Vector) -> tuple[_Vector, _Vector]:
+        if self.box is None:
+            return lower, upper
+        # A box that begins outside the bounds still leaves their nearest point.
+        low, high = np.clip(self.box[0], lower, upper), np.clip(self.box[1], lower, upper)
+        return low, high
+
+    @property
+    def prior(self) -> tuple[_Vector, _Vector]:
+        """Centre and inverse standard deviation (0: none) of the priors in x, each shape (n,)."""
+        weight = [0.0 if p.prior_std is None else 1.0 / p.prior_std for p in self.parameters]
+        centre = self.home if self.centre is None else self.centre
+        return centre, np.array(weight) * self._unit
+
+    @property
+    def home(self) -> _Vector:
+        """Where the unknowns start, as x, shape (n,)."""
+        return self.to_x(self.parameters.start)
+
+    def with_one(self, x: _Vector, i: int, value: float) -> _Vector:
+        """Return x with unknown `i` at `value`, a coordinate as in x, within the bounds."""
+        moved = x.copy()
+        moved[i] = value
+        return np.clip(moved, *self.bounds)
+
+    def moved(self, x: _Vector) -> Coordinates:
+        """Return a copy whose unknowns start at x; priors stay where they are."""
+        own = self.parameters
+        start = np.clip(self.to_values(x), own.lower, own.upper)
+        return replace(self, parameters=own.with_start(start), centre=self.prior[0])

@@ -1,0 +1,629 @@
+"""Measured modes as data: `ModalPart` of a test, its pairs with modes of the model, its residuals.
+
+Modes of the undamped model are paired with the measured ones anew at every point, by shape and
+frequency. A measured mode that resembles none of the model gives no residual; it counts as if its
+shape were lost altogether, so that the misfit falls when a mode of the model comes to resemble it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from updyn.correlation import mac
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.errors import DataError, SolverError
+from updyn.modal import ModeSet
+from updyn.modal.sensitivity import RealModes, separated, slopes
+from updyn.model import Model
+from updyn.sensitivity import Unknowns
+from updyn.updating.problem.coordinates import Coordinates
+from updyn.updating.problem.local import Local, reduce
+from updyn.updating.problem.modal_rows import KINDS, ModalRows
+from updyn.updating.problem.noise.modes import ModalNoise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.session import Record, Session, digest
+
+__all__ = ["LIKE", "ModalError", "ModalPart", "Pairs", "Target", "check_any_pair"]
+
+_Real = NDArray[np.float64]
+
+#: A measured mode resembles one of the model from this MAC on.
+LIKE = 0.8
+#: What a factor e between two frequencies costs in the pairing, in MAC: it breaks ties where
+#: sensors are few.
+_APART = 0.5
+#: Modes are computed up to this multiple of the highest measured frequency.
+_BEYOND = 1.5
+#: Residuals of a mode that resembles none of the model: a factor e in frequency, the whole shape,
+#: all damping.
+_LOST = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Target:
+    """The measured modes of one test, brought to the DOFs of the model.
+
+    Attributes
+    ----------
+    value : ndarray of float, shape (m,)
+        Measured eigenvalues omega^2 in 1/s2.
+    shapes : ndarray of float, shape (k, m)
+        Measured shapes, times `weight`, of unit length.
+    length : ndarray of float, shape (m,)
+        Their lengths before, of shapes of unit modal mass; nan elsewhere.
+    loss_factor : ndarray of float, shape (m,)
+        Measured modal loss factors; nan where there is none.
+    rows : ndarray of int, shape (k,)
+        DOFs of the model.
+    weight : ndarray of float, shape (k,)
+        Sign of each sensor over the level of all modes at sensors of its unit (translation or
+        rotation).
+    std_frequency, std_loss_factor : ndarray of float, shape (m,)
+        Standard deviations as shares; 0 where none are known.
+    std_shapes : ndarray of float, shape (k, m)
+        Of the shapes, as shares of their rms.
+    digest : str
+        Part of the cache key.
+    """
+
+    value: _Real
+    shapes: _Real
+    length: _Real
+    loss_factor: _Real
+    rows: NDArray[np.intp]
+    weight: _Real
+    std_frequency: _Real
+    std_loss_factor: _Real
+    std_shapes: _Real
+    digest: str
+
+    @classmethod
+    def of(cls, system: AffineSystem, modes: ModeSet) -> Target:
+        """Bring modes to the DOFs of a compiled model.
+
+        Raises
+        ------
+        DofError
+            If a DOF of the modes is not in the model.
+        DataError
+            If a measured mode has the frequency 0.
+        """
+        match = system.dofs.match(modes.dofs, "DOF of the modes")
+        if (modes.frequency == 0).any():
+            raise DataError(
+                "modal: a measured mode at 0 Hz, a rigid-body motion, says nothing; leave it out"
+            )
+        shapes = modes.real_shapes
+        rotates = modes.dofs.axes >= 3
+        level = np.ones(len(rotates))
+        for kind in (rotates, ~rotates):
+            if kind.any():
+                rms = float(np.sqrt(np.mean(shapes[kind] ** 2)))
+                level[kind] = rms if rms > 0 else 1.0
+        weighted = shapes / level[:, None]
+        length = np.linalg.norm(weighted, axis=0)
+        known = modes.loss_factor > 0
+        loss = np.where(known, modes.loss_factor, np.nan)
+        return cls(
+            (2.0 * np.pi * modes.frequency) ** 2,
+            weighted / length,
+            np.where(modes.scaled, length, np.nan),
+            loss,
+            match.index,
+            match.sign / level,
+            np.nan_to_num(modes.std_frequency / modes.frequency),
+            np.nan_to_num(modes.std_loss_factor / loss),
+            _share_of_rms(modes, level, length),
+            modes.digest,
+        )
+
+    def select(self, which: Sequence[int]) -> Target:
+        """Return some of the modes, by their numbers."""
+        at = np.asarray(which, dtype=np.intp)
+        return replace(
+            self,
+            value=self.value[at],
+            shapes=self.shapes[:, at],
+            length=self.length[at],
+            loss_factor=self.loss_factor[at],
+            std_frequency=self.std_frequency[at],
+            std_loss_factor=self.std_loss_factor[at],
+            std_shapes=self.std_shapes[:, at],
+            digest=f"{self.digest}/{at.tolist()}",
+        )
+
+    def seen(self, shapes: _Real) -> _Real:
+        """Return shapes of the model as the sensors see them, shape (k, n)."""
+        return np.asarray(shapes[self.rows] * self.weight[:, None])
+
+    @property
+    def frequency(self) -> _Real:
+        """Measured frequencies in Hz, shape (m,)."""
+        return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
+
+
+def _share_of_rms(modes: ModeSet, level: _Real, length: _Real) -> _Real:
+    """Return the standard deviations of weighted shapes as shares of their rms; 0: not known."""
+    if modes.std_shapes is None:
+        return np.zeros(modes.shapes.shape)
+    std = np.nan_to_num(modes.std_shapes) / level[:, None]
+    return np.asarray(std / (length / np.sqrt(len(level))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Modes of the model that are paired with the measured ones.
+
+    Attributes
+    ----------
+    modes : RealModes
+        Of the model.
+    which : ndarray of int, shape (m,)
+        Its modes.
+    mac : ndarray of float, shape (m,)
+        MAC of each pair.
+    """
+
+    modes: RealModes
+    which: NDArray[np.intp]
+    mac: _Real
+
+    @classmethod
+    def at(
+        cls, system: AffineSystem, state: State, unknowns: Unknowns, values: _Real, target: Target
+    ) -> Pairs:
+        """Compute the model's modes and pair them.
+
+        One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
+        (Hungarian assignment; Kuhn 1955).
+
+        Raises
+        ------
+        SolverError
+            If the modes cannot be computed.
+        DataError
+            If the model has fewer.
+        """
+        highest = _BEYOND * float(np.sqrt(target.value.max())) / (2.0 * np.pi)
+        modes = RealModes.lowest(system, state, len(target.value), highest)
+        if len(modes.value) < len(target.value):
+            raise DataError(
+                f"modal: {len(target.value)} modes were measured; besides rigid-body motions the"
+                f" model has {len(modes.value)}. Give n_modes, or fewer modes"
+            )
+        modes = separated(modes, system, unknowns, values, target.seen, target.shapes)
+        seen = target.seen(modes.shapes)
+        moving = np.linalg.norm(seen, axis=0) > 0
+        macs = np.zeros((seen.shape[1], len(target.value)))
+        macs[moving] = mac(seen[:, moving], target.shapes)
+        apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
+        first, second = linear_sum_assignment(macs - _APART * apart, maximize=True)
+        which = first[np.argsort(second)]
+        return cls(modes, which, macs[which, np.arange(len(which))])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalPart:
+    """Model, measured modes and unknowns of one test.
+
+    Attributes
+    ----------
+    system : AffineSystem
+        The compiled model.
+    unknowns : Unknowns
+        Where the unknowns act.
+    coordinates : Coordinates
+        The optimiser's coordinates.
+    target : Target
+        The measured modes.
+    noise : ModalNoise
+        How exact they are, as far as it is known before a fit.
+    session : Session
+        What is remembered of evaluations.
+    name : str
+        Which test, where there are several.
+    like : float
+        MAC from which a measured mode resembles one of the model.
+    """
+
+    system: AffineSystem
+    unknowns: Unknowns
+    coordinates: Coordinates
+    target: Target
+    noise: ModalNoise = field(default_factory=ModalNoise)
+    session: Session = field(default_factory=Session, repr=False)
+    name: str = ""
+    like: float = LIKE
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        about = (self.unknowns, self.coordinates, self.target, self.noise)
+        return ModalPart, (self.system, *about, Session(), self.name, self.like)
+
+    @classmethod
+    def build(
+        cls,
+        model: Model,
+        modes: ModeSet,
+        parameters: ParameterSet,
+        noise: ModalNoise,
+        *,
+        session: Session | None = None,
+        name: str = "",
+    ) -> ModalPart:
+        """Bring model, modes and unknowns together.
+
+        Raises
+        ------
+        DofError
+            If a DOF of the modes is not in the model.
+        DataError
+            If a measured mode has the frequency 0.
+        """
+        system = AffineSystem.compile(model)
+        middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(modes.frequency))))
+        return cls(
+            system,
+            Unknowns.find(system, parameters),
+            Coordinates(parameters, omega=middle),
+            Target.of(system, modes),
+            noise,
+            session or Session(),
+            name,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return len(self.coordinates.parameters)
+
+    @property
+    def n_numbers(self) -> int:
+        """Number of measured numbers: frequencies, shapes but for their lengths, damping."""
+        k, m = self.target.shapes.shape
+        damped = int(np.isfinite(self.target.loss_factor).sum()) if self.sees_damping else 0
+        return int(m * k + damped)
+
+    @property
+    def sees_damping(self) -> bool:
+        """Whether an unknown changes the damping of a group alone."""
+        viscous = [self.system.terms[at].quantity == "viscous" for at in self.unknowns.at]
+        return bool(any(viscous) or not self.unknowns.scales.all())
+
+    def values(self, x: _Real) -> _Real:
+        """Return the unknowns' values at x, shape (n,)."""
+        return self.coordinates.to_values(x)
+
+    def state(self, x: _Real) -> State:
+        """Return the state of the compiled model at x."""
+        return self.unknowns.state(self.system, self.values(x))
+
+    def key(self, kind: str, x: _Real, *about: object) -> list[object]:
+        """Return what an evaluation at x follows from, within a run."""
+        sought = "\n".join(self.coordinates.parameters.names)
+        own = digest(("modes", self.name, self.target.digest, str(self.like), sought))
+        return [kind, own, x, *about]
+
+    def recall(self, kind: str, x: _Real, compute: Callable[[], Record]) -> Record:
+        """Return the result of an evaluation at x, from memory where it is known."""
+        if self.session.memory is None:
+            return compute()
+        return self.session.recall(self.key(kind, x), compute)
+
+    def pairs(self, x: _Real) -> Pairs:
+        """Return the pairs at x.
+
+        Raises
+        ------
+        SolverError
+            If the modes of the model cannot be computed.
+        DataError
+            If the model has fewer than were measured.
+        """
+        return Pairs.at(self.system, self.state(x), self.unknowns, self.values(x), self.target)
+
+    def rows(self, x: _Real, *, shapes: bool = True, derivatives: bool = True) -> ModalRows:
+        """Return the residuals at x and their derivatives.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (n,)
+            Point in the space of the unknowns.
+        shapes : bool
+            Whether shapes are compared.
+        derivatives : bool
+            Whether the derivatives are wanted, which take long; else they may be left at zero.
+
+        Raises
+        ------
+        SolverError
+            If the modes of the model, or their derivatives, cannot be computed.
+        DataError
+            If the model has fewer modes than were measured.
+        """
+
+        def compute(*, derivatives: bool = True) -> Record:
+            found = self._rows(x, shapes=shapes, derivatives=derivatives)
+            return found.r, found.J, found.kind, found.mode, found.std, found.mac
+
+        if not derivatives and not self.session.knows(self.key(_kind(shapes=shapes), x)):
+            few = partial(compute, derivatives=False)
+            return ModalRows(*self.recall(f"{_kind(shapes=shapes)} alone", x, few))
+
+        return ModalRows(*self.recall(_kind(shapes=shapes), x, compute))
+
+    def left_out(self, rows: ModalRows) -> dict[str, str]:
+        """Return, for the record, the frequencies of modes that resemble none of the model."""
+        lost = self.target.frequency[rows.lost(self.like)]
+        if not len(lost):
+            return {}
+        return {"left_out": ", ".join(f"{f:.4g}" for f in lost) + " Hz"}
+
+    def _rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
+        pairs, target = self.pairs(x), self.target
+        values, slope, state = self.values(x), self.coordinates.slope(x), self.state(x)
+        with_shapes = shapes and len(target.rows) > 1
+        r: list[_Real] = []
+        J: list[_Real] = [np.zeros((0, self.n))]
+        kinds: list[int] = []
+        owners: list[int] = []
+        std: list[_Real] = []
+
+        def add(kind: str, rest: Any, moved: _Real, share: Any) -> None:
+            rest = np.atleast_1d(rest)
+            r.append(rest)
+            J.append(np.atleast_2d(moved))
+            kinds.extend([KINDS.index(kind)] * len(rest))
+            owners.extend([k] * len(rest))
+            std.append(np.broadcast_to(share, rest.shape))
+
+        for k in np.flatnonzero(pairs.mac >= self.like).tolist():
+            self.session.check()
+            which = int(pairs.which[k])
+            phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
+            damped = self.sees_damping and bool(np.isfinite(target.loss_factor[k]))
+            lost = _Loss.of(self.system, self.unknowns, state, values, phi, own) if damped else None
+            value, shape = np.zeros(self.n), np.zeros((len(target.rows) + 1, self.n))
+            if derivatives:
+                value, by_value = slopes(
+                    pairs.modes,
+                    which,
+                    self.system,
+                    self.unknowns,
+                    values,
+                    target.rows if with_shapes else None,
+                    None if lost is None else lost.force[:, None],
+                )
+                value, shape = value * slope, by_value.T * slope
+            rest = 0.5 * np.log(own / target.value[k])
+            add("frequency", rest, 0.5 * value / own, target.std_frequency[k])
+            if lost is not None:
+                measured = float(target.loss_factor[k])
+                moved = lost.moved(value, shape[-1], slope)
+                off_loss = lost.factor / measured - 1.0
+                add("loss_factor", off_loss, moved / measured, target.std_loss_factor[k])
+            if with_shapes:
+                seen = target.seen(phi[:, None])[:, 0]
+                by_x = shape[: len(seen)] * target.weight[:, None]
+                psi, unit = target.shapes[:, k], np.sqrt(len(seen))
+                off, off_by_x = _difference(seen, by_x, psi)
+                add("shape", unit * off, unit * off_by_x, target.std_shapes[:, k])
+                add("mac", *_lack_of_mac(seen, by_x, psi), 0.0)
+                if np.isfinite(target.length[k]):
+                    along = float(seen @ psi)
+                    rest = np.log(abs(along) / target.length[k])
+                    add("scale", rest, psi @ by_x / along, 0.0)
+        none = np.zeros(0)
+        return ModalRows(
+            np.concatenate([none, *r]),
+            np.vstack(J),
+            np.array(kinds, dtype=np.intp),
+            np.array(owners, dtype=np.intp),
+            np.concatenate([none, *std]),
+            pairs.mac,
+        )
+
+
+def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
+    """Check that a measured mode resembles a mode of the model.
+
+    Raises
+    ------
+    DataError
+        If none does; the most alike is named.
+    SolverError
+        If modes of a model cannot be computed.
+    """
+    rows = [part.rows(x, shapes=shapes) for part in parts]
+    if any(len(one.lost(part.like)) < len(one.mac) for part, one in zip(parts, rows, strict=True)):
+        return
+    part, best = max(zip(parts, rows, strict=True), key=lambda both: float(both[1].mac.max()))
+    frequency = part.target.frequency[np.argmax(best.mac)]
+    raise DataError(
+        "modal: no measured mode resembles a mode of the model at its start: the largest MAC is"
+        f" {best.mac.max():.2f}, at {frequency:.4g} Hz (expected {part.like:g})"
+    )
+
+
+def _kind(*, shapes: bool) -> str:
+    """Return what the residuals of modes are called in the memory of a session."""
+    return "modes and shapes" if shapes else "frequencies"
+
+
+def _difference(seen: _Real, moved: _Real, measured: _Real) -> tuple[_Real, _Real]:
+    """Return u (u^T psi) - psi and its derivatives, shapes (k,) and (k, n), with u = phi / |phi|.
+
+    The factor is the modal scale factor of unit shapes (Allemang & Brown 1982); the squared length
+    is 1 - MAC.
+    """
+    length = float(np.linalg.norm(seen))
+    if length == 0.0:
+        return -measured, np.zeros_like(moved)
+    u = seen / length
+    du = (moved - np.outer(u, u @ moved)) / length
+    factor = float(u @ measured)
+    return u * factor - measured, du * factor + np.outer(u, measured @ du)
+
+
+def _lack_of_mac(seen: _Real, moved: _Real, measured: _Real) -> tuple[float, _Real]:
+    """Return (1 - sqrt(MAC)) / sqrt(MAC) with a unit shape, and its derivatives, shape (n,)."""
+    length = float(np.linalg.norm(seen))
+    u = seen / length
+    du = (moved - np.outer(u, u @ moved)) / length
+    root = float(u @ measured)
+    by_x = -np.sign(root) * (measured @ du) / root**2
+    return (1.0 - abs(root)) / abs(root), np.asarray(by_x)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loss:
+    """The loss factor of a mode, phi^T D phi / omega^2, and its derivatives.
+
+    The energy that is lost in the undamped shape (Ungar & Kerwin, J. Acoust. Soc. Am. 34 (1962)
+    954; Johnson & Kienholz, AIAA J. 20 (1982) 1284): exact to second order in the loss factors,
+    unless modes are closer to each other than they are wide.
+
+    Attributes
+    ----------
+    factor : float
+        The loss factor.
+    force : ndarray of float, shape (N,)
+        D phi, with D all that is out of phase in the dynamic stiffness at omega.
+    own : ndarray of float, shape (n,)
+        Derivative of phi^T D phi by the values of the unknowns, shape and omega held.
+    steeper : float
+        Its derivative by omega^2.
+    value : float
+        omega^2.
+    """
+
+    factor: float
+    force: _Real
+    own: _Real
+    steeper: float
+    value: float
+
+    @classmethod
+    def of(
+        cls,
+        system: AffineSystem,
+        unknowns: Unknowns,
+        state: State,
+        values: _Real,
+        phi: _Real,
+        value: float,
+    ) -> _Loss:
+        omega = np.array([np.sqrt(value)])
+        by_term = system.coefficients(state, omega).imag[:, 0]
+        force, energy = np.zeros_like(phi), np.zeros(len(system.terms))
+        for t, term in enumerate(system.terms):
+            pushed = term.local @ phi[term.own]
+            energy[t] = phi[term.own] @ pushed
+            force[term.own] += by_term[t] * pushed
+        own = np.zeros(unknowns.n)
+        by_drive = unknowns.slopes(system, state, values, omega).imag[:, 0]
+        np.add.at(own, unknowns.owner, by_drive * energy[unknowns.at])
+        steeper = float((state.factor * state.rate) @ energy) / (2.0 * float(omega[0]))
+        return cls(float(by_term @ energy) / value, force, own, steeper, value)
+
+    def moved(self, value: _Real, along: _Real, slope: _Real) -> _Real:
+        """Return the derivatives of the loss factor by x, shape (n,).
+
+        Parameters
+        ----------
+        value : ndarray of float, shape (n,)
+            Derivatives of omega^2 by x.
+        along : ndarray of float, shape (n,)
+            force^T d phi, by x.
+        slope : ndarray of float, shape (n,)
+            d values / d x.
+        """
+        energy = self.own * slope + 2.0 * along + self.steeper * value
+        return np.asarray((energy - self.factor * value) / self.value)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModalError:
+    """The residuals of modes, each over its standard deviation.
+
+    Parameters
+    ----------
+    noise : ModalNoise
+        How exact the modes are.
+    shapes : bool
+        Whether shapes are compared.
+    """
+
+    noise: ModalNoise
+    shapes: bool = True
+
+    name: ClassVar[str] = "modal"
+
+    @property
+    def kind(self) -> str:
+        """What its evaluations are called in the memory of a session."""
+        return _kind(shapes=self.shapes)
+
+    def rows(self, part: ModalPart, x: _Real) -> ModalRows:
+        """Return the residuals at x, not weighted."""
+        return part.rows(x, shapes=self.shapes)
+
+    def solved(self, part: ModalPart, x: _Real) -> Local:
+        """Return the reduced problem at x.
+
+        Raises
+        ------
+        SolverError
+            If the modes of the model, or their derivatives, cannot be computed.
+        """
+        rows = self.rows(part, x)
+        weight = 1.0 / self.noise.std(rows)
+        block = np.hstack([rows.J, rows.r[:, None]]) * weight[:, None]
+        if not np.isfinite(block).all():
+            raise SolverError("the derivatives of the model's modes are not finite")
+        local = reduce([np.asfortranarray(block)], part.n)
+        lost = 0.5 * self._lost(part, rows)
+        return replace(local, cost=local.cost + lost)
+
+    def power(self, part: ModalPart, x: _Real) -> tuple[float, int]:
+        """Return the weighted sum of squares of the modes that are paired, and their number."""
+        rows = self.rows(part, x)
+        number = sum(rows.freedom(kind) for kind in self.noise.added)
+        return float(np.sum((rows.r / self.noise.std(rows)) ** 2)), number
+
+    def unlikelihood(self, part: ModalPart, x: _Real) -> float:
+        """Return minus the log-likelihood at x, but for a constant that is the same at all x.
+
+        Raises
+        ------
+        SolverError
+            If the modes of the model, or their derivatives, cannot be computed.
+        """
+        rows = part.rows(x, shapes=self.shapes, derivatives=False)
+        std = self.noise.std(rows)
+        used = np.isfinite(std)
+        # One number of each shape is its length, which is free.
+        k = len(part.target.rows)
+        share = np.where(rows.kind == KINDS.index("shape"), (k - 1.0) / k, 1.0)[used]
+        paired = np.sum(0.5 * (rows.r[used] / std[used]) ** 2 + share * np.log(std[used]))
+        size = sum(number * float(np.log(std)) for number, std in self._of_lost(part))
+        return float(paired) + len(rows.lost(part.like)) * size + 0.5 * self._lost(part, rows)
+
+    def _lost(self, part: ModalPart, rows: ModalRows) -> float:
+        """Return the weighted sum of squares of the modes that resemble none of the model."""
+        one = sum(number * (_LOST / std) ** 2 for number, std in self._of_lost(part))
+        return len(rows.lost(part.like)) * float(one)
+
+    def _of_lost(self, part: ModalPart) -> list[tuple[int, float]]:
+        """Return number and standard deviation of the residuals that a mode would have."""
+        counts = {"frequency": 1, "loss_factor": int(part.sees_damping)}
+        if self.shapes:
+            counts |= {"shape": len(part.target.rows) - 1, "mac": 1}
+        added = self.noise.added
+        return [(n, added[kind]) for kind, n in counts.items() if n and kind in added]

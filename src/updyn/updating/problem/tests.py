@@ -1,0 +1,43 @@
+"""From tests to the problem that they make: model, data and unknowns of each, and its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from updyn.modal import ModeSet
+from updyn.updating.problem.data import Test
+from updyn.updating.problem.lines import on_lines
+from updyn.updating.problem.modal import ModalPart
+from updyn.updating.problem.noise import NoiseModel, choose_noise
+from updyn.updating.problem.noise.modes import choose_modal_noise
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Part, Problem
+
+__all__ = ["problem_of"]
+
+
+def problem_of(tests: Sequence[Test], parameters: ParameterSet) -> tuple[Problem, list[NoiseModel]]:
+    """Return the problem of all data of tests, and the noise of those that measured FRFs.
+
+    Parameters
+    ----------
+    tests : sequence of Test
+        Checked; what they hold out counts as data.
+    parameters : ParameterSet
+        The unknowns.
+
+    Raises
+    ------
+    InputError
+        If lines or noise do not fit the data.
+    """
+    parts, modal, noises = [], [], []
+    for test in tests:
+        if isinstance(test.data, ModeSet):
+            noise = choose_modal_noise(test.noise)
+            modal.append(ModalPart.build(test.model, test.data, parameters, noise, name=test.name))
+            continue
+        part = Part.build(test.model, test.data, parameters, name=test.name)
+        parts.append(on_lines(part, test.lines))
+        noises.append(choose_noise(test.noise, test.data))
+    return Problem.of(parts, modal), noises
