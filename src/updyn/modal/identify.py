@@ -25,7 +25,7 @@ from updyn.linalg.threads import alone
 from updyn.modal.axis import Axis
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.refine import Errors, Noise, Weights, Window, moved, reweighted, solved
-from updyn.modal.runs import Mode, Weighted, modes_of
+from updyn.modal.runs import Mode, Weighted, is_split_off, modes_of
 from updyn.modal.search import LEAST, SEEN, chance, searched, seen
 from updyn.modal.sides import Sides
 from updyn.modal.stabilisation import Diagram, stabilised
@@ -148,7 +148,7 @@ def identified(
     modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
     if len(poles):
         begin = measured.axis.poles(np.array([_in(diagram, float(f)) for f in poles]))
-        shown = [mode.pole for mode in modes if _physical(measured, mode)]
+        shown = [mode.pole for mode in _shown(measured, modes)]
         fits = _added(measured, fits, begin, np.array(shown, dtype=np.complex128))
         modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
     return _mode_set(frf, measured, _exact(measured, modes), diagram)
@@ -534,23 +534,22 @@ def _mode_set(
     """Return the modes that are seen, with their shapes, and which were added."""
     axis, sides = measured.axis, Sides.of(frf)
     columns = []
-    for mode in modes:
-        if mode.added >= 0 or _physical(measured, mode):
-            residues = mode.residues.reshape(measured.level.shape)
-            pole = np.array([mode.pole])
-            factor = axis.modal(pole, np.ones(1, dtype=np.complex128))[0] * measured.level
-            figures = (
-                float(axis.frequency(pole)[0]),
-                float(axis.loss(pole)[0]),
-                float(axis.std_frequency(pole, mode.std[:, None])[0]),
-                float(axis.std_loss(pole, mode.std[:, None])[0]),
-                mode.quality,
-                mode.added,
-            )
-            product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
-            noise = mode.errors.noise.reshape(factor.shape) * np.abs(factor) ** 2
-            deviations = sides.deviations(product, noise, common * factor)
-            columns += [(shape, deviations, *figures) for shape in sides.shapes(product)]
+    for mode in _shown(measured, modes):
+        residues = mode.residues.reshape(measured.level.shape)
+        pole = np.array([mode.pole])
+        factor = axis.modal(pole, np.ones(1, dtype=np.complex128))[0] * measured.level
+        figures = (
+            float(axis.frequency(pole)[0]),
+            float(axis.loss(pole)[0]),
+            float(axis.std_frequency(pole, mode.std[:, None])[0]),
+            float(axis.std_loss(pole, mode.std[:, None])[0]),
+            mode.quality,
+            mode.added,
+        )
+        product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
+        noise = mode.errors.noise.reshape(factor.shape) * np.abs(factor) ** 2
+        deviations = sides.deviations(product, noise, common * factor)
+        columns += [(shape, deviations, *figures) for shape in sides.shapes(product)]
     if not columns:
         raise DataError(
             f"modes: none is found between {frf.freq[0]:g} and {frf.freq[-1]:g} Hz that explains"
@@ -573,6 +572,17 @@ def _mode_set(
         diagram=diagram,
     )
     return found, [added[k] for k in np.argsort(frequency, kind="stable")]
+
+
+def _shown(measured: _Measured, modes: list[Mode]) -> list[Mode]:
+    """Return the modes that are physical, and those added."""
+    shape, mirrored = measured.level.shape, measured.axis.mirrored
+    physical = [mode for mode in modes if mode.added >= 0 or _physical(measured, mode)]
+    return [
+        mode
+        for mode in physical
+        if mode.added >= 0 or not is_split_off(mode, physical, shape, mirrored)
+    ]
 
 
 def _physical(measured: _Measured, mode: Mode) -> bool:

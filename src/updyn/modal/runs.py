@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from updyn.modal.refine import Errors, Solved, Weights, Window, errors_of, moved, solved
 from updyn.modal.search import seen
 
-__all__ = ["Mode", "Weighted", "modes_of"]
+__all__ = ["Mode", "Weighted", "is_split_off", "modes_of"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -26,6 +26,8 @@ _Real = NDArray[np.float64]
 _CLOSE = 1.5
 #: MAC of shapes that are the same, and the channels that can tell.
 _ALIKE, _TELL = 0.97, 4
+#: A mode that explains this share of what the others leave is no part of another one.
+_SURE = 0.5
 #: A run knows a pole that is worth more than this share of the one that is worth most to it.
 _KNOWN = 0.01
 #: A pole for each run is tried where a first step promises this share of what it has to gain.
@@ -117,6 +119,46 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
             else:
                 modes += [_common(fit, r, errors[r]) for r in alike]
     return modes
+
+
+def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored: bool) -> bool:
+    """Return whether a mode that explains little may be a part of another one.
+
+    A mode whose frequency varies from run to run may be left in two: then one of them explains
+    less than half of what the other leaves, and has its shape on the side that stays.
+
+    Parameters
+    ----------
+    mode : Mode
+        The mode.
+    modes : list of Mode
+        All of them.
+    shape : (int, int)
+        Numbers of responses and references.
+    mirrored : bool
+        Whether poles have mirror images.
+    """
+    if mode.quality >= _SURE:
+        return False
+    own, width = _sides(mode, shape), _width(mode.pole, mirrored)
+    for other in modes:
+        reach = width + _width(other.pole, mirrored)
+        if other is mode or abs(other.pole - mode.pole) > reach:
+            continue
+        macs = [abs(np.vdot(a, b)) ** 2 for a, b in zip(own, _sides(other, shape), strict=True)]
+        if max((mac for mac, n in zip(macs, shape, strict=True) if n > 1), default=0.0) > _ALIKE:
+            return True
+    return False
+
+
+def _sides(mode: Mode, shape: tuple[int, ...]) -> tuple[_Complex, _Complex]:
+    """Return the shapes of unit length at responses and references."""
+    U, _, Vh = np.linalg.svd(mode.residues.reshape(shape), full_matrices=False)
+    return U[:, 0], Vh[0]
+
+
+def _width(pole: complex, mirrored: bool) -> float:
+    return abs(pole.real if mirrored else pole.imag)
 
 
 def _alike(

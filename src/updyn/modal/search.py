@@ -20,7 +20,7 @@ _Real = NDArray[np.float64]
 #: Least share that a mode explains of what is left in its half-power band. What it is worth against
 #: chance decides: a least share of a half loses true modes of dense bands, of which the neighbours
 #: explain most (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes 88.5 %
-#: instead of 91.5 %; what is spurious are as many).
+#: instead of 91.5 %; of spurious ones there are 15 instead of 16).
 LEAST = 0.1
 #: Least part of the FRFs that a mode has at its own frequency.
 SEEN = 0.1

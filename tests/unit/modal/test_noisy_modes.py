@@ -11,7 +11,8 @@ import updyn
 from updyn.modal.axis import Axis
 from updyn.modal.identify import _check_added, _Measured
 from updyn.modal.lscf import poles_by_order
-from updyn.modal.refine import Weights, Window, moved, solved
+from updyn.modal.refine import Errors, Weights, Window, moved, solved
+from updyn.modal.runs import Mode, is_split_off
 from updyn.modal.stabilisation import stabilised
 from updyn.modal.vector_fitting import Basis
 
@@ -170,6 +171,28 @@ def test_a_mode_counts_by_its_worth_where_a_neighbour_explains_most_of_it() -> N
         found = updyn.identify_modes(pair.frf(freq, 0.25, seed))
         assert found.frequency == pytest.approx(pair.frequency, rel=2e-3)
         assert found.quality.min() < 0.5
+
+
+def test_a_mode_that_explains_little_may_be_a_part_of_another() -> None:
+    """It has its shape on the side that stays; one channel there tells nothing."""
+    at, other = np.array([1.0, 2.0, -1.0, 0.5]), np.array([1.0, -1.0, 2.0, 1.0])
+    stays, turned = np.array([1.0, 0.4]), np.array([-0.4, 1.0])
+
+    def mode(imag: float, rows: np.ndarray, columns: np.ndarray, quality: float) -> Mode:
+        residues = np.outer(rows, columns).reshape(-1).astype(complex)
+        pole = complex(imag, 0.01)
+        return Mode(pole, np.zeros(2), residues, Errors.none(8), quality, 1.0)
+
+    sure, part = mode(1.0, at, stays, 0.9), mode(1.004, other, stays, 0.4)
+    assert is_split_off(part, [sure, part], (4, 2), False)
+    for kept in (
+        mode(1.004, other, turned, 0.4),  # another shape on both sides
+        mode(1.03, other, stays, 0.4),  # further away than both half-widths
+        mode(1.004, other, stays, 0.6),  # explains enough by itself
+    ):
+        assert not is_split_off(kept, [sure, kept], (4, 2), False)
+    single = [mode(f, rows, np.ones(1), 0.4) for f, rows in ((1.0, at), (1.004, other))]
+    assert not is_split_off(single[1], single, (4, 1), False)
 
 
 def weak() -> tuple[Structure, updyn.FRF]:
