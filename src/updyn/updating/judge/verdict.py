@@ -127,6 +127,11 @@ def _few(fit: Fit) -> str:
     spare = known.get("degrees_of_freedom")
     if spare is None:
         return ""
+    if "modes" in known:
+        return (
+            f" The size of one kind of error of the modes was estimated from {spare} numbers:"
+            " intervals are those of Student's distribution."
+        )
     return (
         f" The data leave {spare} numbers to estimate the noise from: its level alone was, with the"
         " usual share of a floor, and intervals are those of Student's distribution."

@@ -456,6 +456,8 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
         missing += [record["left_out"]] if "left_out" in record else []
         if error.noise.by_ratio:
             record["by_ratio"] = list(error.noise.by_ratio)
+        if error.noise.degrees_of_freedom is not None:
+            record["degrees_of_freedom"] = error.noise.degrees_of_freedom
         records.append(record)
     return _Known(joined(locals_, problem.n), records, _modal_note(records, missing))
 

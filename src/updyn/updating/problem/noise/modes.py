@@ -29,6 +29,8 @@ _SMALLEST = 1e-8
 #: A spread is estimated from as many residuals as are left by the unknowns: at least so many, and
 #: this share of them.
 _SPARE, _SPARE_SHARE = 2.0, 0.2
+#: Of fewer residuals intervals are those of Student's distribution.
+_MANY = 30
 #: The common spread of those of which fewer are left needs so many.
 _SPARE_TOGETHER = 1.0
 _ROUNDS, _SETTLED = 100, 1e-4
@@ -61,13 +63,16 @@ class ModalNoise:
         How it is known, for the record.
     by_ratio : tuple of str
         Kinds of which too few residuals are left to see their size, so that it is taken in the
-        usual ratio to that of the others.
+        usual ratio to that of the others, or as assumed.
+    degrees_of_freedom : int or None
+        Of the number that was estimated from the fewest residuals, where they are few.
     """
 
     added: Mapping[str, float] = field(default_factory=lambda: dict(ASSUMED_OF_MODES))
     stated: frozenset[str] = frozenset()
     kind: str = "assumed"
     by_ratio: tuple[str, ...] = ()
+    degrees_of_freedom: int | None = None
 
     @property
     def size_known(self) -> bool:
@@ -114,18 +119,24 @@ class ModalNoise:
         sought = [k for k in self.added if k not in self.stated and (rows.of(k)).any()]
         if not sought:
             return self
-        found, used = replace(self, kind="estimated"), False
+        found = replace(self, kind="estimated")
         for _ in range(_ROUNDS):
             before = dict(found.added)
             leverage = _leverage(rows, found.std(rows), rest)
-            added, short, used = _estimated(rows, leverage, sought, before)
-            found = replace(found, added={**before, **added}, by_ratio=short)
-            if all(abs(added[k] - before[k]) <= _SETTLED * before[k] for k in sought):
+            sizes = _estimated(rows, leverage, sought, before)
+            if sizes.spare is None:
+                return replace(self, kind="assumed", by_ratio=sizes.by_ratio)
+            few = int(sizes.spare) if sizes.spare < _MANY else None
+            found = replace(
+                found,
+                added={**before, **sizes.added},
+                by_ratio=sizes.by_ratio,
+                degrees_of_freedom=few,
+            )
+            if all(abs(sizes.added[k] - before[k]) <= _SETTLED * before[k] for k in sought):
                 break
-        if not used:
-            return replace(self, kind="assumed")
         if all(found.added[k] == _SMALLEST and rows.std[rows.of(k)].all() for k in sought):
-            return replace(found, kind="standard deviations")
+            return replace(found, kind="standard deviations", degrees_of_freedom=None)
         return found
 
     def figures(self, rows: ModalRows) -> dict[str, Any]:
@@ -156,12 +167,33 @@ def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
     return np.asarray(np.sum(inner**2, axis=1))
 
 
+@dataclass(frozen=True, slots=True)
+class _Sizes:
+    """What the residuals say of their sizes.
+
+    Attributes
+    ----------
+    added : dict of str to float
+        The number of each kind.
+    by_ratio : tuple of str
+        Kinds that are taken in the usual ratio.
+    spare : float or None
+        Fewest residuals that a number was estimated from, less what the unknowns took up; None
+        where none was.
+    """
+
+    added: dict[str, float]
+    by_ratio: tuple[str, ...]
+    spare: float | None
+
+
 def _estimated(
     rows: ModalRows, leverage: _Real, sought: list[str], before: Mapping[str, float]
-) -> tuple[dict[str, float], tuple[str, ...], bool]:
-    """Return the number of each kind, those by ratio, and whether the residuals told any."""
+) -> _Sizes:
+    """Return what the residuals say of the size of each kind."""
     added: dict[str, float] = {}
     short: list[str] = []
+    spares: list[float] = []
     for kind in sought:
         mine = rows.of(kind)
         number = rows.freedom(kind)
@@ -169,24 +201,24 @@ def _estimated(
         if spare < max(_SPARE, _SPARE_SHARE * number):
             short.append(kind)
             continue
+        spares.append(spare)
         added[kind] = _size(rows.r[mine], rows.std[mine], np.ones(int(mine.sum())), spare)
     if not short:
-        return added, (), True
+        return _Sizes(added, (), min(spares))
     # Of these there are too few: they keep the ratio that is assumed, to each other or to the rest.
     at = np.logical_or.reduce([rows.of(kind) for kind in short])
     spare = sum(map(rows.freedom, short)) - float(leverage[at].sum())
-    told = bool(added)
     if spare >= _SPARE_TOGETHER:
         unit = np.array([ASSUMED_OF_MODES.get(KINDS[k], 1.0) for k in rows.kind[at]])
         share = _size(rows.r[at], rows.std[at], unit, spare)
-        told = True
+        spares.append(spare)
     elif added:
         share = float(np.median([added[k] / ASSUMED_OF_MODES.get(k, 1.0) for k in added]))
     else:
-        return {kind: before[kind] for kind in short}, tuple(short), False
+        return _Sizes({kind: before[kind] for kind in short}, tuple(short), None)
     for kind in short:
         added[kind] = max(share * ASSUMED_OF_MODES.get(kind, 1.0), _SMALLEST)
-    return added, tuple(short), told
+    return _Sizes(added, tuple(short), min(spares))
 
 
 def _size(r: _Real, std: _Real, unit: _Real, spare: float) -> float:
