@@ -337,6 +337,8 @@ def test_modes_that_do_not_fit_the_model() -> None:
     unknowns = updyn.parameters(start, stiffness="all")
     with pytest.raises(DofError, match="DOF of the modes 9:X"):
         updyn.update(start, ModeSet([3.0], [[1.0]], ["9:X"]), unknowns)
+    with pytest.raises(DataError, match="a measured mode at 0 Hz"):
+        updyn.update(start, ModeSet([0.0], [[1.0]], ["5:X"]), unknowns)
     mixed = ModeSet([3.0], modes_of(start, 5).shapes.sum(axis=1, keepdims=True), start.dofs)
     with pytest.raises(DataError, match="no measured mode resembles a mode of the model"):
         updyn.update(start, mixed, unknowns)

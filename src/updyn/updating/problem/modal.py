@@ -7,7 +7,7 @@ shape were lost altogether, so that the misfit falls when a mode of the model co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar
@@ -267,12 +267,13 @@ class ModalPart:
             If a measured mode has the frequency 0.
         """
         system = AffineSystem.compile(model)
-        middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(modes.frequency))))
+        target = Target.of(system, modes)
+        middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(target.frequency))))
         return cls(
             system,
             Unknowns.find(system, parameters),
             Coordinates(parameters, omega=middle),
-            Target.of(system, modes),
+            target,
             noise,
             session or Session(),
             name,
@@ -355,7 +356,6 @@ class ModalPart:
         if not derivatives and not self.session.knows(self.key(_kind(shapes=shapes), x)):
             few = partial(compute, derivatives=False)
             return ModalRows(*self.recall(f"{_kind(shapes=shapes)} alone", x, few))
-
         return ModalRows(*self.recall(_kind(shapes=shapes), x, compute))
 
     def left_out(self, rows: ModalRows) -> dict[str, str]:
@@ -366,68 +366,92 @@ class ModalPart:
         return {"left_out": ", ".join(f"{f:.4g}" for f in lost) + " Hz"}
 
     def _rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
-        pairs, target = self.pairs(x), self.target
-        values, slope, state = self.values(x), self.coordinates.slope(x), self.state(x)
-        with_shapes = shapes and len(target.rows) > 1
-        r: list[_Real] = []
-        J: list[_Real] = [np.zeros((0, self.n))]
-        kinds: list[int] = []
+        pairs = self.pairs(x)
+        found: list[_Residual] = []
         owners: list[int] = []
-        std: list[_Real] = []
-
-        def add(kind: str, rest: Any, moved: _Real, share: Any) -> None:
-            rest = np.atleast_1d(rest)
-            r.append(rest)
-            J.append(np.atleast_2d(moved))
-            kinds.extend([KINDS.index(kind)] * len(rest))
-            owners.extend([k] * len(rest))
-            std.append(np.broadcast_to(share, rest.shape))
-
         for k in np.flatnonzero(pairs.mac >= self.like).tolist():
             self.session.check()
-            which = int(pairs.which[k])
-            phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
-            damped = self.sees_damping and bool(np.isfinite(target.loss_factor[k]))
-            lost = _Loss.of(self.system, self.unknowns, state, values, phi, own) if damped else None
-            value, shape = np.zeros(self.n), np.zeros((len(target.rows) + 1, self.n))
-            if derivatives:
-                value, by_value = slopes(
-                    pairs.modes,
-                    which,
-                    self.system,
-                    self.unknowns,
-                    values,
-                    target.rows if with_shapes else None,
-                    None if lost is None else lost.force[:, None],
-                )
-                value, shape = value * slope, by_value.T * slope
-            rest = 0.5 * np.log(own / target.value[k])
-            add("frequency", rest, 0.5 * value / own, target.std_frequency[k])
-            if lost is not None:
-                measured = float(target.loss_factor[k])
-                moved = lost.moved(value, shape[-1], slope)
-                off_loss = lost.factor / measured - 1.0
-                add("loss_factor", off_loss, moved / measured, target.std_loss_factor[k])
-            if with_shapes:
-                seen = target.seen(phi[:, None])[:, 0]
-                by_x = shape[: len(seen)] * target.weight[:, None]
-                psi, unit = target.shapes[:, k], np.sqrt(len(seen))
-                off, off_by_x = _difference(seen, by_x, psi)
-                add("shape", unit * off, unit * off_by_x, target.std_shapes[:, k])
-                add("mac", *_lack_of_mac(seen, by_x, psi), 0.0)
-                if np.isfinite(target.length[k]):
-                    along = float(seen @ psi)
-                    rest = np.log(abs(along) / target.length[k])
-                    add("scale", rest, psi @ by_x / along, 0.0)
-        none = np.zeros(0)
+            own = list(self._of_mode(pairs, k, x, shapes=shapes, derivatives=derivatives))
+            found += own
+            owners += [k] * len(own)
+        sizes = [len(one.r) for one in found]
         return ModalRows(
-            np.concatenate([none, *r]),
-            np.vstack(J),
-            np.array(kinds, dtype=np.intp),
-            np.array(owners, dtype=np.intp),
-            np.concatenate([none, *std]),
+            np.concatenate([np.zeros(0), *(one.r for one in found)]),
+            np.vstack([np.zeros((0, self.n)), *(one.J for one in found)]),
+            np.repeat(np.array([KINDS.index(one.kind) for one in found], dtype=np.intp), sizes),
+            np.repeat(np.array(owners, dtype=np.intp), sizes),
+            np.concatenate([np.zeros(0), *(one.std for one in found)]),
             pairs.mac,
         )
+
+    def _of_mode(
+        self, pairs: Pairs, k: int, x: _Real, *, shapes: bool, derivatives: bool
+    ) -> Iterator[_Residual]:
+        """Yield the residuals of a measured mode that is paired, each kind by itself."""
+        target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
+        which = int(pairs.which[k])
+        phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
+        lost = None
+        if self.sees_damping and np.isfinite(target.loss_factor[k]):
+            lost = _Loss.of(self.system, self.unknowns, self.state(x), values, phi, own)
+        with_shapes = shapes and len(target.rows) > 1
+        value, shape = np.zeros(self.n), np.zeros((len(target.rows) + 1, self.n))
+        if derivatives:
+            at = target.rows if with_shapes else None
+            along = None if lost is None else lost.force[:, None]
+            of_value, of_shape = slopes(
+                pairs.modes, which, self.system, self.unknowns, values, at, along
+            )
+            value, shape = of_value * slope, of_shape.T * slope
+        off = 0.5 * np.log(own / target.value[k])
+        yield _Residual.of("frequency", off, 0.5 * value / own, target.std_frequency[k])
+        if lost is not None:
+            measured, moved = float(target.loss_factor[k]), lost.moved(value, shape[-1], slope)
+            off = lost.factor / measured - 1.0
+            yield _Residual.of("loss_factor", off, moved / measured, target.std_loss_factor[k])
+        if with_shapes and pairs.mac[k] > 0.0:
+            yield from self._of_shape(k, phi, shape[: len(target.rows)])
+
+    def _of_shape(self, k: int, phi: _Real, by_x: _Real) -> Iterator[_Residual]:
+        """Yield the residuals of a shape; `by_x` are its derivatives at the sensors' DOFs."""
+        target = self.target
+        seen, psi = target.seen(phi[:, None])[:, 0], target.shapes[:, k]
+        moved, unit = by_x * target.weight[:, None], np.sqrt(len(seen))
+        off, off_by_x = _difference(seen, moved, psi)
+        yield _Residual.of("shape", unit * off, unit * off_by_x, target.std_shapes[:, k])
+        yield _Residual.of("mac", *_lack_of_mac(seen, moved, psi))
+        if np.isfinite(target.length[k]):
+            along = float(seen @ psi)
+            size = np.log(abs(along) / target.length[k])
+            yield _Residual.of("scale", size, psi @ moved / along)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residual:
+    """Residuals of one kind of one mode.
+
+    Attributes
+    ----------
+    kind : str
+        Of `KINDS`.
+    r : ndarray of float, shape (r,)
+        The residuals, as shares.
+    J : ndarray of float, shape (r, n)
+        Derivatives by x.
+    std : ndarray of float, shape (r,)
+        Standard deviations that the data state; 0 where they state none.
+    """
+
+    kind: str
+    r: _Real
+    J: _Real
+    std: _Real
+
+    @classmethod
+    def of(cls, kind: str, r: Any, J: _Real, std: Any = 0.0) -> _Residual:
+        """Return residuals, or a single one."""
+        rows = np.atleast_1d(r)
+        return cls(kind, rows, np.atleast_2d(J), np.broadcast_to(std, rows.shape))
 
 
 def check_any_pair(parts: Sequence[ModalPart], x: _Real, *, shapes: bool = True) -> None:
