@@ -299,7 +299,7 @@ def test_a_test_without_a_file_takes_the_records(with_model, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (UPDATE, ":3: missing key 'file' in [test], and no [records] in its place"),
+        (UPDATE, ":3: missing key 'file' in [test], and no [records] or modes in its place"),
         (
             JOB + UPDATE.replace("[test]\n", '[test]\nfile = "b.lvm"\n'),
             ":1: [records] are used by no test",

@@ -25,9 +25,10 @@ from updyn.updating.fit.method import (
     stopped_at,
 )
 from updyn.updating.fit.methods.linear import fit_of, local_of
+from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
-from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
+from updyn.updating.fit.search import coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
@@ -53,28 +54,8 @@ __all__ = [
 
 
 @dataclass(frozen=True, slots=True)
-class LogMethod(Method):
-    """Log error, r = ln(H_A / H_X), after a search (method ``"log"``).
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps of the final fit, and of each try of the search (there at most 60).
-    tolerance : float
-        Relative step at which it has converged.
-    starts : int
-        Tries of the search; 0 skips it.
-    seed : int
-        Of the search's random tries.
-    inflate : bool
-        Whether the loss factors of the search start inflated.
-    """
-
-    max_iterations: int = 100
-    tolerance: float = 1e-10
-    starts: int = 8
-    seed: int = 0
-    inflate: bool = True
+class LogMethod(SearchingMethod):
+    """Log error, r = ln(H_A / H_X), after a search (method ``"log"``)."""
 
     name: ClassVar[str] = "log"
     label: ClassVar[str] = "fit of logarithmic level and phase"
@@ -83,25 +64,12 @@ class LogMethod(Method):
     can_regularise: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    @property
-    def stages(self) -> tuple[tuple[str, int], ...]:
-        """The search, where there is one, and the fit."""
-        fit = (self.name, self.max_iterations)
-        if not self.starts:
-            return (fit,)
-        return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
-
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where to begin: the best basin of the log error."""
         if not self.starts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
-        search = Search(
-            self.starts,
-            min(self.max_iterations, SEARCH_STEPS),
-            seed=self.seed,
-            inflate=self.inflate,
-        )
+        search = self.tries
         with monitor.stage("search", rough):
             starts = search.run(rough, noises, monitor)
             if monitor.stopped:

@@ -33,8 +33,9 @@ from updyn.updating.fit.method import (
     known_length,
     stopped_at,
 )
+from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import SEARCH_STEPS, Search, coarse
+from updyn.updating.fit.search import coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local, joined
@@ -81,32 +82,13 @@ def _one(local: Local) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class MaximumLikelihood(Method):
+class MaximumLikelihood(SearchingMethod):
     """Output error weighted by the noise, r = (H_A - H_X) / sigma, after a search by log error.
 
     The weights follow the model, not the noisy data: they are renewed after every descent until the
     estimate stays within a hundredth of its standard deviation (iteratively reweighted least
     squares; Green, J. R. Stat. Soc. B 46 (1984) 149).
-
-    Parameters
-    ----------
-    max_iterations : int
-        Largest number of steps of the final fit, and of each try of the search (there at most 60).
-    tolerance : float
-        Relative step at which a descent has converged.
-    starts : int
-        Tries of the search; 0 skips it and starts from where the unknowns start.
-    seed : int
-        Of the search's random tries.
-    inflate : bool
-        Whether the loss factors of the search start inflated.
     """
-
-    max_iterations: int = 100
-    tolerance: float = 1e-10
-    starts: int = 8
-    seed: int = 0
-    inflate: bool = True
 
     name: ClassVar[str] = "maximum-likelihood"
     label: ClassVar[str] = "fit weighted with the noise"
@@ -117,30 +99,13 @@ class MaximumLikelihood(Method):
     fits_modes: ClassVar[bool] = True
     states_noise: ClassVar[bool] = True
 
-    @property
-    def stages(self) -> tuple[tuple[str, int], ...]:
-        """The search, where there is one, and the fit."""
-        fit = (self.name, self.max_iterations)
-        if not self.starts:
-            return (fit,)
-        return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
-
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where to begin: the best basins of the log error, or the start for modes alone."""
         if not self.starts or not problem.parts:
             return Method.search(self, problem, noises, monitor)
         rough = coarse(problem, noises)
         with monitor.stage("search", rough):
-            return self._tries.run(rough, noises, monitor)
-
-    @property
-    def _tries(self) -> Search:
-        return Search(
-            self.starts,
-            min(self.max_iterations, SEARCH_STEPS),
-            seed=self.seed,
-            inflate=self.inflate,
-        )
+            return self.tries.run(rough, noises, monitor)
 
     def fit(
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
@@ -219,7 +184,7 @@ class MaximumLikelihood(Method):
                 break
             x = None
             with monitor.stage("search", rough), suppress(Stopped):
-                x = self._tries.beside(rough, best.x, number, monitor)
+                x = self.tries.beside(rough, best.x, number, monitor)
             if x is None:
                 continue
             with monitor.stage(self.name):

@@ -1,0 +1,50 @@
+"""`SearchingMethod`: what methods share that look for a basin by log error before they fit."""
+
+from __future__ import annotations
+
+from abc import ABC
+from dataclasses import dataclass
+
+from updyn.updating.fit.method import Method
+from updyn.updating.fit.search import SEARCH_STEPS, Search
+
+__all__ = ["SearchingMethod"]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchingMethod(Method, ABC):
+    """A method that searches from several starts.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Largest number of steps of the final fit, and of each try of the search (there at most 60).
+    tolerance : float
+        Relative step at which a descent has converged.
+    starts : int
+        Tries of the search; 0 skips it and starts from where the unknowns start.
+    seed : int
+        Of the search's random tries.
+    inflate : bool
+        Whether the loss factors of the search start inflated.
+    """
+
+    max_iterations: int = 100
+    tolerance: float = 1e-10
+    starts: int = 8
+    seed: int = 0
+    inflate: bool = True
+
+    @property
+    def stages(self) -> tuple[tuple[str, int], ...]:
+        """The search, where there is one, and the fit."""
+        fit = (self.name, self.max_iterations)
+        if not self.starts:
+            return (fit,)
+        return (("search", self.starts * min(self.max_iterations, SEARCH_STEPS)), fit)
+
+    @property
+    def tries(self) -> Search:
+        """The search."""
+        steps = min(self.max_iterations, SEARCH_STEPS)
+        return Search(self.starts, steps, seed=self.seed, inflate=self.inflate)
