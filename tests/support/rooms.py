@@ -17,6 +17,7 @@ ORDER = (
     ("errors",),
     ("registry",),
     ("text_table",),
+    ("style",),
     ("foreign",),
     ("dofs",),
     ("geometry",),

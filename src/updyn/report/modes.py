@@ -14,6 +14,7 @@ from updyn.report.formats import number, padded
 from updyn.report.picture import VIEWS, camera, line_ends
 from updyn.report.plots import (
     PRINTED_CELLS,
+    SEQUENTIAL,
     Figure,
     colour_bar,
     existing,
@@ -72,7 +73,7 @@ def mode_map(
         "y": list(range(len(rows))),
         "zmin": 0.0,
         "zmax": 1.0,
-        "colorscale": "Cividis",
+        "colorscale": SEQUENTIAL,
         "xgap": 1,
         "ygap": 1,
         "hovertext": hover,
@@ -219,7 +220,7 @@ def _comac_map(
             "color": numbers(lowest[order]),
             "cmin": 0.0,
             "cmax": 1.0,
-            "colorscale": "Cividis",
+            "colorscale": SEQUENTIAL,
             "line": {"color": "@text", "width": 1},
             "colorbar": colour_bar("COMAC", (0, 0.25, 0.5, 0.75, 1), _MAP_HEIGHT),
         },

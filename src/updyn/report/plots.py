@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn import style
 from updyn.report.formats import number
+from updyn.style import colour_scale
 
 __all__ = [
     "DIVERGING",
     "MODEL_COLOURS",
     "PRINTED_CELLS",
+    "SEQUENTIAL",
     "Figure",
     "Panel",
     "band_traces",
@@ -53,14 +56,9 @@ _GAP = 0.035
 _POWERS = {"exponentformat": "power", "showexponent": "all"}
 #: Colours of the two models.
 MODEL_COLOURS = {"start": "@before", "updated": "@after"}
-#: Colours of a scale from -1 to 1, orange below zero and blue above.
-DIVERGING = [
-    [0.0, "#b35806"],
-    [0.25, "#f1a340"],
-    [0.5, "#f7f7f7"],
-    [0.75, "#6a9fd4"],
-    [1.0, "#08519c"],
-]
+#: Colours of a scale from -1 to 1, orange below zero and blue above, and of one from 0 to 1.
+DIVERGING = colour_scale(style.DIVERGING)
+SEQUENTIAL = colour_scale(style.SEQUENTIAL)
 #: Heat maps with up to this many cells have their values printed.
 PRINTED_CELLS = 150
 

@@ -14,6 +14,7 @@ from updyn.report.data import ReportData
 from updyn.report.formats import counted, noise_is_fitted, number, plain, unknown
 from updyn.report.plots import (
     MODEL_COLOURS,
+    SEQUENTIAL,
     Figure,
     categories,
     colour_bar,
@@ -166,7 +167,7 @@ def misfit_map(found: Adequacy | None) -> Figure | None:
         "y": list(range(len(names))),
         "zmin": float(np.log10(_BOTTOM)),
         "zmax": float(np.log10(_TOP)),
-        "colorscale": "Cividis",
+        "colorscale": SEQUENTIAL,
         "xgap": 1,
         "ygap": 1,
         "hovertext": [_hover_row(found, i, j) for i, j in at.tolist()],

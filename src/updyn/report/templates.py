@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from updyn.io.atomic import atomic_path
 from updyn.report import formats
+from updyn.style import css
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -57,6 +58,7 @@ def _environment() -> Environment:
         environment.filters[name] = getattr(formats, name)
     environment.filters["embedded_json"] = embedded_json
     environment.globals["asset"] = asset
+    environment.globals["style_variables"] = css
     return environment
 
 

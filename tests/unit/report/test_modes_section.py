@@ -14,6 +14,7 @@ from updyn.report import modes
 from updyn.report.modes import MODES, SHOWN_ROWS, comac_maps, modal_rows
 from updyn.report.page import render
 from updyn.report.picture import VIEWS, camera
+from updyn.report.plots import SEQUENTIAL
 from updyn.report.section import Content
 from updyn.updating.judge.modal_table import ModalTable
 
@@ -33,7 +34,7 @@ def test_figures_are_those_of_the_table(result):
     for name, values in (("mac-updated", found.mac), ("auto-mac", found.auto_mac)):
         trace = figures[name]["data"][0]
         assert np.array(trace["z"], dtype=float) == pytest.approx(values, abs=1e-6)
-        assert (trace["zmin"], trace["zmax"], trace["colorscale"]) == (0.0, 1.0, "Cividis")
+        assert (trace["zmin"], trace["zmax"], trace["colorscale"]) == (0.0, 1.0, SEQUENTIAL)
     axes = figures["mac-start"]["layout"]
     assert axes["yaxis"]["title"]["text"] == "start model (Hz)"
     assert axes["xaxis"]["title"]["text"] == "test (Hz)"

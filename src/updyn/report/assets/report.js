@@ -30,7 +30,7 @@ const updynReport = (() => {
   function layout(own, height) {
     const out = {
       height, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-      font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("text") },
+      font: { family: getComputedStyle(document.body).fontFamily, size: parseFloat(colour("figure-text")), color: colour("text") },
       margin: { l: 60, r: 16, t: 30, b: 48 }, hovermode: "closest", dragmode: "zoom",
       modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("faint"), activecolor: colour("link") },
       hoverlabel: { bgcolor: colour("panel"), font: { color: colour("text") }, bordercolor: colour("faint") },

@@ -1,0 +1,170 @@
+"""Design tokens: colours, colour maps, sizes of type, spaces; one look for report and figures.
+
+The pages get them as variables of their style sheet (`css`), figures of matplotlib by
+`updyn.plots`, pictures in notebooks by `updyn.notebook`. No other module states a colour of a
+curve.
+
+The categories keep apart in grey print by their lightness and for colour-blind readers
+(`tests/unit/test_style.py` measures both: CIE lightness; distance in CIELAB as seen without L or M
+cones by the matrices of Machado, Oliveira & Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009)
+1291). Both maps are even in lightness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+__all__ = [
+    "CATEGORIES",
+    "DARK",
+    "DIVERGING",
+    "FIGURE_TEXT",
+    "PAPER",
+    "PRINTED",
+    "SEQUENTIAL",
+    "SIZES",
+    "SPACES",
+    "category",
+    "colour_scale",
+    "css",
+]
+
+#: Colours by role on a light ground.
+PAPER: Mapping[str, str] = {
+    "ground": "#ffffff",
+    "panel": "#f6f7f9",
+    "text": "#1b1f24",
+    "muted": "#5c6570",
+    "rule": "#d9dee4",
+    "grid": "#e6e9ed",
+    "faint": "#c3c9d0",
+    "measured": "#8b949e",
+    "before": "#c44e00",
+    "after": "#00558f",
+    "third": "#17a673",
+    "fourth": "#5a1050",
+    "after-faint": "rgba(0, 85, 143, 0.15)",
+    "fit-band": "rgba(0, 85, 143, 0.07)",
+    "held-band": "rgba(230, 159, 0, 0.18)",
+    "good": "#0b6e4f",
+    "good-ground": "#e3f4ec",
+    "warn": "#8a5300",
+    "warn-ground": "#fff1d6",
+    "bad": "#a4262c",
+    "bad-ground": "#fde7e7",
+    "link": "#0b5cad",
+}
+#: The same on a dark screen.
+DARK: Mapping[str, str] = {
+    "ground": "#14171b",
+    "panel": "#1d2126",
+    "text": "#e6e9ed",
+    "muted": "#9aa4af",
+    "rule": "#343a42",
+    "grid": "#2b3138",
+    "faint": "#4a525c",
+    "measured": "#848e98",
+    "before": "#f07f2e",
+    "after": "#56b4e9",
+    "third": "#9fe8c6",
+    "fourth": "#c050e0",
+    "after-faint": "rgba(86, 180, 233, 0.2)",
+    "fit-band": "rgba(86, 180, 233, 0.1)",
+    "held-band": "rgba(230, 159, 0, 0.2)",
+    "good": "#7fdcb4",
+    "good-ground": "#12362a",
+    "warn": "#ffcf7a",
+    "warn-ground": "#3d2d0c",
+    "bad": "#ffaaaa",
+    "bad-ground": "#451a1c",
+    "link": "#7db8f5",
+}
+#: What differs on paper from a light screen: text and rules are darker.
+PRINTED: Mapping[str, str] = {
+    "text": "#000000",
+    "muted": "#444c55",
+    "rule": "#c5cbd2",
+    "faint": "#b5bcc4",
+    "link": "#000000",
+}
+#: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
+#: the colours are repeated with the next dash.
+CATEGORIES = ("after", "before", "third", "fourth")
+_DASHES = ("-", "--", "-.", ":")
+#: Evenly spaced stops of a map from 0 to 1, light to dark, and of one from -1 to 1.
+SEQUENTIAL = ("#f7f7f7", "#a6c6e5", "#5a92cb", "#29609f", "#08306b")
+DIVERGING = ("#8a3c00", "#dd8433", "#f7f7f7", "#6a9fd4", "#08519c")
+
+#: Sizes of type on pages, relative to running text, and in px of text in figures.
+SIZES: Mapping[str, float] = {
+    "title": 1.9,
+    "heading": 1.35,
+    "subheading": 1.1,
+    "text": 1.0,
+    "small": 0.9,
+    "tiny": 0.82,
+}
+FIGURE_TEXT = 13
+#: Spaces in px.
+SPACES: Mapping[str, int] = {"narrow": 6, "normal": 12, "wide": 24}
+_FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif'
+
+
+def category(number: int) -> tuple[str, str]:
+    """Return colour and dash of a curve among several.
+
+    Parameters
+    ----------
+    number : int
+        Its number, from 0.
+
+    Returns
+    -------
+    (str, str)
+        A colour on a light ground, and a dash in the notation of matplotlib.
+    """
+    round_, place = divmod(number, len(CATEGORIES))
+    return PAPER[CATEGORIES[place]], _DASHES[round_ % len(_DASHES)]
+
+
+def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
+    """Return a map as pairs of a place between 0 and 1 and a colour, as plotly takes it.
+
+    Parameters
+    ----------
+    stops : sequence of str
+        `SEQUENTIAL` or `DIVERGING`.
+
+    Returns
+    -------
+    list of [float, str]
+    """
+    last = len(stops) - 1
+    return [[place / last, colour] for place, colour in enumerate(stops)]
+
+
+def css() -> str:
+    """Return the tokens as variables of a style sheet: light, dark screen, paper.
+
+    The class ``paper`` of the root is set while a page is printed: its figures are drawn before the
+    rules of print hold.
+    """
+    sizes = {f"size-{name}": f"{size:g}rem" for name, size in SIZES.items()}
+    spaces = {f"space-{name}": f"{space}px" for name, space in SPACES.items()}
+    rest = {"font": _FONT, "figure-text": f"{FIGURE_TEXT}px", **sizes, **spaces}
+    dark = f":root:not(.paper) {_declarations(DARK)}"
+    return "\n".join(
+        (
+            f":root {_declarations({'color-scheme': 'light dark'}, variables=False)}",
+            f":root {_declarations({**PAPER, **rest})}",
+            ":root.paper { color-scheme: light; }",
+            f"@media screen and (prefers-color-scheme: dark) {{ {dark} }}",
+            f"@media print {{ :root {_declarations(PRINTED)} :root {{ color-scheme: light; }} }}",
+            "",
+        )
+    )
+
+
+def _declarations(values: Mapping[str, str], *, variables: bool = True) -> str:
+    mark = "--" if variables else ""
+    return "{ " + " ".join(f"{mark}{name}: {value};" for name, value in values.items()) + " }"
