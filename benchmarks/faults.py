@@ -11,7 +11,9 @@ does not have, is there in any case.
 - after: so does the result of an update of the faulty data.
 - repaired: of those found before, `repair` gives data to which an update finds the truth (all
   unknowns within four bounds of Cramer and Rao), of those draws in which it finds it from the data
-  without the fault.
+  without the fault. An exponential window takes information out of the data, and nobody says how
+  long it was: there the bounds are those of the data through it, its decay being unknown, too;
+  `--strict`: those of the data without it.
 - false: other faults named.
 
 Faults that all unknowns together can imitate are seeded where the masses are known (a common
@@ -22,7 +24,7 @@ named, too, if it is told as one that the data do not tell from the first.
 `--repairs-only` leaves out the fit of the faulty data, which is by far the longest.
 
     python benchmarks/faults.py [--structures chain,...] [--faults sign,...] [--draws 20]
-        [--before-only | --repairs-only] [--out draws.jsonl] [--workers 1]
+        [--before-only | --repairs-only] [--strict] [--out draws.jsonl] [--workers 1]
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
 from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Part
 
 NOISE = structures.Noise(0.01, 1e-3)
 BEAM = "beam"
@@ -61,6 +64,7 @@ class Seeded:
     kind: str
     channels: tuple[str, ...] = ()
     changed: Callable[[Model], Model] = lambda model: model  # what is wrong with the model instead
+    decay: float = 0.0  # of a window, in 1/s
 
 
 def bench_of(name: str) -> structures.Bench | Measured:
@@ -114,7 +118,6 @@ def swapped(bench, frf, rng):
 def moved(bench, frf, rng):
     """The neighbouring node, or another direction, of a random sensor."""
     from updyn.updating.judge.causes.places import mistaken
-    from updyn.updating.problem.problem import Part
 
     part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
     pairs = list(mistaken(part))
@@ -184,7 +187,8 @@ def window(bench, frf, rng):
     ratio = np.where(
         clean.values != 0, values / np.where(clean.values != 0, clean.values, 1.0), 1.0
     )
-    return Seeded(replace(frf, values=frf.values * ratio), frf, "window-damping")
+    faulty = replace(frf, values=frf.values * ratio)
+    return Seeded(faulty, frf, "window-damping", decay=float(rate))
 
 
 def mass_loading(bench, frf, rng):
@@ -492,16 +496,34 @@ def undone(finding, seeded: Seeded) -> bool:
 
 
 @cache
-def bounds(name: str, fault: str, quantity: str, free: bool) -> np.ndarray:
+def bounds(name: str, fault: str, quantity: str, free: bool, decay: float = 0.0) -> np.ndarray:
     bench = bench_of(name)
     if isinstance(bench, Measured):
         return bench.bound(unknowns(bench, bench.model, fault, free=free))
     case = replace(bench.case, clean=bench.case.clean.converted(quantity))
     own = replace(bench, case=case, sought=lambda model: unknowns(bench, model, fault, free=free))
-    return own.bound(NOISE)
+    return windowed_bound(own, decay) if decay else own.bound(NOISE)
 
 
-def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet) -> bool:
+def windowed_bound(bench: structures.Bench, decay: float) -> np.ndarray:
+    """Return the bounds of data through a window whose decay is unknown, too."""
+    clean, true = bench.case.clean, bench.case.true
+    where = (clean.freq, clean.responses, clean.references, clean.quantity)
+
+    def part(rate: float) -> Part:
+        return Part.build(true, updyn.response(true, *where, decay=rate), bench.sought(true))
+
+    here, step = part(decay), 1e-4 * decay
+    x = here.coordinates.home
+    block = here.block(x, slice(None))
+    by_decay = (part(decay + step).responses(x) - part(decay - step).responses(x)) / (2.0 * step)
+    std = np.sqrt(NOISE.variance(here.frf)) / np.sqrt(2.0)
+    J = np.concatenate([block.dH, by_decay[None]]).reshape(here.n + 1, -1) / std.ravel()
+    R = np.linalg.qr(np.concatenate([J.real, J.imag], axis=1).T)[1]
+    return np.linalg.norm(np.linalg.solve(R.T, np.eye(len(R))), axis=0)[:-1]
+
+
+def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet, decay: float = 0.0) -> bool:
     bench = bench_of(task.structure)
     result = updyn.update(start, frf, sought)
     off = [
@@ -509,7 +531,7 @@ def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet) -> bool:
         / (1.0 if p.quantity == "loss_factor" else abs(bench.truth(p, start)))
         for p in sought
     ]
-    bound = bounds(task.structure, task.fault, frf.quantity, task.free)
+    bound = bounds(task.structure, task.fault, frf.quantity, task.free, decay)
     return bool((np.array(off) <= 4.0 * bound).all())
 
 
@@ -517,7 +539,8 @@ def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet) -> bool:
 class Draw:
     """One seeded fault; `fits` are made but for a look before any fit.
 
-    `faulty`: one of them is to the data as they are; the others judge the repair.
+    `faulty`: one of them is to the data as they are; the others judge the repair. `strict`: by the
+    bounds of data without a window.
     """
 
     structure: str
@@ -526,6 +549,7 @@ class Draw:
     free: bool
     fits: bool
     faulty: bool = True
+    strict: bool = False
 
 
 def drawn(task: Draw) -> dict[str, object] | None:
@@ -562,7 +586,8 @@ def drawn(task: Draw) -> dict[str, object] | None:
         out["status"] = result.status
     repairable = out["before"] and seeded.kind and found[0].written
     if repairable and recovers(task, start, seeded.sound, sought):
-        out["repaired"] = recovers(task, start, found[0].repair(seeded.faulty), sought)
+        decay = 0.0 if task.strict else seeded.decay
+        out["repaired"] = recovers(task, start, found[0].repair(seeded.faulty), sought, decay)
     return out
 
 
@@ -596,7 +621,7 @@ def main() -> None:
     for name in given.structures.split(","):
         for fault in given.faults.split(","):
             seeds = range(given.seed, given.seed + given.draws)
-            how = (given.free, not given.before_only, not given.repairs_only)
+            how = (given.free, not given.before_only, not given.repairs_only, given.strict)
             tasks = [Draw(name, fault, seed, *how) for seed in seeds]
             kept.make(tasks, given.workers)
             draws = [kept[task] for task in tasks if kept[task] is not None]
@@ -615,6 +640,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--free", action="store_true", help="masses are unknown in any case")
+    parser.add_argument("--strict", action="store_true", help="bounds of data without a window")
     fits = parser.add_mutually_exclusive_group()
     fits.add_argument("--before-only", action="store_true")
     fits.add_argument("--repairs-only", action="store_true")

@@ -17,7 +17,7 @@ from updyn.geometry import Geometry
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_lines", "check_quantity"]
+__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_decay", "check_lines", "check_quantity"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -96,6 +96,10 @@ class FRF:
         Where the nodes stand.
     source : str, optional
         Where the data came from, for the record.
+    decay : float
+        Of an exponential window exp(-decay t) on all records whose damping is still in the values,
+        in 1/s: they are H at i omega + decay, not at i omega. What compares them with a model
+        evaluates it there.
 
     Raises
     ------
@@ -116,6 +120,7 @@ class FRF:
     averages: int | None
     geometry: Geometry | None
     source: str
+    decay: float
 
     def __init__(
         self,
@@ -129,6 +134,7 @@ class FRF:
         averages: int | None = None,
         geometry: Geometry | None = None,
         source: str = "",
+        decay: float = 0.0,
     ) -> None:
         set_ = partial(object.__setattr__, self)
         set_("quantity", check_quantity(quantity))
@@ -150,6 +156,7 @@ class FRF:
         set_("averages", averages)
         set_("geometry", geometry)
         set_("source", source)
+        set_("decay", check_decay(decay))
 
     def _bounded(
         self, name: str, given: ArrayLike | None, high: float, shape: tuple[int, ...]
@@ -197,18 +204,25 @@ class FRF:
     def __repr__(self) -> str:
         return (
             f"FRF({self.quantity}, {len(self.freq)} lines {self.freq[0]:g}-{self.freq[-1]:g} Hz, "
-            f"{len(self.responses)} responses x {len(self.references)} references)"
+            f"{len(self.responses)} responses x {len(self.references)} references"
+            + (f", window exp(-{self.decay:g} t)" if self.decay else "")
+            + ")"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # arrays come back read-only
 
     # -- conversion ----------------------------------------------------------------------------
+    @property
+    def s(self) -> NDArray[np.complex128]:
+        """Where the values are H, i omega + decay in 1/s, shape (n_f,)."""
+        return np.asarray(2j * np.pi * self.freq + self.decay)
+
     def converted(self, quantity: str) -> FRF:
         """Return the same measurement as another quantity.
 
         Mobility is i omega times receptance, accelerance -omega^2 times (Ewins, Modal Testing, 2nd
-        ed. 2000, section 2.3).
+        ed. 2000, section 2.3); with a `decay`, i omega + decay stands for i omega.
 
         Parameters
         ----------
@@ -229,7 +243,7 @@ class FRF:
         power = QUANTITIES[check_quantity(quantity)] - QUANTITIES[self.quantity]
         if power == 0:
             return self
-        if self.freq[0] == 0.0:
+        if self.s[0] == 0.0:
             positive = "a positive frequency"
             if len(self.freq) > 1:
                 positive = f"{self.freq[1]} Hz"
@@ -237,7 +251,7 @@ class FRF:
                 f"the 0 Hz line cannot be converted from {self.quantity} to {quantity}; drop it"
                 f" first, for instance with a band that starts at {positive}"
             )
-        factor = ((2j * np.pi * self.freq) ** power)[:, None, None]
+        factor = (self.s**power)[:, None, None]
         variance = self.variance
         if variance is not None:
             variance = variance * np.abs(factor) ** 2
@@ -382,6 +396,8 @@ class FRF:
         attrs: dict[str, Any] = {"quantity": self.quantity, "source": self.source}
         if self.averages is not None:
             attrs["averages"] = self.averages
+        if self.decay:
+            attrs["decay"] = self.decay
         coords = {
             "freq": self.freq,
             "response": self.responses.labels,
@@ -457,6 +473,7 @@ class FRF:
             averages=averages,
             geometry=_geometry(data),
             source=str(data.attrs.get("source", "")),
+            decay=float(data.attrs.get("decay", 0.0)),
             **arrays,
         )
 
@@ -503,6 +520,29 @@ def _band(band: object) -> tuple[float, float]:
             f"band {low:g} to {high:g} Hz: the first must be below the second", key=("band",)
         )
     return low, high
+
+
+def check_decay(decay: object) -> float:
+    """Return the decay of an exponential window.
+
+    Parameters
+    ----------
+    decay : object
+        In 1/s.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    DataError
+        If it is not a finite number of at least 0.
+    """
+    real = isinstance(decay, int | float | np.integer | np.floating)
+    if isinstance(decay, bool) or not real or not 0.0 <= float(decay) < np.inf:  # type: ignore[arg-type]
+        raise DataError(f"decay {decay!r}: expected a number in 1/s, 0 or above")
+    return float(decay)  # type: ignore[arg-type]
 
 
 def check_lines(freq: ArrayLike) -> NDArray[np.float64]:

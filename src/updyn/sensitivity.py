@@ -165,7 +165,7 @@ class Unknowns:
         if lost.any():
             unit[lost] = 1j * factor[lost] * system.relative(self.at[lost], omega)[self.at[lost]]
         if rated.any():
-            unit[rated] = 1j * factor[rated] * omega
+            unit[rated] = factor[rated] * (1j * omega + system.decay)
         return unit
 
 

@@ -167,8 +167,8 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     Raises
     ------
     DataError
-        If two FRFs differ in lines or DOFs; the message says which. Nothing is interpolated or
-        dropped.
+        If two FRFs differ in lines, DOFs or decay; the message says which. Nothing is interpolated
+        or dropped.
     DofError
         If a DOF of `frf` is not in the model.
     """
@@ -177,7 +177,9 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
     if isinstance(model_or_frf, Model):
         from updyn.dynamics.response import response
 
-        computed = response(model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity)
+        computed = response(
+            model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity, decay=frf.decay
+        )
     elif isinstance(model_or_frf, FRF):
         computed = _aligned(model_or_frf, frf)
     else:
@@ -204,6 +206,11 @@ def _aligned(computed: FRF, measured: FRF) -> FRF:
         i = int(np.flatnonzero(off)[0])
         raise DataError(
             f"the two FRFs differ in lines: line {i + 1} is {a[i]:.9g} Hz and {x[i]:.9g} Hz"
+        )
+    if computed.decay != measured.decay:
+        raise DataError(
+            "the two FRFs differ in the decay of their exponential windows:"
+            f" {computed.decay:g} and {measured.decay:g} 1/s"
         )
     for what, own, other in (
         ("response", computed.responses, measured.responses),

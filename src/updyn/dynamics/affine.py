@@ -10,13 +10,16 @@ coefficients on updated mass and stiffness):
     stiffness   kappa (1 + i gamma r(f) + i omega beta)
     mass        mu (-omega^2 + i omega alpha)
     viscous     nu i omega
+
+Data whose records were multiplied by exp(-a t), the `decay` a, are H at i omega + a: there i omega
+is i omega + a in all of these.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -124,6 +127,8 @@ class AffineSystem:
         The N degrees of freedom of the model.
     beside : sparse CSC, shape (nnz, n_terms), real, or None
         The entries of each term in a column, in small systems.
+    decay : float
+        Of an exponential window on what it is compared with, in 1/s.
     """
 
     terms: tuple[Term, ...]
@@ -132,6 +137,7 @@ class AffineSystem:
     indices: NDArray[Any]
     dofs: DofSet
     beside: Any = None
+    decay: float = 0.0
     _kinds: tuple[NDArray[np.float64], NDArray[np.float64], list[int]] = field(
         init=False, repr=False
     )
@@ -178,6 +184,10 @@ class AffineSystem:
             _side_by_side(terms, pattern.nnz),
         )
 
+    def decaying(self, decay: float) -> AffineSystem:
+        """Return the system as data see it through an exponential window; itself as it is."""
+        return self if decay == self.decay else replace(self, decay=decay)
+
     @property
     def n(self) -> int:
         """Number of equations: the N DOFs, or the coordinates of a reduced model."""
@@ -202,12 +212,15 @@ class AffineSystem:
         return None
 
     def coefficients(self, state: State, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return c_t(omega), shape (n_terms, n_lines); `omega` in rad/s."""
+        """Return c_t at i omega + decay, shape (n_terms, n_lines); `omega` in rad/s."""
         factor, (static, inertial, tabled) = state.factor[:, None], self._kinds
         out = np.empty((len(self.terms), len(omega)), dtype=np.complex128)
         out.real = factor * (static - inertial * omega**2)
         lost = state.loss[:, None] * self.relative(tabled, omega)
         out.imag = factor * (lost + state.rate[:, None] * omega)
+        if self.decay:  # (i omega + a)^2 = -omega^2 + 2 i omega a + a^2
+            more = inertial * (self.decay + 2j * omega) + state.rate[:, None]
+            out += factor * self.decay * more
         return out
 
     def relative(self, at: Iterable[int], omega: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ solve left them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -82,6 +82,9 @@ class FieldSolver(Protocol):
     @property
     def used(self) -> dict[str, int]:
         """How many sparse solves each backend answered here, by name."""
+
+    def decaying(self, decay: float) -> FieldSolver:
+        """Return the solver at i omega + decay, in 1/s, instead of i omega."""
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines to take at a time."""
@@ -170,6 +173,14 @@ class LineSolver:
                     continue
                 for name, number in solver.used.items():
                     out[name] = out.get(name, 0) + number
+        return out
+
+    def decaying(self, decay: float) -> LineSolver:
+        """Return the solver at i omega + decay, in 1/s, with the patterns that are analysed."""
+        if decay == self.system.decay:
+            return self
+        out = replace(self, system=self.system.decaying(decay))
+        out._kept.update(self._kept)
         return out
 
     def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -27,7 +27,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -890,11 +890,20 @@ class ReducedSolver:
             for t, A in zip(system.terms, basis.terms, strict=True)
         )
         reduced = AffineSystem(
-            terms, system.start, r * np.arange(r + 1), np.tile(rows, r), system.dofs
+            terms,
+            system.start,
+            r * np.arange(r + 1),
+            np.tile(rows, r),
+            system.dofs,
+            decay=system.decay,
         )
         stack = np.stack([A.ravel() for A in basis.terms])
         coupling = {int(d): system.coupled(int(d)) for d in observed}
         return cls(reduced, observed, basis.at(observed), stack, coupling, backend, label)
+
+    def decaying(self, decay: float) -> ReducedSolver:
+        """Return the solver at i omega + decay, in 1/s, in the same basis."""
+        return replace(self, system=self.system.decaying(decay))
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""

@@ -12,7 +12,7 @@ from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, line_blocks
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
-from updyn.frf import FRF, QUANTITIES, check_lines, check_quantity
+from updyn.frf import FRF, QUANTITIES, check_decay, check_lines, check_quantity
 from updyn.linalg.solver import check_backend
 from updyn.model import Model
 
@@ -29,6 +29,7 @@ def response(
     tier: str | None = None,
     backend: str | None = None,
     accuracy: float = ACCURACY,
+    decay: float = 0.0,
 ) -> FRF:
     """Compute frequency response functions, exactly: one factorisation of the full model a line.
 
@@ -51,6 +52,9 @@ def response(
         Sparse factorisation.
     accuracy : float
         Of the reduced tier: the largest error as a share of the largest receptance of its line.
+    decay : float
+        Of an exponential window exp(-decay t) through which the structure is seen, in 1/s: what is
+        computed is H at i omega + decay.
 
     Returns
     -------
@@ -61,7 +65,7 @@ def response(
     Raises
     ------
     DataError
-        If a line is not finite, negative or out of order.
+        If a line is not finite, negative or out of order, or the decay is negative.
     DofError
         If a DOF is not in the model.
     OptionError
@@ -80,8 +84,9 @@ def response(
     if np.isscalar(freq):
         freq = np.atleast_1d(freq)
     lines = check_lines(freq)
+    system = AffineSystem.compile(model).decaying(check_decay(decay))
     solver, source = _solver(
-        AffineSystem.compile(model), at_rows.index, at_columns.index, lines, tier, backend, accuracy
+        system, at_rows.index, at_columns.index, lines, tier, backend, accuracy
     )
     # Symmetry: forces may be put on whichever side has fewer DOFs.
     swap = len(rows) < len(columns)
@@ -97,8 +102,17 @@ def response(
             X = X.transpose(0, 2, 1)
         values[block] = X
     values *= at_rows.sign[:, None] * at_columns.sign[None, :]
-    values *= ((1j * omega) ** QUANTITIES[quantity])[:, None, None]
-    return FRF(lines, values, rows, columns, quantity, geometry=model.geometry, source=source)
+    values *= ((1j * omega + system.decay) ** QUANTITIES[quantity])[:, None, None]
+    return FRF(
+        lines,
+        values,
+        rows,
+        columns,
+        quantity,
+        geometry=model.geometry,
+        source=source,
+        decay=system.decay,
+    )
 
 
 def _solver(

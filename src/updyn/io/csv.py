@@ -11,8 +11,8 @@ Columns are separated by commas, semicolons or tabs; decimals have a point. The 
 ``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
 and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
 (variance), for every pair of response and reference. Lines that start with ``#`` may stand before
-the header; ``quantity:``, ``averages:`` and ``source:`` in them are read. Time records stand in a
-table of their own: `updyn.io.csv_records`.
+the header; ``quantity:``, ``averages:``, ``source:`` and ``decay:`` in them are read. Time records
+stand in a table of their own: `updyn.io.csv_records`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+(\S+)")
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
 _OPTIONAL = {"coh": "coherence", "var": "variance"}
 _COMMENT = re.compile(rb"(?:#.*)?")
-_HEAD = re.compile(r"#\s*(quantity|averages|source)\s*:[ \t]?(.*)")
+_HEAD = re.compile(r"#\s*(quantity|averages|source|decay)\s*:[ \t]?(.*)")
 _Pair = tuple[Dof, Dof]
 
 
@@ -93,6 +93,7 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
             variance=arrays.get("variance"),
             averages=_averages(head, path),
             source="\n".join(head.get("source", [])),
+            decay=_decay(head, path),
         )
 
 
@@ -279,6 +280,14 @@ def _averages(head: dict[str, list[str]], path: str | Path) -> int | None:
     return int(said)
 
 
+def _decay(head: dict[str, list[str]], path: str | Path) -> float:
+    said = _one(head, "decay", path)
+    try:
+        return float(said or 0.0)
+    except ValueError:
+        raise FormatError(f"decay: {said!r}; expected a number in 1/s", path) from None
+
+
 def write_frf(frf: FRF, path: str | Path) -> None:
     """Write FRFs as a table with real and imaginary parts; every number is read back exactly.
 
@@ -303,6 +312,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     head = [f"# quantity: {frf.quantity}"]
     if frf.averages is not None:
         head.append(f"# averages: {frf.averages}")
+    if frf.decay:
+        head.append(f"# decay: {frf.decay!r}")
     if frf.source:
         head += [f"# source: {line}" for line in frf.source.split("\n")]
     parts = {"re": frf.values.real, "im": frf.values.imag}

@@ -24,6 +24,7 @@ and an FRF is::
     quantity                "receptance", "mobility" or "accelerance"
     coherence, variance     of the shape of H, optional
     averages, source        optional
+    decay                   of an exponential window whose damping is in H, in 1/s, optional
     nodes, xyz, lines, axes geometry, optional
 """
 
@@ -89,6 +90,7 @@ _FRF = (
     "variance",
     "averages",
     "source",
+    "decay",
 )
 #: Names of what FRFs are made of.
 FRF_ITEMS = (*_FRF, *_GEOMETRY, *_MARKS)
@@ -289,6 +291,7 @@ def build_frf(
             averages=_averages(items, path),
             geometry=_geometry(items, path),
             source=_text(items, "source", path),
+            decay=number(items["decay"], "decay", path) if "decay" in items else 0.0,
         )
 
 
@@ -407,6 +410,8 @@ def frf_items(frf: FRF) -> dict[str, Any]:
             items[name] = getattr(frf, name)
     if frf.source:
         items["source"] = frf.source
+    if frf.decay:
+        items["decay"] = frf.decay
     return {**items, **_geometry_items(frf.geometry)}
 
 

@@ -10,7 +10,7 @@ are read as well. Expected::
     response, reference                    labels such as "12:-Z"
     coherence, variance *                  of the same dimensions
     node, xyz, trace, node_axes *          geometry
-    attributes quantity, averages *, source *
+    attributes quantity, averages *, source *, decay *
 """
 
 from __future__ import annotations

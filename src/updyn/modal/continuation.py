@@ -18,34 +18,34 @@ _POLES, _LINES = 40, 4
 _FAINT = 0.1
 
 
-def continued(frf: FRF, shift: float) -> FRF:
-    """Return FRFs on the axis of real frequency, from those on a line beside it.
+def continued(frf: FRF) -> FRF:
+    """Return FRFs on the axis of real frequency; data without a decay as they are.
 
     Accelerances are fitted by a rational function of -s^2 with the poles in common (vector
     fitting), which the FRFs of a structure with structural damping are. What the fit changes by
-    from i omega + shift to i omega is added to the data, so that they keep what it does not follow.
+    from i omega + decay to i omega is added to the data, so that they keep what it does not follow.
     A line at 0 Hz stays: the window changes it to second order only.
 
     Parameters
     ----------
     frf : FRF
-        H(i omega + shift), at eight lines at least.
-    shift : float
-        In 1/s; what an exponential window exp(-shift t) on all records leaves.
+        H(i omega + decay), at eight lines at least: what an exponential window leaves.
 
     Returns
     -------
     FRF
-        H(i omega).
+        H(i omega), its `decay` 0.
     """
+    if not frf.decay:
+        return frf
     moving = frf.freq > 0.0
     if not frf.values[moving].any():
-        return frf
+        return replace(frf, decay=0.0)
     omega = 2.0 * np.pi * frf.freq[moving]
     unit = float(omega[-1])
-    here, there = (np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (shift, 0.0))
+    here, there = (np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (frf.decay, 0.0))
     power = 2 - QUANTITIES[frf.quantity]
-    factor = ((1j * omega + shift) ** power)[:, None]
+    factor = ((1j * omega + frf.decay) ** power)[:, None]
     flat = frf.values[moving].reshape(len(omega), -1) * factor
     size = np.sqrt(np.mean(np.abs(flat) ** 2, axis=0))
     size = np.maximum(size, _FAINT * size.max())
@@ -57,4 +57,4 @@ def continued(frf: FRF, shift: float) -> FRF:
     back = ((1j * omega) ** power)[:, None]
     values = frf.values.copy()
     values[moving] = ((flat + change) / back).reshape(values[moving].shape)
-    return replace(frf, values=values)
+    return replace(frf, values=values, decay=0.0)

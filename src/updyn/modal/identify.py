@@ -23,6 +23,7 @@ from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.modal.axis import Axis
+from updyn.modal.continuation import continued
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.refine import Errors, Noise, Weights, Window, moved, reweighted, solved
 from updyn.modal.runs import Mode, Weighted, is_split_off, modes_of
@@ -113,8 +114,9 @@ def identify_modes(
 
     Notes
     -----
-    Deterministic. Loss factors are those of the form chosen; twice the damping ratio where it is
-    viscous. A line at 0 Hz says nothing of modes and is not used.
+    Deterministic. The damping of a window that the data state (`FRF.decay`) is taken out first.
+    Loss factors are those of the form chosen; twice the damping ratio where it is viscous. A line
+    at 0 Hz says nothing of modes and is not used.
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")
@@ -134,7 +136,7 @@ def identified(
     frf, band, damping, poles
         As for `identify_modes`.
     """
-    frf = frf.select(band=band)
+    frf = continued(frf.select(band=band))
     measured = _Measured.of(frf, mirrored=damping == "viscous")
     if len(measured.x) <= _RATIONAL:
         modes = _of_rational_data(measured)

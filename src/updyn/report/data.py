@@ -272,7 +272,8 @@ def computed(
     if options.get("tier") == "reduced":
         how = {key: options[key] for key in ("tier", "accuracy") if key in options}
     try:
-        return response(model, freq, frf.responses, frf.references, frf.quantity, **how).values
+        where = (freq, frf.responses, frf.references, frf.quantity)
+        return response(model, *where, decay=frf.decay, **how).values
     except UpdynError as error:  # a failed fit has a report too
         notes.append(f"The {what} could not be computed and is not drawn: {error}")
         return None

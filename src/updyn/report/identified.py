@@ -223,7 +223,7 @@ def _level(frf: FRF) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     freq = frf.freq[moving]
     power = 2 - QUANTITIES[frf.quantity]
     level = np.sqrt(np.mean(np.abs(frf.values[moving]) ** 2, axis=(1, 2)))
-    level = level * (2.0 * np.pi * freq) ** power
+    level = level * np.abs(frf.s[moving]) ** power
     few = -(-len(freq) // _POINTS)
     if few < 2:
         return freq, level

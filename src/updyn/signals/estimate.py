@@ -141,8 +141,9 @@ class _Setting:
             variance=variance,
             averages=averages,
             source=source,
+            decay=self.decay,
         )
-        return continued(frf, self.decay) if self.decay else frf
+        return continued(frf)
 
 
 def estimate_frf(

@@ -84,11 +84,17 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         variance=extras.get("variance"),
         averages=counts.pop() if len(counts) == 1 else None,
         source="\n".join(frf.source for frf in frfs if frf.source),
+        decay=first.decay,
     )
 
 
 def _check_alike(first: FRF, other: FRF, name: str, its: str) -> None:
     """Refuse setups that are not of one quantity and on the same lines."""
+    if other.decay != first.decay:
+        raise DataError(
+            f"{its} has the decay of a window of {other.decay:g} 1/s left, {name} of"
+            f" {first.decay:g} 1/s; write them to files of their own"
+        )
     if other.quantity != first.quantity:
         raise DataError(
             f"{its} gives {other.quantity}, {name} {first.quantity}; write them to files of their"

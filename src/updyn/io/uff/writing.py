@@ -51,13 +51,19 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     ------
     FormatError
         If a node number is too wide for the format, a DOF is not in the geometry, or a trace line
-        goes to node 0.
+        goes to node 0; or if the damping of a window is in the values, which would be lost.
 
     Warns
     -----
     UpdynWarning
         If there is a variance or a number of averages: the format has no place for them.
     """
+    if frf.decay:
+        raise FormatError(
+            f"the values hold the damping of a window exp(-{frf.decay:g} t), which universal files"
+            " cannot state; write .nc, .npz, .mat or .csv",
+            path,
+        )
     lacking = [name for name in ("variance", "averages") if getattr(frf, name) is not None]
     if lacking:
         warnings.warn(

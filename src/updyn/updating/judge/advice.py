@@ -203,4 +203,5 @@ def _blank(part: Part, lines: NDArray[np.float64]) -> FRF:
         DofSet(part.frf.responses),
         DofSet(part.frf.references),
         part.frf.quantity,
+        decay=part.frf.decay,
     )

@@ -324,7 +324,14 @@ def _scores(
     """Score the model on parts of the data, solved once; empty where it is singular."""
     frf = whole.frf
     try:
-        answer = FRF(frf.freq, whole.responses(x), frf.responses, frf.references, frf.quantity)
+        answer = FRF(
+            frf.freq,
+            whole.responses(x),
+            frf.responses,
+            frf.references,
+            frf.quantity,
+            decay=frf.decay,
+        )
     except SolverError:
         return {}
     scores = {}

@@ -95,7 +95,7 @@ def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice
     omega = 2.0 * np.pi * freq
     system = part.solver.system
     c, w = constitutive_weights(system, part.state(x), omega)
-    power = ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
+    power = (part.frf.s[lines] ** QUANTITIES[part.frf.quantity])[:, None, None]
     rows, place = np.unique(part.rows, return_inverse=True)
     P = part.solver.solve(c, rows, freq)[:, :, place.ravel()]
     S = np.zeros((len(freq), P.shape[2], P.shape[2]), dtype=np.complex128)

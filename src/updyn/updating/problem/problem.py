@@ -107,6 +107,8 @@ class Part:
     _gains: Gains | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        # The model is compared with the data where they are H.
+        object.__setattr__(self, "solver", self.solver.decaying(self.frf.decay))
         gains = Gains.find(self.coordinates.parameters, self.frf) if self.as_read else None
         object.__setattr__(self, "_gains", gains)
 
@@ -287,7 +289,7 @@ class Part:
         """Return what an evaluation at x follows from, within a run."""
         if not self._digest:
             frf = self.frf
-            parts = (frf.freq, frf.values, self.rows, self.columns, self.sign, frf.quantity)
+            parts = (frf.s, frf.values, self.rows, self.columns, self.sign, frf.quantity)
             sought = "\n".join(self.coordinates.parameters.names)
             self._digest.append(digest((self.name, self.solver.label, sought, *parts)))
         return [kind, self._digest[0], x, *about]
@@ -330,7 +332,7 @@ class Part:
             self.columns,
             derivatives=derivatives,
         )
-        factor = self.sign * ((2j * np.pi * freq) ** QUANTITIES[self.frf.quantity])[:, None, None]
+        factor = self.sign * (self.frf.s[lines] ** QUANTITIES[self.frf.quantity])[:, None, None]
         if dH is not None:
             dH *= self.coordinates.slope(x)[:, None, None, None] * factor
         H = H * factor

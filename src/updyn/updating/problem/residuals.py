@@ -333,7 +333,7 @@ class EquationError(LineResidual):
         freq, slope = part.frf.freq[lines], part.coordinates.slope(x)
         unit = _drive_points(part)
         weight = _same_unit(part, unit)
-        factor = part.sign / ((2j * np.pi * freq) ** QUANTITIES[part.frf.quantity])[:, None, None]
+        factor = part.sign / (part.frf.s[lines] ** QUANTITIES[part.frf.quantity])[:, None, None]
         product, derivative = sensitivity.condensed_product(
             part.solver,
             part.unknowns,

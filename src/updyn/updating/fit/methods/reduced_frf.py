@@ -183,7 +183,9 @@ def independently_reduced(part: Part, x: _Vector, frequency: float) -> Part:
     own, entries = np.arange(n), np.arange(n * n)
     terms = tuple(_projected(term, T, own, entries) for term in system.terms)
     dofs = system.dofs[rows]
-    small = AffineSystem(terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs)
+    small = AffineSystem(
+        terms, system.start, n * np.arange(n + 1), np.tile(own, n), dofs, decay=system.decay
+    )
     return replace(
         part,
         solver=LineSolver(small, "dense", part.solver.backend),

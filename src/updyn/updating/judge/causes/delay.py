@@ -39,12 +39,12 @@ class Delay(Fault):
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the phase turned back."""
-        return multiplied(frf, self.channels, 2j * np.pi * frf.freq * self.value)
+        return multiplied(frf, self.channels, frf.s * self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return -i omega at the channels."""
         frf = evidence.frf
-        return place_of(self.channels, frf).spread(-2j * np.pi * frf.freq, frf.values.shape)
+        return place_of(self.channels, frf).spread(-frf.s, frf.values.shape)
 
     def statement(self) -> str:
         """Return how late it is."""

@@ -135,8 +135,7 @@ def _counted(square: Square, i: int) -> tuple[int, int, int]:
     """Return how many lines stand clear of the noise, of these have a sign of Re(Y), and minus."""
     H, noise = square.values[:, i, i], square.noise[:, i, i]
     clear = (np.abs(H) > _CLEAR * noise) & (square.freq > 0.0)
-    s = 2j * np.pi * square.freq[clear]
-    to_mobility = s ** (1 - QUANTITIES[square.quantity])
+    to_mobility = square.s[clear] ** (1 - QUANTITIES[square.quantity])
     Y, std = H[clear] * to_mobility, noise[clear] * np.abs(to_mobility) / np.sqrt(2.0)
     doubt = _BEYOND * std + _PHASE * np.abs(Y)
     return len(Y), int(np.count_nonzero(np.abs(Y.real) > doubt)), int(np.sum(Y.real < -doubt))

@@ -89,7 +89,14 @@ class Evidence:
         """Return the model's answer at responses."""
         part = self.part
         shape = (part.n_lines, len(labels), len(part.frf.references))
-        blank = FRF(part.frf.freq, np.ones(shape), labels, part.frf.references, part.frf.quantity)
+        blank = FRF(
+            part.frf.freq,
+            np.ones(shape),
+            labels,
+            part.frf.references,
+            part.frf.quantity,
+            decay=part.frf.decay,
+        )
         there = part.with_data(blank)
 
         def compute() -> Record:
@@ -140,23 +147,10 @@ class Evidence:
         return np.asarray(_log_ratio(high, low) / (2.0 * _STEP * freq)[:, None, None])
 
     def damped(self, rate: float) -> _Complex:
-        """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j).
-
-        Without terms of rate^2: Z(i omega + rate) is that of a structure whose masses have 2 rate
-        more mass-proportional damping.
-        """
-        part = self.part
-        state = part.state(self.x)
-        mass = np.array([term.quantity == "mass" for term in part.solver.system.terms])
-        slower = replace(state, rate=state.rate + 2.0 * rate * mass)
-
-        def compute() -> Record:
-            return (_log_ratio(_receptance(part, slower), _receptance(part, state)),)
-
-        (ratio,) = part.recall("damped", self.x, compute, np.array(rate))
-        s = 2j * np.pi * part.frf.freq
-        power = QUANTITIES[part.frf.quantity]
-        return np.asarray(ratio + power * np.log(1.0 + rate / s)[:, None, None])
+        """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j)."""
+        windowed = replace(self.frf, decay=self.frf.decay + rate)
+        there = self.part.with_data(windowed).responses(self.x)
+        return _log_ratio(there, self.part.responses(self.x))
 
     def stretched(self, log_factor: float) -> _Complex:
         """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
@@ -206,8 +200,9 @@ class Evidence:
         part, n = self.part, len(self.frf.responses)
         shape = (part.n_lines, n, n)
         own = labels_of(self.frf)
-        square = part.with_data(FRF(self.frf.freq, np.ones(shape), own, own, "accelerance"))
-        H = square.responses(self.x)
+        decay = self.frf.decay
+        square = FRF(self.frf.freq, np.ones(shape), own, own, "accelerance", decay=decay)
+        H = part.with_data(square).responses(self.x)
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
 
     @cached_property

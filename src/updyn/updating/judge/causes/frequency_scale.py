@@ -32,7 +32,8 @@ class FrequencyScale(Fault):
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data at their true frequencies."""
-        return replace(frf, freq=frf.freq * np.exp(self.value))
+        factor = np.exp(self.value)
+        return replace(frf, freq=frf.freq * factor, decay=frf.decay * factor)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln H / d ln f."""

@@ -37,12 +37,12 @@ class LowPass(Fault):
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data with the low-pass undone."""
-        return multiplied(frf, self.channels, np.log1p(2j * np.pi * frf.freq * self.value))
+        return multiplied(frf, self.channels, np.log1p(frf.s * self.value))
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return -i omega / (1 + i omega value) at the channels."""
         frf = evidence.frf
-        s = 2j * np.pi * frf.freq
+        s = frf.s
         return place_of(self.channels, frf).spread(-s / (1.0 + s * self.value), frf.values.shape)
 
     def plausible(self) -> bool:

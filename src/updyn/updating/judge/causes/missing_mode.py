@@ -110,9 +110,9 @@ class MissingMode(Fault):
         return replace(frf, values=frf.values - self.pole(frf)[:, None, None] * shape)
 
     def pole(self, frf: FRF) -> _Complex:
-        """Return (i omega)^k / (1 + i eta - (omega / omega_0)^2), shape (n_f,)."""
-        below = 1.0 + 1j * self.loss - (frf.freq / self.value) ** 2
-        return (1j * frf.freq / self.value) ** QUANTITIES[frf.quantity] / below
+        """Return s^k / (1 + i eta + s^2), s = i omega / omega_0, shape (n_f,)."""
+        s = frf.s / (2.0 * np.pi * self.value)
+        return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the lines about the mode.
@@ -198,7 +198,7 @@ class _Residual:
 
     def _basis(self, mode: MissingMode) -> _Complex:
         """Return the mode and a constant receptance by channel, weighted, (n_i, n_j, n, 2)."""
-        flat = (1j * self.freq / mode.value) ** QUANTITIES[self.frf.quantity]
+        flat = (self.frf.s / (2.0 * np.pi * mode.value)) ** QUANTITIES[self.frf.quantity]
         both = np.stack([mode.pole(self.frf), flat], axis=-1)
         return np.asarray(self.weight.transpose(1, 2, 0)[..., None] * both)
 

@@ -122,7 +122,7 @@ class Reduced:
         frf = part.frf
         if frf.values.shape == self._error.shape and frf.variance is not None:
             power = QUANTITIES[frf.quantity]
-            factor = (2.0 * np.pi * frf.freq[:, None, None]) ** power
+            factor = np.abs(frf.s[:, None, None]) ** power
             frf = replace(frf, variance=frf.variance + (factor * self._error) ** 2)
         return replace(part, solver=self._solver, frf=frf)
 

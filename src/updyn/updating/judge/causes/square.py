@@ -34,6 +34,8 @@ class Square:
         Standard deviation: the larger of what is known and the scatter of neighbouring lines.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz.
+    s : ndarray of complex, shape (n_f,)
+        Where the values are H, in 1/s.
     quantity : str
         What the values are.
     """
@@ -44,6 +46,7 @@ class Square:
     values: NDArray[np.complex128]
     noise: NDArray[np.float64]
     freq: NDArray[np.float64]
+    s: NDArray[np.complex128]
     quantity: str
 
     @classmethod
@@ -59,9 +62,8 @@ class Square:
         variance = scatter(frf)[at]
         if frf.variance is not None:
             variance = np.maximum(variance, frf.variance[at])
-        return cls(
-            labels, rows, columns, frf.values[at] * sign, np.sqrt(variance), frf.freq, frf.quantity
-        )
+        values, noise = frf.values[at] * sign, np.sqrt(variance)
+        return cls(labels, rows, columns, values, noise, frf.freq, frf.s, frf.quantity)
 
     def pairs(self) -> Iterator[tuple[int, int]]:
         """Yield the pairs of different DOFs."""

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.frf import FRF
-from updyn.modal.continuation import continued
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.problem.problem import Part
 
 __all__ = ["Window"]
 
@@ -24,6 +25,7 @@ class Window(Fault):
     kind: ClassVar[str] = "window-damping"
     unit: ClassVar[str] = "1/s"
     tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
@@ -31,8 +33,8 @@ class Window(Fault):
         yield cls()
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data continued to the axis of real frequency."""
-        return continued(frf, self.value)
+        """Return the data with the decay stated: what they are compared with is evaluated there."""
+        return replace(frf, decay=frf.decay + self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln H / d (i omega)."""
@@ -42,9 +44,21 @@ class Window(Fault):
         """Return the data over the model's H(i omega + value) / H(i omega)."""
         return divided(evidence.frf, evidence.damped(self.value))
 
+    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+        """Return the part whose model is evaluated where the data are."""
+        return part.with_data(self.repair(part.frf)) if self.plausible() else part
+
     def plausible(self) -> bool:
         """Return whether it adds damping."""
         return self.value > 0.0
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "Look at the settings of the analyser: the decay that it states is more exact than one"
+            f' that is found. Write repair = ["{self.written}"] under [test], or that number.'
+        )
 
     def statement(self) -> str:
         """Return how much."""

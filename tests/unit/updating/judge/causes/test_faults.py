@@ -105,3 +105,20 @@ def test_an_unknown_kind_names_the_nearest():
 
 def test_every_kind_is_registered_by_its_name():
     assert all(CAUSES[kind].kind == kind for kind in CAUSES)
+
+
+def test_data_through_a_window_are_compared_where_they_are(chain12, add_noise):
+    """The repair states the decay and leaves the values; a model is then evaluated there."""
+    slow = updyn.response(chain12, FREQ, ["2:X", "5:X", "12:X"], ["5:X"], decay=1.1)
+    as_measured = updyn.FRF(FREQ, slow.values, slow.responses, slow.references, slow.quantity)
+    repaired = read_fault("window-damping=1.1").repair(as_measured)
+    assert repaired.decay == 1.1
+    assert (repaired.values == slow.values).all()
+    assert updyn.correlate(chain12, repaired).relative_residual.max() < 1e-10
+    noisy = add_noise(slow, np.random.default_rng(2), 0.005)
+    start = chain12.scaled({name: {"stiffness": 1.15} for name in chain12.groups})
+    unknowns = updyn.parameters(start, stiffness="all", loss_factor="all")
+    (found,) = updyn.diagnose(start, noisy, unknowns)
+    assert found.kind == "window-damping"
+    assert found.value == pytest.approx(1.1, rel=0.05)
+    assert not updyn.diagnose(start, found.repair(noisy), unknowns)
