@@ -12,8 +12,8 @@ does not have, is there in any case.
 - repaired: of those found before, `repair` gives data to which an update finds the truth (all
   unknowns within four bounds of Cramer and Rao), of those draws in which it finds it from the data
   without the fault. An exponential window takes information out of the data, and nobody says how
-  long it was: there the bounds are those of the data through it, its decay being unknown, too;
-  `--strict`: those of the data without it.
+  long it was: there the bounds of the data through it, its decay being unknown, too, count where
+  they are larger; `--strict`: they do not.
 - false: other faults named.
 
 Faults that all unknowns together can imitate are seeded where the masses are known (a common
@@ -531,7 +531,9 @@ def recovers(task: Draw, start: Model, frf: FRF, sought: ParameterSet, decay: fl
         / (1.0 if p.quantity == "loss_factor" else abs(bench.truth(p, start)))
         for p in sought
     ]
-    bound = bounds(task.structure, task.fault, frf.quantity, task.free, decay)
+    bound = np.maximum(
+        *(bounds(task.structure, task.fault, frf.quantity, task.free, a) for a in (0.0, decay))
+    )
     return bool((np.array(off) <= 4.0 * bound).all())
 
 
