@@ -2,6 +2,7 @@
 
 __version__: str
 
+from . import plots as plots
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .comparison import compare_jointly as compare_jointly

@@ -17,10 +17,12 @@ from updyn.geometry import Geometry
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_decay", "check_lines", "check_quantity"]
+__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_decay", "check_lines", "check_quantity", "unit"]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
+#: What each is called in a unit, behind that of the displacement.
+_POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 #: What is below this share of the loudest value is rounding: symmetry forbids it.
 ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
@@ -69,6 +71,25 @@ def check_quantity(quantity: object) -> str:
                 " time"
             )
     raise DataError(f"quantity {quantity!r}: {suggest(str(quantity), QUANTITIES)}")
+
+
+def unit(quantity: str, response: str, reference: str) -> str:
+    """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ...
+
+    Parameters
+    ----------
+    quantity : {"receptance", "mobility", "accelerance"}
+        What was measured.
+    response, reference : str
+        Labels of the DOFs.
+
+    Returns
+    -------
+    str
+    """
+    motion = ("rad" if "R" in response else "m") + _POWER_UNITS[quantity]
+    force = "(N m)" if "R" in reference else "N"
+    return f"({motion})/{force}" if "/" in motion else f"{motion}/{force}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

@@ -19,6 +19,7 @@ REGISTRIES = {
     "updyn.cli.reading",
     "updyn.demos",
     "updyn.job.job_table",
+    "updyn.plots",
     "updyn.report.section",
 }
 

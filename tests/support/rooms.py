@@ -42,6 +42,7 @@ ORDER = (
     ("comparison", "planning", "uncertainty"),
     ("store",),
     ("report", "viewer"),
+    ("plots",),
     ("job",),
     ("demos",),
     ("cli", "web"),

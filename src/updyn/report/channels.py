@@ -19,6 +19,7 @@ from updyn.report.plots import (
     numbers,
     stacked,
     with_peaks,
+    wrapped_phase,
 )
 from updyn.report.section import Content, Section
 
@@ -139,7 +140,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
     unit_of = unit(data.quantity, data.responses[i], data.references[j])
     measured = data.measured[:, i, j]
     level = [_measured(data.freq, np.abs(measured), f"%{{y:.4g}} {unit_of}")]
-    phase = [_measured(*_wrapped(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}]
+    phase = [_measured(*wrapped_phase(data.freq, measured), "%{y:.0f}°") | {"showlegend": False}]
     drawn = [np.abs(measured)]
     for name, values, dash in (
         ("start", data.before_curve, "dot"),
@@ -152,7 +153,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         colour = MODEL_COLOURS[name]
         level.append(curve(x, np.abs(H), name, colour, unit=unit_of, dash=dash, width=1.5))
         phase.append(
-            curve(*_wrapped(x, H), name, colour, unit="°", dash=dash, legend=False, width=1.5)
+            curve(*wrapped_phase(x, H), name, colour, unit="°", dash=dash, legend=False, width=1.5)
         )
         drawn.append(np.abs(H))
     degrees = {"range": [-190, 190], "tickvals": [-180, -90, 0, 90, 180]}
@@ -183,15 +184,6 @@ def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict
         "y": numbers(y),
         "hovertemplate": f"%{{x:.5g}} Hz: measured {said}<extra></extra>",
     } | style
-
-
-def _wrapped(
-    x: NDArray[np.float64], H: NDArray[np.complex128]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lines and phase in -180 to 180 degrees, with a gap where it goes round."""
-    degrees = np.degrees(np.angle(H))
-    after = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
-    return np.insert(x, after, x[after]), np.insert(degrees, after, np.nan)
 
 
 def _thinned(H: NDArray[np.complex128]) -> NDArray[np.intp]:

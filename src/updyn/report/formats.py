@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from updyn.correlation.figures import FIGURE_NAMES
-from updyn.frf import FRF
+from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
@@ -49,7 +49,6 @@ _QUANTITY_WORDS = {
     "calibration": "calibration factor",
     "force_calibration": "calibration factor of the force",
 }
-_POWER = {"mobility": "/s", "accelerance": "/s²"}
 #: Terms of a combination of unknowns, and entries of a list, that are written out.
 _WRITTEN_TERMS = 16
 _WRITTEN_ENTRIES = 20
@@ -144,15 +143,6 @@ def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], s
         return ordered, ""
     largest = number(abs(rest[0][1]), 3)
     return ordered[:_WRITTEN_TERMS], f", and {len(rest)} more with weights up to {largest}"
-
-
-def unit(quantity: str, response: str, reference: str) -> str:
-    """Return the unit of a channel, from its two DOFs: ``"(m/s²)/N"``, ``"rad/(N m)"``, ..."""
-    length = "rad" if "R" in response else "m"
-    force = "(N m)" if "R" in reference else "N"
-    if quantity == "receptance":
-        return f"{length}/{force}"
-    return f"({length}{_POWER[quantity]})/{force}"
 
 
 def change(parameter: Parameter, value: float) -> str:

@@ -43,6 +43,7 @@ __all__ = [
     "rows_height",
     "stacked",
     "with_peaks",
+    "wrapped_phase",
 ]
 
 #: ``{"data": ..., "layout": ..., "height": ...}`` of plain lists, ready for JSON.
@@ -382,6 +383,27 @@ def phases(
         for other in others:
             out.append(np.degrees(base + np.angle(other * np.conj(first))))
     return out
+
+
+def wrapped_phase(
+    x: ArrayLike, H: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lines and phase in -180 to 180 degrees, with a gap where it goes round.
+
+    Parameters
+    ----------
+    x : array_like of float, shape (n_f,)
+        Lines in Hz.
+    H : ndarray of complex, shape (n_f,)
+        An FRF.
+
+    Returns
+    -------
+    lines, degrees : ndarray of float, shape (n_f + number of gaps,)
+    """
+    lines, degrees = np.asarray(x, dtype=np.float64), np.degrees(np.angle(H))
+    after = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
+    return np.insert(lines, after, lines[after]), np.insert(degrees, after, np.nan)
 
 
 def level_line(x: ArrayLike, at: float, name: str) -> dict[str, Any]:

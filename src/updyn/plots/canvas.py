@@ -1,0 +1,418 @@
+"""Figures and axes in the style of updyn, without pyplot and its global state."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn import style
+from updyn.errors import OptionError, suggest
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "LEVELS",
+    "Canvas",
+    "WhichAxes",
+    "canvas",
+    "colour_map",
+    "grid_canvas",
+    "heat_map",
+    "legend_above",
+    "legend_outside",
+    "level_axis",
+    "level_values",
+    "log_axis",
+    "named_rows",
+    "phase_axis",
+]
+
+#: Axes of the caller: one, or one for each panel.
+WhichAxes = Any
+#: How magnitudes are drawn.
+LEVELS = ("log", "dB", "linear")
+#: Pixels an inch of a figure on screen.
+_DPI = 100
+#: Cells up to which a map has its values printed.
+_PRINTED_CELLS = 150
+#: Entries up to which there is a legend.
+_LEGEND_ENTRIES = 12
+#: Width in px of a letter of the legend, and of a line beside it.
+_LETTER, _HANDLE = 6.6, 42.0
+
+
+def _points(px: float) -> float:
+    return px * 72.0 / _DPI
+
+
+def _settings() -> Any:
+    """Return the look as settings of matplotlib."""
+    paper, small = style.PAPER, _points(style.FIGURE_TEXT - 1)
+    return {
+        "figure.dpi": _DPI,
+        "figure.facecolor": paper["ground"],
+        "font.size": _points(style.FIGURE_TEXT),
+        "font.family": "DejaVu Sans",
+        "text.color": paper["text"],
+        "axes.labelcolor": paper["text"],
+        "axes.labelsize": _points(style.FIGURE_TEXT),
+        "axes.titlesize": _points(style.FIGURE_TEXT),
+        "axes.titlelocation": "left",
+        "axes.edgecolor": paper["faint"],
+        "axes.facecolor": paper["ground"],
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.xmargin": 0.01,
+        "grid.color": paper["grid"],
+        "grid.linewidth": 0.8,
+        "lines.linewidth": 1.4,
+        "xtick.color": paper["faint"],
+        "ytick.color": paper["faint"],
+        "xtick.labelcolor": paper["text"],
+        "ytick.labelcolor": paper["text"],
+        "xtick.labelsize": small,
+        "ytick.labelsize": small,
+        "legend.fontsize": small,
+        "legend.frameon": False,
+        "legend.handlelength": 2.4,
+    }
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """Return matplotlib's figure that also shows itself in a notebook, where pyplot is not used."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise OptionError('figures need matplotlib: pip install "updyn[plots]"') from error
+
+    class NotebookFigure(Figure):
+        """A figure that shows itself in a notebook."""
+
+        def _repr_png_(self) -> bytes:
+            out = io.BytesIO()
+            self.savefig(out, format="png")
+            return out.getvalue()
+
+    return NotebookFigure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Canvas:
+    """A figure and the axes of its panels.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        The whole figure, also where the axes are the caller's.
+    axes : dict of str to matplotlib.axes.Axes
+        By panel, from the top down.
+    """
+
+    figure: Figure
+    axes: Mapping[str, Axes]
+
+    @property
+    def first(self) -> Axes:
+        """The first of the axes."""
+        return next(iter(self.axes.values()))
+
+
+@contextmanager
+def canvas(
+    ax: WhichAxes | None,
+    panels: Mapping[str, float],
+    size: tuple[float, float],
+    *,
+    share_x: bool = True,
+) -> Iterator[Canvas]:
+    """Return panels one below the other, in a context with the style of updyn.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes, sequence of them, or None
+        Axes of the caller, for the panels from the first on; None for a new figure.
+    panels : mapping of str to float
+        Names, and shares of the height.
+    size : (float, float)
+        Width and height of a new figure in px.
+    share_x : bool
+        Whether the panels of a new figure have one x axis.
+
+    Yields
+    ------
+    Canvas
+        With those panels that there are axes for.
+
+    Raises
+    ------
+    OptionError
+        If matplotlib is not there, `ax` is no axes, or there are more of them than panels.
+    """
+    new_figure = _figure_class()
+    import matplotlib
+
+    with matplotlib.rc_context(_settings()):
+        if ax is None:
+            inches = (size[0] / _DPI, size[1] / _DPI)
+            figure = new_figure(figsize=inches, layout="constrained")
+            made = figure.subplots(
+                len(panels), squeeze=False, height_ratios=list(panels.values()), sharex=share_x
+            )
+            yield Canvas(figure, dict(zip(panels, made[:, 0], strict=True)))
+            return
+        given = _given(ax, tuple(panels))
+        yield Canvas(_whole(given[0]), dict(zip(panels, given, strict=False)))
+
+
+@contextmanager
+def grid_canvas(
+    ax: WhichAxes | None, names: Sequence[str], size: tuple[float, float], columns: int
+) -> Iterator[Canvas]:
+    """Return panels beside and below each other, in a context with the style of updyn.
+
+    Parameters
+    ----------
+    ax : sequence of matplotlib.axes.Axes, or None
+        One for each panel; None for a new figure.
+    names : sequence of str
+        Of the panels, row by row.
+    size : (float, float)
+        Width and height of a panel of a new figure in px.
+    columns : int
+        Panels beside each other.
+
+    Yields
+    ------
+    Canvas
+
+    Raises
+    ------
+    OptionError
+        If matplotlib is not there, or `ax` is not one for each panel.
+    """
+    new_figure = _figure_class()
+    import matplotlib
+
+    with matplotlib.rc_context(_settings()):
+        if ax is not None:
+            given = _given(ax, names)
+            if len(given) < len(names):
+                raise OptionError(f"ax: {len(given)} axes for {len(names)} panels")
+            yield Canvas(_whole(given[0]), dict(zip(names, given, strict=True)))
+            return
+        columns = min(columns, len(names))
+        rows = -(-len(names) // columns)
+        inches = (columns * size[0] / _DPI, rows * size[1] / _DPI)
+        figure = new_figure(figsize=inches, layout="constrained")
+        made = figure.subplots(rows, columns, squeeze=False).ravel()
+        for unused in made[len(names) :]:
+            unused.remove()
+        yield Canvas(figure, dict(zip(names, made, strict=False)))
+
+
+def _given(ax: WhichAxes, panels: Sequence[str]) -> list[Axes]:
+    """Return axes of the caller as a list."""
+    from matplotlib.axes import Axes
+
+    given = [ax] if isinstance(ax, Axes) else list(np.ravel(np.asarray(ax, dtype=object)))
+    for one in given:
+        if not isinstance(one, Axes):
+            raise OptionError(
+                f"ax: expected the axes of a matplotlib figure, found {type(one).__name__}"
+            )
+    if not 0 < len(given) <= len(panels):
+        shown = ", ".join(panels)
+        raise OptionError(f"ax: {len(given)} axes; the figure has {len(panels)} panels ({shown})")
+    return given
+
+
+def _whole(axes: Axes) -> Figure:
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+# -- magnitude and phase ---------------------------------------------------------------------------
+def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
+    """Return magnitudes as they are drawn.
+
+    Parameters
+    ----------
+    values : array_like of complex
+        In their unit.
+    level : {"log", "dB", "linear"}
+        As what.
+
+    Returns
+    -------
+    ndarray of float
+        In their unit, or in dB relative to 1 of it; nan instead of the logarithm of zero.
+
+    Raises
+    ------
+    OptionError
+        If `level` is none of these.
+    """
+    if level not in LEVELS:
+        raise OptionError(f"level {level!r}: {suggest(str(level), LEVELS)}")
+    size = np.abs(np.asarray(values))
+    if level == "linear":
+        return np.asarray(size)
+    positive = np.where(size > 0, size, np.nan)
+    return np.asarray(20.0 * np.log10(positive) if level == "dB" else positive)
+
+
+def level_axis(axes: Axes, name: str, unit: str, level: str) -> None:
+    """Name the y axis of magnitudes, with its unit and scale."""
+    if level == "log":
+        axes.set_yscale("log")
+    axes.set_ylabel(f"{name} (dB re 1 {unit})" if level == "dB" else f"{name} ({unit})")
+
+
+def phase_axis(axes: Axes) -> None:
+    """Name the y axis of phases from -180 to 180 degrees, and mark its quarters."""
+    axes.set_ylabel("phase (°)")
+    axes.set_ylim(-190.0, 190.0)
+    axes.set_yticks([-180, -90, 0, 90, 180])
+
+
+def log_axis(axes: Axes) -> None:
+    """Make the x axis logarithmic, marked at 1, 2 and 5 of each decade where these are few."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    if high < 500.0 * low:
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda at, _: f"{at:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+# -- names -----------------------------------------------------------------------------------------
+def legend_above(axes: Axes, title: str = "") -> None:
+    """Put a legend above the axes, in as many columns as fit; of many curves only their number."""
+    labels = list(map(str, axes.get_legend_handles_labels()[1]))
+    if not labels:
+        return
+    if len(labels) > _LEGEND_ENTRIES:
+        axes.set_title(f"{len(labels)} curves: {title}" if title else f"{len(labels)} curves")
+        return
+    width = axes.get_window_extent().width
+    one = _HANDLE + _LETTER * max(map(len, labels))
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=max(1, min(len(labels), int(width // one))),
+        borderaxespad=0.3,
+        columnspacing=1.4,
+        title=title or None,
+        alignment="left",
+    )
+
+
+def legend_outside(made: Canvas) -> None:
+    """Put the legend of the first of several panels above all of them; of axes given, inside."""
+    handles, labels = made.first.get_legend_handles_labels()
+    if made.figure.get_layout_engine() is None or len(made.axes) < len(made.figure.axes):
+        made.first.legend()
+        return
+    made.figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+
+
+def named_rows(axes: Axes, names: Sequence[str]) -> None:
+    """Name the rows of an axis from the top down, smaller where there are many."""
+    size = _points(style.FIGURE_TEXT - 1 if len(names) <= 40 else 8)
+    axes.set_yticks(range(len(names)), list(names), fontsize=size)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(visible=False, axis="y")
+
+
+# -- maps ------------------------------------------------------------------------------------------
+def colour_map(stops: Sequence[str]) -> Colormap:
+    """Return a map of `updyn.style` as one of matplotlib."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("updyn", list(stops)).with_extremes(
+        bad=style.PAPER["panel"]
+    )
+
+
+def heat_map(
+    found: Canvas,
+    values: NDArray[np.float64],
+    names: tuple[Sequence[str], Sequence[str]],
+    title: str,
+    *,
+    signed: bool = False,
+    panel: str | None = None,
+) -> None:
+    """Draw a map of rows and columns with its colour bar, the first row at the top.
+
+    Parameters
+    ----------
+    found : Canvas
+        Where.
+    values : ndarray of float, shape (n_rows, n_columns)
+        From 0 to 1, or from -1 to 1 where `signed`; nan: not known.
+    names : (sequence of str, sequence of str)
+        Of rows and columns.
+    title : str
+        Of the colour bar, with the unit.
+    signed : bool
+        Which of the two scales.
+    panel : str, optional
+        Which panel; the first where not said.
+    """
+    axes = found.first if panel is None else found.axes[panel]
+    mesh = axes.pcolormesh(
+        np.ma.masked_invalid(values),
+        cmap=colour_map(style.DIVERGING if signed else style.SEQUENTIAL),
+        vmin=-1.0 if signed else 0.0,
+        vmax=1.0,
+        edgecolors=style.PAPER["ground"],
+        linewidth=0.8 if max(values.shape) <= 60 else 0.0,
+    )
+    axes.grid(visible=False)
+    axes.set_ylim(len(values), 0)
+    rows, columns = names
+    for axis, texts in ((axes.yaxis, rows), (axes.xaxis, columns)):
+        every = -(-len(texts) // 40)
+        axis.set_ticks(np.arange(len(texts))[::every] + 0.5, list(texts)[::every])
+        axis.set_tick_params(length=0)
+    if sum(len(text) + 2 for text in columns) > 70:
+        axes.tick_params(axis="x", rotation=90)
+    if values.size <= _PRINTED_CELLS:
+        _print_values(axes, values)
+    bar = found.figure.colorbar(mesh, ax=axes, shrink=0.9, aspect=25)
+    bar.set_label(title)
+    bar.outline.set_visible(False)
+
+
+def _print_values(axes: Axes, values: NDArray[np.float64]) -> None:
+    """Print values in the cells of a map, light on dark ones."""
+    for (i, j), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            text = f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")
+            colour = style.PAPER["ground"] if abs(value) > 0.55 else style.PAPER["text"]
+            axes.text(
+                j + 0.5,
+                i + 0.5,
+                text,
+                ha="center",
+                va="center",
+                color=colour,
+                fontsize=_points(style.FIGURE_TEXT - 2),
+            )

@@ -1,0 +1,120 @@
+"""Maps of correlation: MAC of modes, FRAC of channels."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from updyn.correlation import Correlation, ModeCorrelation, auto_mac
+from updyn.errors import OptionError, suggest
+from updyn.modal import ModeSet
+from updyn.plots.canvas import Canvas, WhichAxes, canvas, heat_map
+from updyn.style import PAPER
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["frac", "mac"]
+
+#: Size in px of a cell, and limits of the height of a map.
+_CELL, _LOWEST, _HIGHEST = 30, 280, 900
+#: What `frac` shows, with its name and whether it has a sign.
+_CRITERIA = {"frac": ("FRAC", False), "frf_correlation": ("FRF correlation", True)}
+
+
+def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Figure:
+    """Draw the MAC of computed and measured modes as a map; pairs have a frame.
+
+    Parameters
+    ----------
+    found : ModeCorrelation or ModeSet
+        From `updyn.correlate`; of modes alone, AutoMAC is drawn.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; None: a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    OptionError
+        If matplotlib is not there, or `found` is neither.
+    """
+    if isinstance(found, ModeSet):
+        values, names = auto_mac(found.shapes), (_frequencies(found.frequency),) * 2
+        titles, title = ("mode (Hz)", "mode (Hz)"), "AutoMAC (–)"
+        pairs = []
+    elif isinstance(found, ModeCorrelation):
+        values = found.mac
+        names = _frequencies(found.computed.frequency), _frequencies(found.measured.frequency)
+        titles, title = ("computed mode (Hz)", "measured mode (Hz)"), "MAC (–)"
+        pairs = list(zip(found.pairs.first.tolist(), found.pairs.second.tolist(), strict=True))
+    else:
+        raise OptionError(
+            f"plots.mac: expected a ModeCorrelation or a ModeSet, found {type(found).__name__}"
+        )
+    with canvas(ax, {"map": 1.0}, _size(values.shape)) as made:
+        heat_map(made, values, names, title)
+        _titled(made, titles)
+        for row, column in pairs:
+            _frame(made, row, column)
+    return made.figure
+
+
+def frac(found: Correlation, *, criterion: str = "frac", ax: WhichAxes | None = None) -> Figure:
+    """Draw the agreement of each channel as a map, responses down, references across.
+
+    Parameters
+    ----------
+    found : Correlation
+        From `updyn.correlate`.
+    criterion : {"frac", "frf_correlation"}
+        FRAC, from 0 to 1; or the FRF correlation, from -1 to 1, which sees signs and phase too.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; None: a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    OptionError
+        If matplotlib is not there, or `found` or `criterion` cannot be used.
+    """
+    if not isinstance(found, Correlation):
+        raise OptionError(f"plots.frac: expected a Correlation, found {type(found).__name__}")
+    if criterion not in _CRITERIA:
+        raise OptionError(f"criterion {criterion!r}: {suggest(str(criterion), _CRITERIA)}")
+    title, signed = _CRITERIA[criterion]
+    values = getattr(found, criterion)
+    names = found.responses.labels, found.references.labels
+    with canvas(ax, {"map": 1.0}, _size(values.shape)) as made:
+        heat_map(made, values, names, f"{title} (–)", signed=signed)
+        _titled(made, ("response (node:direction)", "force (node:direction)"))
+    return made.figure
+
+
+def _frequencies(frequency: np.ndarray) -> list[str]:
+    return [f"{f:.4g}" for f in frequency]
+
+
+def _size(shape: tuple[int, ...]) -> tuple[float, float]:
+    """Return width and height of a figure in px that hold a map."""
+    rows, columns = shape
+    height = min(max(130 + _CELL * rows, _LOWEST), _HIGHEST)
+    width = min(max(260 + 1.6 * _CELL * columns, 420), 1280)
+    return width, height
+
+
+def _titled(made: Canvas, titles: tuple[str, str]) -> None:
+    made.first.set_ylabel(titles[0])
+    made.first.set_xlabel(titles[1])
+
+
+def _frame(made: Canvas, row: int, column: int) -> None:
+    x = np.array([0.03, 0.97, 0.97, 0.03, 0.03]) + column
+    y = np.array([0.03, 0.03, 0.97, 0.97, 0.03]) + row
+    made.first.plot(x, y, color=PAPER["before"], linewidth=1.6)
