@@ -197,6 +197,10 @@ def _sized(whole: Part, stage: Stage, found: _Found) -> _Found:
     It stays as it was found where the data contradict what is held.
     """
     fault, x = found.fault, found.trial.x[: len(whole.coordinates.home)]
+    if fault.adapts and fault.written:
+        with suppress(SolverError):
+            there = stage.near(whole, [found.trial.x])
+            return replace(found, fault=fault.settled(there, x))
     if not (fault.tunes and fault.written) or fault.adapts or fault.leaves_out:
         return found
     trial = tried(stage.near(whole, [found.trial.x]), fault, [x])

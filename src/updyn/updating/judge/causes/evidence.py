@@ -129,6 +129,11 @@ class Evidence:
         sign = np.array([dof.sign for dof in frf.responses], dtype=float)
         return np.asarray(known.H[:, at] * sign[:, None])
 
+    def slopes(self, frf: FRF) -> _Complex:
+        """Return d H by x at the responses of some data, shape (n, n_f, n_i, n_j)."""
+        known, at = self._of(labels_of(frf))
+        return np.asarray(known.slopes[:, :, at] * self.answer(frf))
+
     def _of(self, labels: Sequence[str]) -> tuple[_Answers, list[int]]:
         """Return the answers that hold some responses, and where these stand in them."""
         known = self._measured

@@ -189,6 +189,10 @@ class Fault(ABC):
         """Return the fault as model and data show it at a point; itself where it does not adapt."""
         return self
 
+    def settled(self, part: Part, x: _Real) -> Self:
+        """Return the fault as all data of a part tell it, where it adapts; by default itself."""
+        return self
+
     def accounted(self, part: Part, x: _Real) -> Part:
         """Return the part that takes account of the fault: on data that are freed of it at x."""
         return part.with_data(self.undo(Evidence(part, x)))

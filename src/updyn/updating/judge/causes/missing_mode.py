@@ -9,11 +9,14 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError, OptionError
+from updyn.dofs import Dof
+from updyn.errors import DataError, OptionError, in_all
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.judge.causes.fault import FORCE, Fault
 from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.judge.causes.pole_fit import Pole, fitted_along
+from updyn.updating.problem.problem import Part
 
 __all__ = ["MissingMode"]
 
@@ -31,8 +34,11 @@ _LOSS, _LEAST_LOSS, _REFINED = 0.01, 1e-4, 6
 _FEW = 0.6
 #: Half-power bandwidth, in spacings of the lines, below which the pole describes a single line.
 _NARROW = 0.03
-#: Share of its frequency on either side that the repair leaves out.
-_LEFT_OUT = 0.05
+#: Share of its frequency on either side that the repair leaves out, where its shape is not known;
+#: how many times what is left the mode may be where it is.
+_LEFT_OUT, _MOST_OF_IT = 0.05, 3.0
+#: Most numbers of a shape that are written into a sentence.
+_SHORT = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +57,15 @@ class MissingMode(Fault):
     many : float
         Share of the sensors, or of the forces, that see it: (sum a)^2 / (n sum a^2), with a the
         root of the misfit of each that it explains.
+    shape : tuple of (str, complex)
+        What it adds, by label: a of the responses in m/N, b of the references (``"force 2:Z"``).
+        Empty: not known.
     """
 
     loss: float = _LOSS
     wide: float = 1.0
     many: float = 1.0
+    shape: tuple[tuple[str, complex], ...] = ()
 
     kind: ClassVar[str] = "missing-mode"
     unit: ClassVar[str] = "Hz"
@@ -114,18 +124,55 @@ class MissingMode(Fault):
         s = frf.s / (2.0 * np.pi * self.value)
         return np.asarray(s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + s**2))
 
+    def settled(self, part: Part, x: _Real) -> Self:
+        """Return the mode with its shape, fitted to all data along with the unknowns."""
+        frf = part.frf
+        evidence = Evidence(part, x)
+        residues = _Residual.near(evidence, self.value).residues(self)
+        u, s, vh = np.linalg.svd(residues)
+        size = s[0] / (2.0 * np.pi * self.value) ** QUANTITIES[frf.quantity]
+        pole = fitted_along(part, x, Pole(self.value, self.loss, size * u[:, 0], vh[0]))
+        labels = [*labels_of(frf), *(f"{FORCE}{abs(dof)}" for dof in frf.references)]
+        signed = np.concatenate([pole.a * frf.responses.signs, pole.b * frf.references.signs])
+        shape = tuple(zip(labels, signed.tolist(), strict=True))
+        return replace(self, value=pole.frequency, loss=pole.loss, shape=shape)
+
+    def _pole(self, frf: FRF) -> Pole:
+        """Return what it adds to some data."""
+        known = dict(self.shape)
+        parts = []
+        for dofs, prefix in ((frf.responses, ""), (frf.references, FORCE)):
+            labels = [f"{prefix}{abs(dof)}" for dof in dofs]
+            missing = [label for label in labels if label not in known]
+            if missing:
+                raise DataError(
+                    f"repair {self.kind!r}: the shape of the mode at {self.value:.6g} Hz is not"
+                    f" known at {missing[0]!r}{in_all(len(missing))}"
+                )
+            parts.append(np.array([known[label] for label in labels]) * dofs.signs)
+        return Pole(self.value, self.loss, *parts)
+
     def repair(self, frf: FRF) -> FRF:
-        """Return the data without the lines about the mode.
+        """Return the data less the mode; where its shape is not known, without the lines about it.
+
+        Lines at which the mode is most of the data hold its noise, and are left out, too.
 
         Raises
         ------
         DataError
-            If no line is left.
+            If no line is left, or the shape is not known at a channel.
         """
-        kept = frf.freq[np.abs(frf.freq / self.value - 1.0) > _LEFT_OUT]
-        if not len(kept):
-            raise DataError(f"repair {self.written!r}: all lines are about that mode")
-        return frf.select(lines=kept)
+        left = frf
+        if self.shape:
+            term = self._pole(frf).term(frf)
+            left = replace(frf, values=frf.values - term)
+            sizes = [np.sqrt(np.mean(np.abs(one) ** 2, axis=(1, 2))) for one in (term, left.values)]
+            kept = sizes[0] <= _MOST_OF_IT * sizes[1]
+        else:
+            kept = np.abs(frf.freq / self.value - 1.0) > _LEFT_OUT
+        if not kept.any():
+            raise DataError(f"repair {self.kind!r}: all lines are about {self.value:.6g} Hz")
+        return left.select(lines=frf.freq[kept])
 
     @classmethod
     def read(cls, channels: str, value: str) -> MissingMode:
@@ -136,10 +183,29 @@ class MissingMode(Fault):
         OptionError
             If the frequency is not above 0.
         """
-        found = super(MissingMode, cls).read(channels, value)
+        frequency, *more = value.split(",")
+        found = super(MissingMode, cls).read(channels, frequency)
         if not found.value > 0.0 or found.channels:
             raise OptionError(f"repair {cls.kind!r}: expected its frequency in Hz")
-        return found
+        if not more:
+            return found
+        loss, *shape = more
+        try:
+            return replace(found, loss=float(loss), shape=tuple(map(_entry, shape)))
+        except ValueError as error:
+            raise OptionError(
+                f"repair {cls.kind!r}: expected its frequency, its loss factor and what it adds by"
+                f" label, as in '9.3, 0.02, 2:Z 0.5-0.1j, force 2:Z 1+0j'; {error}"
+            ) from None
+
+    @property
+    def written(self) -> str:
+        """``missing-mode=9.3``, and what is known of it."""
+        text = f"{self.kind}={self.value:.9g}"
+        if not self.shape:
+            return text
+        entries = [f"{label} {a.real:.6g}{a.imag:+.6g}j" for label, a in self.shape]
+        return ", ".join([text, f"{self.loss:.6g}", *entries])
 
     def plausible(self) -> bool:
         """Return whether it is damped as modes are, and not in a few channels alone."""
@@ -148,11 +214,14 @@ class MissingMode(Fault):
     @property
     def remedy(self) -> str:
         """What to do about it."""
+        does, written = "take it out", self.written
+        if not self.shape or len(self.shape) > _SHORT:
+            does = f"leave {100.0 * _LEFT_OUT:.0f} % on either side of it out"
+            written = replace(self, shape=()).written
         return (
             "Look at its shape: is it one that the model cannot move in, such as torsion, another"
-            " plane, or an attached part? Until the model has it, leave"
-            f" {100.0 * _LEFT_OUT:.0f} % on either side of it out:"
-            f' repair = ["{self.written}"] under [test].'
+            f" plane, or an attached part? Until the model has it, {does}:"
+            f' repair = ["{written}"] under [test].'
         )
 
     def statement(self) -> str:
@@ -161,6 +230,13 @@ class MissingMode(Fault):
             f"A mode at {self.value:.4g} Hz (loss factor {self.loss:.2g}) is measured and is not in"
             " the model."
         )
+
+
+def _entry(text: str) -> tuple[str, complex]:
+    """Return the label and the number of ``force 2:Z 0.5-0.1j``."""
+    label, _, number = text.strip().rpartition(" ")
+    plain = str(abs(Dof.parse(label.removeprefix(FORCE))))
+    return (FORCE if label.startswith(FORCE) else "") + plain, complex(number)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,8 +113,61 @@ def test_a_mode_that_the_model_lacks_is_found_with_its_pole(chain12, data):
     assert "loss factor 0.02" in found.statement
     assert not found.grave
     left = found.repair(bad)
-    assert np.abs(left.freq / found.value - 1.0).min() > 0.05
+    sound = data.select(lines=left.freq)
     assert len(left.freq) > 0.9 * len(FREQ)
+    beyond = np.abs(left.values - sound.values) / np.sqrt(np.mean(np.abs(sound.values) ** 2))
+    assert np.sqrt(np.mean(beyond**2)) < 2e-3
+    assert "missing-mode=9.3" in found.remedy
+    short = read_fault(f"missing-mode={found.value}").repair(bad)
+    assert np.abs(short.freq / found.value - 1.0).min() > 0.05
+
+
+@pytest.mark.parametrize("loss", [0.004, 0.03])
+def test_an_update_of_data_less_the_mode_finds_the_truth(chain12, chain12_true, clean, loss):
+    """Lines 0.2 Hz apart, a mode of a half-power bandwidth of 0.03 and of 0.2 Hz."""
+    rng = np.random.default_rng(4)
+    shape = np.array([1.0, -0.7, 0.8, 0.5, -0.9])
+    height = 2.0 * float(np.median(np.abs(clean.values)))
+    noise = 0.005 * (
+        rng.standard_normal(clean.values.shape) + 1j * rng.standard_normal(clean.values.shape)
+    )
+    whole = with_mode(clean, 7.1, loss, shape, height)
+    bad = replace(whole, values=whole.values * (1.0 + noise))
+    unknowns = all_unknowns(chain12)
+    (found,) = updyn.diagnose(chain12, bad, unknowns)
+    result = updyn.update(chain12, found.repair(bad), unknowns)
+    for p in unknowns:
+        start, true = (model.group(p.group) for model in (chain12, chain12_true))
+        value = true.loss_factor
+        if p.quantity != "loss_factor":
+            sizes = (np.abs(getattr(one, p.quantity).data).sum() for one in (true, start))
+            value = next(sizes) / next(sizes)
+        assert abs(result.values[p.name] - value) < 4.0 * result.std[p.name]
+
+
+def test_a_mode_with_its_shape_is_written_and_read(clean):
+    text = "missing-mode=9.3, 0.02, 2:X 1e-05+2e-07j, 5:X -3e-05-1e-08j, force 5:X 1+0j"
+    fault = read_fault(text)
+    assert fault.written == text
+    assert (fault.value, fault.loss, fault.channels) == (9.3, 0.02, ())
+    assert dict(fault.shape)["5:X"] == -3e-05 - 1e-08j
+    turned = updyn.FRF(FREQ, np.ones((len(FREQ), 2, 1)), ["5:-X", "2:X"], ["5:X"], "mobility")
+    s = 2j * np.pi * FREQ
+    pole = s / (1.0 + 0.02j + (s / (2.0 * np.pi * 9.3)) ** 2)
+    left = fault.repair(turned)
+    expected = 1.0 - pole[:, None, None] * np.array([[[3e-05 + 1e-08j], [1e-05 + 2e-07j]]])
+    assert left.values == pytest.approx(expected, rel=1e-12)
+    with pytest.raises(DataError, match=r"shape of the mode at 9\.3 Hz is not known at '7:X'"):
+        fault.repair(replace(turned, responses=["7:X", "2:X"]))
+
+
+@pytest.mark.parametrize(
+    "written",
+    ["missing-mode=9.3, a", "missing-mode=9.3, 0.02, 2:X", "missing-mode=9.3, 0.02, 2:X q"],
+)
+def test_a_shape_is_labels_and_numbers(written):
+    with pytest.raises(OptionError, match="by label, as in"):
+        read_fault(written)
 
 
 def test_the_missing_mode_is_taken_away_exactly(chain12_true, clean):
