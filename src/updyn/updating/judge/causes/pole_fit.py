@@ -1,0 +1,174 @@
+"""A pole of rank one beside the model's FRFs, fitted along with all unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of
+from updyn.updating.judge.causes.misfit import log_misfit
+from updyn.updating.problem.problem import Part
+
+__all__ = ["Pole", "fitted_along"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Evaluations, and the relative fall of the misfit that ends the fit.
+_MOST, _FALL = 30, 1e-6
+#: Largest change of the pole: of the logarithms of its frequency and its loss factor.
+_MOVES = (0.05, 3.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pole:
+    """(i omega)^k a b^T / (1 + i eta - (omega / omega_0)^2).
+
+    Attributes
+    ----------
+    frequency : float
+        omega_0 / (2 pi), in Hz.
+    loss : float
+        eta.
+    a : ndarray of complex, shape (n_i,)
+        At the responses, in m/N.
+    b : ndarray of complex, shape (n_j,)
+        At the references; the largest is 1.
+    """
+
+    frequency: float
+    loss: float
+    a: _Complex
+    b: _Complex
+
+    def along(self, frf: FRF) -> _Complex:
+        """Return its course over the lines of some data, shape (n_f,)."""
+        share = (frf.s / (2.0 * np.pi * self.frequency)) ** 2
+        return np.asarray(frf.s ** QUANTITIES[frf.quantity] / (1.0 + 1j * self.loss + share))
+
+    def term(self, frf: FRF) -> _Complex:
+        """Return what it adds to some data, shape (n_f, n_i, n_j)."""
+        return np.asarray(self.along(frf)[:, None, None] * np.outer(self.a, self.b))
+
+    def scaled(self) -> Pole:
+        """Return the same with 1 as the largest b."""
+        largest = self.b[int(np.argmax(np.abs(self.b)))]
+        return replace(self, a=self.a * largest, b=self.b / largest)
+
+
+class _Problem:
+    """The misfit of model and pole, by x, ln omega_0, ln eta, and the parts of a and b."""
+
+    def __init__(self, part: Part, x: _Real, pole: Pole) -> None:
+        self.part, self.n, self.n_i = part, part.n, len(pole.a)
+        self.begin = pole
+        # The priors count against what is left now.
+        e = self._misfit(x, pole)[0]
+        unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + SMALLEST
+        self.pull = unit / spread_of(part)
+        self._known: tuple[_Real, _Real, _Real] | None = None
+
+    def packed(self, x: _Real, pole: Pole) -> _Real:
+        """Return the numbers of a point; a and b in the unit of their largest."""
+        self.size = float(np.abs(pole.a).max())
+        a = pole.a / self.size
+        own = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
+        return np.concatenate([x, own])
+
+    def unpacked(self, z: _Real) -> tuple[_Real, Pole]:
+        """Return x and the pole of a point."""
+        x, (f, eta), rest = z[: self.n], z[self.n : self.n + 2], z[self.n + 2 :]
+        a, b = rest[: 2 * self.n_i], rest[2 * self.n_i :]
+        n_j = len(b) // 2
+        frequency, loss = self.begin.frequency * np.exp(f), self.begin.loss * np.exp(eta)
+        shape = self.size * (a[: self.n_i] + 1j * a[self.n_i :])
+        return x, Pole(float(frequency), float(loss), shape, b[:n_j] + 1j * b[n_j:])
+
+    def bounds(self) -> tuple[_Real, _Real]:
+        """Return the bounds of all numbers."""
+        lower, upper = self.part.coordinates.bounds
+        free = np.full(2 * (self.n_i + len(self.begin.b)), np.inf)
+        return (
+            np.concatenate([lower, -np.array(_MOVES), -free]),
+            np.concatenate([upper, _MOVES, free]),
+        )
+
+    def residual(self, z: _Real) -> _Real:
+        return self._at(z)[1]
+
+    def slopes(self, z: _Real) -> _Real:
+        return self._at(z)[2]
+
+    def _misfit(self, x: _Real, pole: Pole) -> tuple[_Complex, _Real, Evidence]:
+        evidence = Evidence(self.part, x)
+        frf = self.part.frf
+        return *log_misfit(evidence.answer(frf) + pole.term(frf), frf), evidence
+
+    def _at(self, z: _Real) -> tuple[_Real, _Real, _Real]:
+        if self._known is not None and np.array_equal(self._known[0], z):
+            return self._known
+        x, pole = self.unpacked(z)
+        e, weight, evidence = self._misfit(x, pole)
+        frf = self.part.frf
+        H, T = evidence.answer(frf), pole.term(frf)
+        total = H + T
+        share = weight / np.where(total == 0, 1.0, total)
+        columns = [share * dH for dH in evidence.slopes(frf)]
+        columns += [share * one for one in self._of_pole(pole, frf, T)]
+        J = -np.array(columns).reshape(len(columns), -1)
+        off = self.pull * (x - self.part.coordinates.home)
+        residual = np.concatenate([e.real.ravel(), e.imag.ravel(), off])
+        priors = np.zeros((self.n, len(z)))
+        priors[:, : self.n] = np.diag(self.pull)
+        self._known = z.copy(), residual, np.vstack([J.real.T, J.imag.T, priors])
+        return self._known
+
+    def _of_pole(self, pole: Pole, frf: FRF, T: _Complex) -> list[_Complex]:
+        """Return the derivatives of its term by its own numbers."""
+        share = (frf.s / (2.0 * np.pi * pole.frequency)) ** 2
+        below = (1.0 + 1j * pole.loss + share)[:, None, None]
+        course = pole.along(frf)[:, None, None]
+        by_a = [self.size * course * np.outer(row, pole.b) for row in np.eye(len(pole.a))]
+        by_b = [course * np.outer(pole.a, column) for column in np.eye(len(pole.b))]
+        out = [2.0 * share[:, None, None] / below * T, -1j * pole.loss / below * T]
+        for group in (by_a, by_b):
+            out += group + [1j * one for one in group]
+        return out
+
+
+def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
+    """Return the pole that explains the data best beside the model, all unknowns adapting.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data, with their variance.
+    x : ndarray of float, shape (n,)
+        Where to begin.
+    pole : Pole
+        To begin with.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved on the way.
+    """
+    problem = _Problem(part, x, pole)
+    bounds = problem.bounds()
+    begin = np.clip(problem.packed(x, pole), *bounds)
+    found = scipy.optimize.least_squares(
+        problem.residual,
+        begin,
+        problem.slopes,
+        bounds=bounds,
+        x_scale="jac",
+        ftol=_FALL,
+        xtol=1e-10,
+        gtol=1e-12,
+        max_nfev=_MOST,
+    )
+    return problem.unpacked(found.x)[1].scaled()
