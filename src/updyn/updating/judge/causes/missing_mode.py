@@ -140,7 +140,7 @@ class MissingMode(Fault):
     def _pole(self, frf: FRF) -> Pole:
         """Return what it adds to some data."""
         known = dict(self.shape)
-        parts = []
+        parts: list[_Complex] = []
         for dofs, prefix in ((frf.responses, ""), (frf.references, FORCE)):
             labels = [f"{prefix}{abs(dof)}" for dof in dofs]
             missing = [label for label in labels if label not in known]
@@ -149,8 +149,10 @@ class MissingMode(Fault):
                     f"repair {self.kind!r}: the shape of the mode at {self.value:.6g} Hz is not"
                     f" known at {missing[0]!r}{in_all(len(missing))}"
                 )
-            parts.append(np.array([known[label] for label in labels]) * dofs.signs)
-        return Pole(self.value, self.loss, *parts)
+            own = np.array([known[label] for label in labels], dtype=np.complex128)
+            parts.append(np.asarray(own * dofs.signs))
+        a, b = parts
+        return Pole(self.value, self.loss, a, b)
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data less the mode; where its shape is not known, without the lines about it.

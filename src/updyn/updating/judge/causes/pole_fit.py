@@ -65,7 +65,7 @@ class _Problem:
 
     def __init__(self, part: Part, x: _Real, pole: Pole) -> None:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
-        self.begin = pole
+        self.begin, self.size = pole, float(np.abs(pole.a).max())
         # The priors count against what is left now.
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + SMALLEST
@@ -74,7 +74,6 @@ class _Problem:
 
     def packed(self, x: _Real, pole: Pole) -> _Real:
         """Return the numbers of a point; a and b in the unit of their largest."""
-        self.size = float(np.abs(pole.a).max())
         a = pole.a / self.size
         own = [0.0, 0.0, *a.real, *a.imag, *pole.b.real, *pole.b.imag]
         return np.concatenate([x, own])
@@ -83,10 +82,9 @@ class _Problem:
         """Return x and the pole of a point."""
         x, (f, eta), rest = z[: self.n], z[self.n : self.n + 2], z[self.n + 2 :]
         a, b = rest[: 2 * self.n_i], rest[2 * self.n_i :]
-        n_j = len(b) // 2
         frequency, loss = self.begin.frequency * np.exp(f), self.begin.loss * np.exp(eta)
-        shape = self.size * (a[: self.n_i] + 1j * a[self.n_i :])
-        return x, Pole(float(frequency), float(loss), shape, b[:n_j] + 1j * b[n_j:])
+        at_responses = self.size * _complex(a)
+        return x, Pole(float(frequency), float(loss), at_responses, _complex(b))
 
     def bounds(self) -> tuple[_Real, _Real]:
         """Return the bounds of all numbers."""
@@ -138,6 +136,12 @@ class _Problem:
         for group in (by_a, by_b):
             out += group + [1j * one for one in group]
         return out
+
+
+def _complex(parts: _Real) -> _Complex:
+    """Return numbers from their real parts, then their imaginary parts."""
+    real, imaginary = np.split(parts, 2)
+    return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
 def fitted_along(part: Part, x: _Real, pole: Pole) -> Pole:
