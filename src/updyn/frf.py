@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
+from fnmatch import fnmatchcase
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import DataError, in_all, key_path, suggest
+from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 __all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_decay", "check_lines", "check_quantity", "unit"]
@@ -358,6 +360,62 @@ class FRF:
             **parts,
         )
 
+    def __getitem__(self, channels: Any) -> FRF:
+        """Return channels by label: ``frf[responses]`` or ``frf[responses, references]``.
+
+        Each of the two is a label (``"3:Z"``; with the opposite sign the values change sign), a
+        pattern (``"3:*"``, ``"*:Z"``; it finds sensors of either sign and leaves their signs), a
+        list of labels and patterns, or ``:`` for all. `band` and `select` choose lines.
+
+        Parameters
+        ----------
+        channels : str, Dof, iterable of them, slice, or a pair of these
+            What is chosen.
+
+        Returns
+        -------
+        FRF
+            The part, in the order given.
+
+        Raises
+        ------
+        DofError
+            If a label or a pattern finds nothing, or something that is none is given.
+        """
+        if not isinstance(channels, tuple):
+            channels = (channels, slice(None))
+        if len(channels) != 2:
+            raise DofError(
+                f"frf[...]: {len(channels)} entries; expected responses, or responses and"
+                " references. A list of labels stands in brackets: frf[[...], ...]"
+            )
+        return self.select(
+            responses=_chosen(channels[0], self.responses, "response"),
+            references=_chosen(channels[1], self.references, "reference"),
+        )
+
+    __iter__ = None  # not a sequence: labels choose, not positions
+
+    def band(self, low: float, high: float) -> FRF:
+        """Return the lines of a band; `select` does it together with other choices.
+
+        Parameters
+        ----------
+        low, high : float
+            Lowest and highest line to keep, in Hz, both included.
+
+        Returns
+        -------
+        FRF
+            The part.
+
+        Raises
+        ------
+        DataError
+            If no line is left, or the band is not two ascending numbers.
+        """
+        return self.select(band=(low, high))
+
     def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
         """Return the positions of `lines` in the data, ascending.
 
@@ -435,6 +493,43 @@ class FRF:
                 out["node_axes"] = (("node", "direction", "axis"), self.geometry.axes)
         return out
 
+    def to_pandas(self, part: str = "values") -> pd.DataFrame:
+        """Return a table with a row for each line and a column for each channel.
+
+        Parameters
+        ----------
+        part : {"values", "coherence", "variance"}
+            What stands in the table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: lines in Hz (``freq``); columns: labels of ``response`` and ``reference``. The
+            quantity and the source stand in its ``attrs``.
+
+        Raises
+        ------
+        DataError
+            If the data have no such part.
+        """
+        import pandas as pd
+
+        parts = ("values", "coherence", "variance")
+        if part not in parts:
+            raise DataError(f"part {part!r}: {suggest(str(part), parts)}")
+        array = getattr(self, part)
+        if array is None:
+            raise DataError(f"part {part!r}: the data have no {part}")
+        columns = pd.MultiIndex.from_product(
+            [self.responses.labels, self.references.labels], names=["response", "reference"]
+        )
+        rows = pd.Index(self.freq, name="freq")
+        out = pd.DataFrame(array.reshape(len(self.freq), -1), index=rows, columns=columns)
+        out.attrs = {"quantity": self.quantity, "source": self.source}
+        if self.decay:
+            out.attrs["decay"] = self.decay
+        return out
+
     @classmethod
     def from_xarray(cls, data: xr.Dataset, *, quantity: str | None = None) -> FRF:
         """Build from a dataset as `to_xarray` makes it.
@@ -497,6 +592,35 @@ class FRF:
             decay=float(data.attrs.get("decay", 0.0)),
             **arrays,
         )
+
+
+def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
+    """Return the DOFs that labels and patterns name; None for all."""
+    if isinstance(given, slice):
+        if given != slice(None):
+            raise DofError(f"{what}s: expected labels or ':' for all, found the slice {given}")
+        return None
+    items = [given] if isinstance(given, str | Dof) else given
+    if not isinstance(items, Iterable):
+        raise DofError(
+            f"{what}s: expected a label such as {str(there[0])!r}, a pattern such as '*:Z', a list"
+            f" of them or ':', found {given!r}"
+        )
+    found: dict[str | Dof, None] = {}
+    for item in items:
+        if not isinstance(item, str) or not set("*?[") & set(item):
+            found[item] = None
+            continue
+        hits = [dof for dof in there if _matches(item, dof)]
+        if not hits:
+            raise DofError(f"{what}s: no label like {item!r}; {suggest(item, there.labels)}")
+        found |= dict.fromkeys(map(str, hits))
+    return list(found)
+
+
+def _matches(pattern: str, dof: Dof) -> bool:
+    """Whether a pattern names a DOF, with its sign or without."""
+    return fnmatchcase(str(dof), pattern) or fnmatchcase(f"{dof.node}:{dof.direction}", pattern)
 
 
 def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:

@@ -1,10 +1,14 @@
-"""`text_table`: rows in columns, for the terminal."""
+"""Text for the terminal: rows in columns, control characters escaped."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 
-__all__ = ["text_table"]
+__all__ = ["printable", "text_table"]
+
+#: What a terminal would obey, or what would change the order of the letters around it.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
 def text_table(
@@ -34,3 +38,20 @@ def text_table(
         padded = [c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in columns]
         lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+def printable(text: str) -> str:
+    r"""Return text without control characters, which stand escaped, as ``\x1b``.
+
+    Line ends and tabs stay. All text that goes to the terminal passes here: names come from files.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+    """
+    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)

@@ -18,6 +18,7 @@ ORDER = (
     ("registry",),
     ("text_table",),
     ("style",),
+    ("progress",),
     ("foreign",),
     ("dofs",),
     ("geometry",),

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from updyn.cli.describe import describe_frf, describe_model, describe_modes
 from updyn.cli.new_file import check_free, write_new
-from updyn.cli.progress import Stage, show_progress
+from updyn.cli.progress import show_progress
 from updyn.cli.reading import FILE_KINDS, read_anything
 from updyn.cli.sections import CHECK, CORRELATE, RUN, Checked, Compared, Ran, joined, overview
 from updyn.cli.terminal import (
@@ -24,6 +24,7 @@ from updyn.cli.terminal import (
     stderr,
 )
 from updyn.errors import InputError, OptionError
+from updyn.progress import Stage
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import re
 import sys
 import textwrap
 import warnings
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from updyn.cli.highlight import THEME, SummaryHighlighter
 from updyn.errors import UpdynWarning
+from updyn.text_table import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,22 +40,6 @@ BAD_INPUT = 2
 NOT_DETERMINED = 3
 STOPPED = 130
 TERMINATED = 143  # stopped by SIGTERM
-
-#: What a terminal would obey, or what would change the order of the letters around it.
-_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-
-
-def printable(text: str) -> str:
-    r"""Return text without control characters, which stand escaped, as ``\x1b``.
-
-    Line ends and tabs stay. All text that goes to the terminal passes here: names come from files.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
-    """
-    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def encode_anything() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError
 from updyn.modal.stabilisation import Diagram
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 __all__ = ["ModeSet"]
 
@@ -172,6 +176,46 @@ class ModeSet:
     def __reduce__(self) -> tuple[Any, ...]:
         names = (*_FIELDS, "diagram")
         return _restored, ({name: getattr(self, name) for name in names},)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a table with a row for each mode, without the shapes.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: ``mode``, from 1. Columns: ``frequency`` and ``std_frequency`` in Hz;
+            ``damping`` and ``std_damping`` as shares of critical damping; ``scaled``, ``quality``
+            and ``phase_collinearity``.
+        """
+        import pandas as pd
+
+        names = ("frequency", "std_frequency", "damping", "std_damping", "scaled", "quality")
+        columns = {name: getattr(self, name) for name in (*names, "phase_collinearity")}
+        out = pd.DataFrame(columns, index=pd.RangeIndex(1, len(self) + 1, name="mode"))
+        out.attrs = {"source": self.source}
+        return out
+
+    def to_xarray(self) -> xr.Dataset:
+        """Return an `xarray.Dataset` over ``mode`` (from 1) and ``dof`` (labels).
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables ``frequency`` and ``std_frequency`` in Hz, ``loss_factor``,
+            ``std_loss_factor``, ``scaled``, ``quality``, ``shapes`` and, where known,
+            ``std_shapes``.
+        """
+        import xarray as xr
+
+        data: dict[str, Any] = {"shapes": (("dof", "mode"), self.shapes)}
+        if self.std_shapes is not None:
+            data["std_shapes"] = (("dof", "mode"), self.std_shapes)
+        for name in ("frequency", "std_frequency"):
+            data[name] = ("mode", getattr(self, name), {"units": "Hz"})
+        for name in ("loss_factor", "std_loss_factor", "scaled", "quality"):
+            data[name] = ("mode", getattr(self, name))
+        coords = {"mode": np.arange(1, len(self) + 1), "dof": self.dofs.labels}
+        return xr.Dataset(data, coords=coords, attrs={"source": self.source})
 
     @property
     def damping(self) -> _Real:

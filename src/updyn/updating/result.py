@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import Parameter, ParameterSet
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["STATUSES", "JointResult", "UpdateResult", "gains_of", "interval", "result_of_test"]
 
@@ -200,6 +203,42 @@ class UpdateResult:
             if np.isfinite(self.std[p.name]) and np.isfinite(self.values[p.name])
         }
 
+    def to_pandas(self, level: float = 0.95) -> pd.DataFrame:
+        """Return a table with a row for each unknown.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers the true value.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``value``, ``std``,
+            ``low`` and ``high`` (ends of the interval, nan where the data leave it open), ``unit``
+            and ``at_bound``.
+        """
+        import pandas as pd
+
+        spans = self.intervals(level)
+        rows = []
+        for p in self.parameters:
+            low, high = spans.get(p.name, (math.nan, math.nan))
+            rows.append(
+                {
+                    "group": p.group,
+                    "quantity": p.quantity,
+                    "start": p.start,
+                    "value": self.values[p.name],
+                    "std": self.std[p.name],
+                    "low": low,
+                    "high": high,
+                    "unit": p.value_unit,
+                    "at_bound": self.at_bound.get(p.name, ""),
+                }
+            )
+        return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
+
     def __repr__(self) -> str:
         return (
             f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns,"
@@ -344,6 +383,20 @@ class JointResult:
         dict of str to (float, float)
         """
         return self.first.intervals(level)
+
+    def to_pandas(self, level: float = 0.95) -> pd.DataFrame:
+        """Return a table with a row for each unknown, as `UpdateResult.to_pandas`.
+
+        Parameters
+        ----------
+        level : float
+            Probability that an interval covers the true value.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        return self.first.to_pandas(level)
 
     @property
     def identifiability(self) -> Identifiability:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,9 @@ from updyn.errors import OptionError
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.fit.monitor import Progress
+from updyn.progress import Stage, shown_progress
+from updyn.updating.fit.methods import make_method
+from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.judge.assessment import at_start
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.data import Test, check
@@ -50,6 +53,7 @@ def update(
     checkpoint: str | Path | None = None,
     resume: bool = False,
     regularise: str | float | None = None,
+    progress: bool = False,
     **options: Any,
 ) -> UpdateResult:
     """Fit the unknowns of a model to measured FRFs, or to measured modes.
@@ -110,6 +114,9 @@ def update(
         ``"l-curve"`` or ``"discrepancy"`` choose it, a number states it (1 / standard deviation of
         a prior). ``"tsvd"`` fits only along the directions that the data determine, ``"tsvd:12"``
         along 12. Methods maximum-likelihood, log, output-error and equation-error.
+    progress : bool
+        Whether to show a bar on a terminal or in a notebook, and plain lines elsewhere (on
+        stderr).
     **options
         Options of the method: ``max_iterations``, ``tolerance``; ``starts``, ``seed``
         (maximum-likelihood, log); ``solver`` (equation-error).
@@ -132,7 +139,6 @@ def update(
         method,
         options,
         engine=engine,
-        callback=callback,
         title=title,
         tier=tier,
         backend=backend,
@@ -141,7 +147,8 @@ def update(
         resume=resume,
         regularise=regularise,
     )
-    (result,) = run([test], parameters, how)
+    with _watched(callback, progress, method, options) as watching:
+        (result,) = run([test], parameters, replace(how, callback=watching))
     return result
 
 
@@ -159,6 +166,7 @@ def update_jointly(
     checkpoint: str | Path | None = None,
     resume: bool = False,
     regularise: str | float | None = None,
+    progress: bool = False,
     **options: Any,
 ) -> JointResult:
     """Fit the unknowns of several models to the FRFs and modes of several tests of one structure.
@@ -177,7 +185,7 @@ def update_jointly(
         The unknowns.
     method, engine, callback, title
         As for `update`.
-    tier, backend, accuracy, checkpoint, resume, regularise, **options
+    tier, backend, accuracy, checkpoint, resume, regularise, progress, **options
         As for `update`. The reduced tier is chosen by the largest of the models.
 
     Returns
@@ -206,7 +214,6 @@ def update_jointly(
         method,
         options,
         engine=engine,
-        callback=callback,
         title=title,
         tier=tier,
         backend=backend,
@@ -215,8 +222,30 @@ def update_jointly(
         resume=resume,
         regularise=regularise,
     )
-    results = run(list(named.values()), parameters, how)
+    with _watched(callback, progress, method, options) as watching:
+        results = run(list(named.values()), parameters, replace(how, callback=watching))
     return JointResult(dict(zip(named, results, strict=True)), title)
+
+
+@contextmanager
+def _watched(
+    callback: Callable[[Progress], bool | None] | None,
+    progress: bool,
+    method: str,
+    options: Mapping[str, Any],
+) -> Iterator[Callable[[Progress], bool | None] | None]:
+    """Return the callback of a run: that of the caller, and what shows the progress."""
+    if not progress:
+        yield callback
+        return
+    stages = [Stage(name, most_steps) for name, most_steps in make_method(method, options).stages]
+    with shown_progress([Stage("start"), *stages, Stage(JUDGE)]) as show:
+
+        def both(step: Progress) -> bool | None:
+            show(step)
+            return None if callback is None else callback(step)
+
+        yield both
 
 
 def identifiability(

@@ -14,11 +14,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from updyn import progress as module
 from updyn.cli import main
-from updyn.cli import progress as module
 from updyn.cli.highlight import STATUS_STYLES, THEME, SummaryHighlighter
-from updyn.cli.progress import ProgressDisplay, Stage, StageClock
+from updyn.cli.progress import ProgressDisplay
 from updyn.cli.terminal import wrapped
+from updyn.progress import Stage, StageClock
 from updyn.updating.fit.monitor import Progress
 from updyn.updating.result import STATUSES
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.text_table import printable, text_table
 from updyn.updating.fit.null_space import VISIBLE, resolve
 
 __all__ = [
@@ -17,6 +19,9 @@ __all__ = [
 ]
 
 _Matrix = NDArray[np.float64]
+
+#: Combinations of each kind that the text lists.
+_SHOWN = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +97,13 @@ def analyse(
     return Analysis(report, found.null_space, found.covariance, found.involved)
 
 
+def _numbered(
+    kind: str, directions: Sequence[Mapping[str, float]]
+) -> dict[str, Mapping[str, float]]:
+    """Return the first combinations by their heading."""
+    return {f"{kind} {i}": weights for i, weights in enumerate(directions[:_SHOWN], 1)}
+
+
 def _readable(basis: _Matrix) -> list[NDArray[np.float64]]:
     """Return a basis of the same space with many zeros, each direction led by another unknown."""
     k = basis.shape[1]
@@ -164,6 +176,33 @@ class Identifiability:
     determined_directions: list[dict[str, float]]
     collinearity: float
     advice: str
+
+    def __repr__(self) -> str:
+        head = (
+            f"Identifiability(rank {self.rank} of {self.n_parameters}, condition"
+            f" {self.condition:.3g}, collinearity {self.collinearity:.3g})"
+        )
+        columns = {
+            **_numbered("undetermined", self.null_directions),
+            **_numbered("determined", self.determined_directions),
+        }
+        names = list(dict.fromkeys(name for weights in columns.values() for name in weights))
+        rows = []
+        for name in names:
+            found = [weights.get(name) for weights in columns.values()]
+            rows.append([printable(name), *("" if w is None else f"{w:+.3g}" for w in found)])
+        parts = [head]
+        if rows:
+            parts.append(text_table(("weight in", *columns), rows))
+        hidden = (
+            max(len(self.null_directions) - _SHOWN, 0)
+            + max(len(self.determined_directions) - _SHOWN, 0)
+        )  # fmt: skip
+        if hidden:
+            parts.append(f"... and {hidden} more combinations")
+        if self.advice:
+            parts.append(printable(self.advice))
+        return "\n".join(parts)
 
     @property
     def complete(self) -> bool:

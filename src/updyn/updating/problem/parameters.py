@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
+from updyn.text_table import printable, text_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = [
     "CHANNELS",
@@ -30,6 +34,8 @@ __all__ = [
 #: Unknowns of the measurement, not of the model: the factor of a sensor, and which channels it is
 #: one of.
 CHANNELS = {"calibration": "response", "force_calibration": "reference"}
+#: Unknowns that the text of a set lists.
+_SHOWN = 40
 _QUANTITIES = (*GROUP_QUANTITIES, *CHANNELS)
 
 
@@ -292,6 +298,25 @@ class ParameterSet(Sequence[Parameter]):
                         f"{d.name!r} is set by two unknowns: {values[d.name]!r} and {p.name!r}"
                     )
 
+    def __repr__(self) -> str:
+        noun = "unknown" if len(self) == 1 else "unknowns"
+        rows = []
+        for p in self.items[:_SHOWN]:
+            prior = "" if p.prior_std is None else f"{p.prior_std:g}"
+            notes = [p.law, f"in {p.value_unit}" if p.value_unit else "", p.physical(p.start)]
+            bounds = f"{p.lower:g}", f"{p.upper:g}"
+            shown = "; ".join(note for note in notes if note)
+            rows.append((printable(p.name), f"{p.start:g}", *bounds, prior, printable(shown)))
+        header = ("unknown", "start", "lower", "upper", "prior std", "note")
+        keep = [i for i in range(len(header)) if i < 4 or any(row[i] for row in rows)]
+        table = text_table(
+            [header[i] for i in keep],
+            [[row[i] for i in keep] for row in rows],
+            left={at for at, i in enumerate(keep) if i in (0, 5)},
+        )
+        more = f"\n... and {len(self) - _SHOWN} more" if len(self) > _SHOWN else ""
+        return f"ParameterSet({len(self)} {noun})\n{table}{more}"
+
     def __len__(self) -> int:
         return len(self.items)
 
@@ -334,6 +359,25 @@ class ParameterSet(Sequence[Parameter]):
     def is_factor(self) -> NDArray[np.bool_]:
         """Which unknowns are positive factors, not values of damping; shape (n,)."""
         return self._column("is_factor")
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return a table with a row for each unknown.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Index: ``unknown``. Columns: ``group``, ``quantity``, ``start``, ``lower``, ``upper``,
+            ``prior_std`` (nan where there is none) and ``unit``.
+        """
+        import pandas as pd
+
+        names = ("group", "quantity", "start", "lower", "upper")
+        columns: dict[str, Any] = {name: [getattr(p, name) for p in self.items] for name in names}
+        columns["prior_std"] = [
+            math.nan if p.prior_std is None else p.prior_std for p in self.items
+        ]
+        columns["unit"] = [p.value_unit for p in self.items]
+        return pd.DataFrame(columns, index=pd.Index(self.names, name="unknown"))
 
     def _column(self, attribute: str) -> NDArray[Any]:
         """Return an attribute of all unknowns, shape (n,)."""

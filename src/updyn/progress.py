@@ -1,0 +1,386 @@
+"""The progress of a fit: a bar on a terminal or in a notebook, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from updyn.registry import load_object
+from updyn.style import PAPER
+from updyn.text_table import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["NotebookBar", "ProgressBar", "Stage", "StageClock", "Step", "Where", "shown_progress"]
+
+#: Shortest time between plain lines of a stage, in s: between steps, and within one.
+_BETWEEN_STEPS = 1.0
+_WITHIN_STEP = 10.0
+#: How long a stage has to run before the time that it needs is estimated, in s.
+_BEFORE_ESTIMATE = 1.0
+#: Shortest time between two pictures of a bar in a notebook, in s.
+_BETWEEN_PICTURES = 0.2
+_BAR_WIDTH = 12
+
+
+class Step(Protocol):
+    """What is shown: `updyn.updating.fit.monitor.Progress` says what the entries are."""
+
+    @property
+    def stage(self) -> str:
+        """Part of the method."""
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squared weighted residuals; nan before the first step."""
+
+    @property
+    def lines_done(self) -> int:
+        """Lines solved so far in the whole run."""
+
+    @property
+    def n_lines(self) -> int:
+        """Lines that a step solves."""
+
+    @property
+    def accepted(self) -> int:
+        """Accepted steps so far."""
+
+
+# -- stages ----------------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage of a run, as far as it is known beforehand.
+
+    Parameters
+    ----------
+    name : str
+        How the stage of its progress begins.
+    most_steps : int
+        Largest number of steps; 0 where it is not known.
+    """
+
+    name: str
+    most_steps: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where a run is.
+
+    Attributes
+    ----------
+    number, of : int
+        Which stage, counted from 1, of how many; 0 where it is not known.
+    name : str
+        Of the stage.
+    share : float
+        Share of the stage that is done, 0 to 1, if it takes its largest number of steps; nan where
+        that is not known.
+    left : float
+        Time that it needs then, in s; nan where that is not known.
+    """
+
+    number: int
+    of: int
+    name: str
+    share: float
+    left: float
+
+
+class StageClock:
+    """Says in which stage a run is, how much of it is done and how long it takes at most.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        In their order. What is not among them counts with the stage before.
+    """
+
+    def __init__(self, stages: Sequence[Stage] = ()) -> None:
+        self._stages = tuple(stages)
+        self._reached = -1
+        self._name = ""
+        # When the stage began, and the lines that had been solved then and at the last call.
+        self._begun, self._first, self._last = 0.0, 0, 0
+
+    def read(self, progress: Step) -> Where:
+        """Return where the run is.
+
+        Parameters
+        ----------
+        progress : Progress
+            What a callback is shown.
+
+        Returns
+        -------
+        Where
+        """
+        found = self._find(progress.stage)
+        name = progress.stage if found < 0 else self._stages[found].name
+        restarted = progress.lines_done < self._last  # pieces of other work, counted from 0
+        if name != self._name or restarted:
+            self._name, self._begun = name, time.monotonic()
+            self._first = 0 if restarted else progress.lines_done
+        self._last = progress.lines_done
+        self._reached = max(self._reached, found)
+        share, left = self._estimate(progress, found)
+        return Where(self._reached + 1, len(self._stages), _short(progress.stage), share, left)
+
+    def _find(self, text: str) -> int:
+        """Return the place of a stage; -1 where it is none of those known."""
+        for number, stage in enumerate(self._stages):
+            if re.match(rf"{re.escape(stage.name)}(?:[ :,]|$)", text):
+                return number
+        return -1
+
+    def _estimate(self, progress: Step, found: int) -> tuple[float, float]:
+        """Return the share of the stage that is done, and the time left, in s; nan if unknown."""
+        lines = progress.n_lines * self._stages[found].most_steps if found >= 0 else 0
+        done = progress.lines_done - self._first
+        if not 0 < done <= lines:
+            return math.nan, math.nan
+        share, passed = done / lines, time.monotonic() - self._begun
+        if passed < _BEFORE_ESTIMATE:
+            return share, math.nan
+        return share, passed * (1.0 - share) / share
+
+
+def _short(stage: str) -> str:
+    """Return the name of a stage without its count, which stands before it, and said once."""
+    name, _, inner = re.sub(r" \(\d+ of \d+\)", "", stage).partition(": ")
+    return name if inner in ("", name) else f"{name}: {inner}"
+
+
+def _clock(seconds: float) -> str:
+    """Return a time as text."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
+
+
+# -- display ---------------------------------------------------------------------------------------
+class ProgressBar:
+    """Shows the progress of a fit: a bar on a terminal, plain lines elsewhere.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+        Where to write, usually stderr.
+    stages : sequence of Stage
+        Of the run, as far as they are known.
+    """
+
+    def __init__(self, console: Console, stages: Sequence[Stage] = ()) -> None:
+        self.console = console
+        self._clock = StageClock(stages)
+        # Stage, step and time of the last plain line.
+        self._shown = "", -1, 0.0
+        self._bar: Any = None
+        self._task: Any = None
+
+    def show(self, progress: Step) -> None:
+        """Show a step, or the lines solved for the next one.
+
+        Parameters
+        ----------
+        progress : Progress
+            What a callback is shown.
+        """
+        if self._bar is not None:
+            self._draw(progress)
+        else:
+            self._print(progress)
+
+    def note(self, text: str) -> None:
+        """Write a plain line.
+
+        Parameters
+        ----------
+        text : str
+            The line.
+        """
+        self.console.file.write(printable(text) + "\n")
+        self.console.file.flush()
+
+    # -- a bar
+    def _draw(self, progress: Step) -> None:
+        """Bring the bar up to date."""
+        where = self._clock.read(progress)
+        known = not math.isnan(where.share)
+        self._bar.update(
+            self._task,
+            description=printable(_name(where)),
+            total=1.0 if known else None,
+            completed=where.share if known else 0.0,
+            figures="  ".join(_figures(progress, where)),
+        )
+
+    # -- plain lines
+    def _print(self, progress: Step) -> None:
+        """Print a plain line, where one is due."""
+        step = -1 if math.isnan(progress.cost) else progress.accepted
+        if not self._is_due(progress.stage, step):
+            return
+        self._shown = progress.stage, step, time.monotonic()
+        text = progress.stage
+        if step >= 0:
+            text += f"  iteration {step}  cost {progress.cost:.6g}"
+        if progress.n_lines:
+            text += f"  {progress.lines_done} lines solved ({progress.n_lines} a step)"
+        self.note(text)
+
+    def _is_due(self, stage: str, step: int) -> bool:
+        """Return whether a plain line is printed: the first of a stage, or after a pause."""
+        shown_stage, shown_step, shown_at = self._shown
+        if stage != shown_stage or shown_step < 0 <= step:
+            return True
+        pause = _WITHIN_STEP if step == shown_step else _BETWEEN_STEPS
+        return time.monotonic() - shown_at >= pause
+
+    @contextmanager
+    def drawn(self) -> Iterator[None]:
+        """Draw a bar where the console is a terminal that can."""
+        if not self.console.is_terminal or self.console.is_dumb_terminal:
+            yield
+            return
+        from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            SpinnerColumn("dots" if self.console.encoding.startswith("utf") else "line"),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(_BAR_WIDTH),
+            TextColumn("{task.fields[figures]}", markup=False),
+            TimeElapsedColumn(),
+        )
+        with Bar(*columns, console=self.console, transient=True) as self._bar:
+            self._task = self._bar.add_task("starting", total=None, figures="")
+            yield
+        self._bar = None
+
+
+def _name(where: Where) -> str:
+    """Return the name of a stage with its number."""
+    if where.of and where.number:
+        return f"stage {where.number} of {where.of} {where.name}"
+    return where.name
+
+
+def _figures(progress: Step, where: Where) -> list[str]:
+    """Return what stands beside a bar."""
+    figures = []
+    if not math.isnan(progress.cost):
+        figures = [f"iteration {progress.accepted}", f"cost {progress.cost:.3g}"]
+    if not math.isnan(where.left):
+        figures.append(f"up to {_clock(where.left)}")
+    return figures
+
+
+class NotebookBar:
+    """Shows the progress of a fit below the cell of a notebook.
+
+    Parameters
+    ----------
+    display : callable
+        `IPython.display.display`.
+    stages : sequence of Stage
+        Of the run, as far as they are known.
+    """
+
+    def __init__(self, display: Callable[..., Any], stages: Sequence[Stage] = ()) -> None:
+        self._clock = StageClock(stages)
+        self._handle = display(_Html(_bar("starting", math.nan, "")), display_id=True)
+        self._last = -math.inf
+
+    def show(self, progress: Step) -> None:
+        """Show a step, or the lines solved for the next one.
+
+        Parameters
+        ----------
+        progress : Progress
+            What a callback is shown.
+        """
+        where = self._clock.read(progress)
+        now = time.monotonic()
+        if now - self._last >= _BETWEEN_PICTURES:
+            self._last = now
+            figures = "  ".join(_figures(progress, where))
+            self._handle.update(_Html(_bar(_name(where), where.share, figures)))
+
+    def end(self) -> None:
+        """Take the bar away: the result says the rest."""
+        self._handle.update(_Html(""))
+
+
+@dataclass(frozen=True, slots=True)
+class _Html:
+    """A text that a notebook shows as HTML."""
+
+    text: str
+
+    def _repr_html_(self) -> str:
+        return self.text
+
+    def __repr__(self) -> str:
+        return ""
+
+
+def _bar(name: str, share: float, figures: str) -> str:
+    """Return a bar as HTML; of an unknown share an empty one."""
+    done = 0.0 if math.isnan(share) else 100.0 * min(max(share, 0.0), 1.0)
+    bar = (
+        f'<span style="display:inline-block;width:10em;height:0.7em;margin:0 0.8em;'
+        f'border:1px solid {PAPER["faint"]};border-radius:4px">'
+        f'<span style="display:block;width:{done:.0f}%;height:100%;border-radius:3px;'
+        f'background:{PAPER["after"]}"></span></span>'
+    )
+    return f"<div>{html.escape(name)}{bar}{html.escape(figures)}</div>"
+
+
+@contextmanager
+def shown_progress(stages: Sequence[Stage] = ()) -> Iterator[Callable[[Step], None]]:
+    """Return what shows progress where Python runs: a notebook, a terminal (stderr), a log.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        Of the run, as far as they are known.
+
+    Yields
+    ------
+    callable
+        Shows a step.
+    """
+    display = _notebook_display()
+    if display is not None:
+        bar = NotebookBar(display, stages)
+        try:
+            yield bar.show
+        finally:
+            bar.end()
+        return
+    from rich.console import Console
+
+    stream = io.StringIO() if sys.stderr is None else None  # closed: nothing to write to
+    shown = ProgressBar(Console(stderr=stream is None, file=stream), stages)
+    with shown.drawn():
+        yield shown.show
+
+
+def _notebook_display() -> Callable[..., Any] | None:
+    """Return the function that shows things in a notebook; None where Python runs in no kernel."""
+    shell = sys.modules.get("IPython")
+    if shell is None or not hasattr(shell.get_ipython(), "kernel"):
+        return None
+    found: Callable[..., Any] = load_object("IPython.display:display")
+    return found
