@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
+from updyn.notebook import Curve, card, curves
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,8 @@ _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
 ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
 _DIMS = ("freq", "response", "reference")
+#: Channels that a notebook shows as curves, and labels that it lists.
+_DRAWN = 8
 #: What to do about missing values.
 #: What a coherence may be above 1: two steps of single precision, in which analysers compute it.
 _ROUNDING = 2.0**-22
@@ -231,6 +234,29 @@ class FRF:
             + (f", window exp(-{self.decay:g} t)" if self.decay else "")
             + ")"
         )
+
+    def _repr_html_(self) -> str:
+        size = np.abs(self.values).reshape(len(self.freq), -1)
+        pairs = [(i, j) for i in self.responses.labels for j in self.references.labels]
+        shown = [Curve(f"{i} / {j}", size[:, k]) for k, (i, j) in enumerate(pairs)]
+        if len(pairs) > _DRAWN:
+            rms = np.sqrt(np.mean(size**2, axis=1))
+            shown = [Curve(f"rms of {len(pairs)} channels", rms)]
+        units = ", ".join(dict.fromkeys(unit(self.quantity, i, j) for i, j in pairs))
+        title = f"{self.quantity} ({units})"
+        if len(shown) == 1:
+            title += f": {shown[0].name}"
+        facts = {
+            "lines": f"{len(self.freq)} from {self.freq[0]:g} to {self.freq[-1]:g} Hz",
+            "responses": _listed(self.responses),
+            "forces": _listed(self.references),
+            "coherence": "" if self.coherence is None else "known",
+            "variance": "" if self.variance is None else "known",
+            "window": f"exp(-{self.decay:g} t)" if self.decay else "",
+            "source": self.source,
+        }
+        picture = curves(self.freq, shown, ("frequency (Hz)", title))
+        return card(f"FRF, {self.quantity}", facts, picture)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return FRF, tuple(getattr(self, f.name) for f in fields(self))  # arrays come back read-only
@@ -592,6 +618,12 @@ class FRF:
             decay=float(data.attrs.get("decay", 0.0)),
             **arrays,
         )
+
+
+def _listed(dofs: DofSet) -> str:
+    """Return the labels as text, of many the first and their number."""
+    text = ", ".join(dofs[:_DRAWN].labels)
+    return text if len(dofs) <= _DRAWN else f"{text}, ... ({len(dofs)} in all)"
 
 
 def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:

@@ -34,6 +34,7 @@ from updyn.group import (
     is_number,
     read_only,
 )
+from updyn.notebook import card, structure, table, viewed
 
 __all__ = ["GROUP_QUANTITIES", "VALUES", "Group", "Matrix", "Model"]
 
@@ -167,6 +168,25 @@ class Model:
             f"Model({self.n_dofs} DOFs, {len(self.groups)} groups:"
             f" {', '.join(list(self.groups)[:6])})"
         )
+
+    def _repr_html_(self) -> str:
+        rows = []
+        for name, group in self.groups.items():
+            has = [what for what in MATRICES if getattr(group, what) is not None]
+            rows.append((name, ", ".join(has), group.damping_words))
+        facts = {"DOFs": self.n_dofs, "groups": len(self.groups)}
+        picture = viewed(self, self._picture)
+        groups = table(("group", "has", "damping"), rows, left=(0, 1, 2))
+        return card(f"Model {self.title}".rstrip(), facts, picture, groups)
+
+    def _picture(self) -> str:
+        """Return the lines of the geometry as a picture; empty without one."""
+        if self.geometry is None:
+            return ""
+        nodes = self.geometry.nodes
+        order = np.argsort(nodes)
+        ends = order[np.searchsorted(nodes[order], self.geometry.lines)]
+        return structure(self.geometry.xyz, ends)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Model, (dict(self.groups), self.dofs, self.geometry, self.title)

@@ -19,6 +19,7 @@ ORDER = (
     ("text_table",),
     ("style",),
     ("progress",),
+    ("notebook",),
     ("foreign",),
     ("dofs",),
     ("geometry",),

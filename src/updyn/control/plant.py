@@ -12,11 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
 from updyn.frf import FRF, check_lines, check_quantity
+from updyn.notebook import Curve, card, curves, table
 
 __all__ = ["Plant", "PlantResponse"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+
+#: Channels that a notebook shows, and lines of their curves.
+_DRAWN, _DRAWN_LINES = 8, 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,6 +154,47 @@ class Plant:
             f"Plant({self.n_states} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs,"
             f" error {self.error:.2g} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
         )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("input", p.name, unit)
+            for p, unit in zip(self.input_ports, self.input_units, strict=True)
+        ]
+        rows += [
+            ("output", p.name, unit)
+            for p, unit in zip(self.output_ports, self.output_units, strict=True)
+        ]
+        facts = {
+            "states": self.n_states,
+            "rigid-body modes": self.rigid or "",
+            "band": f"{self.band[0]:g} to {self.band[1]:g} Hz",
+            "largest error": f"{100.0 * self.error:.2g} % of the peak",
+            "route": self.route,
+            "sampled every": "" if self.dt is None else f"{self.dt:g} s",
+        }
+        ports = table(("", "name", "unit"), rows, left=(0, 1, 2))
+        return card("Plant", facts, self._picture(), ports)
+
+    def _picture(self) -> str:
+        """Return the magnitudes over the band as a picture; of many channels the largest gain."""
+        top = self.band[1] if self.dt is None else min(self.band[1], 0.5 / self.dt)
+        low = max(self.band[0], 1e-3 * top)
+        own = self.modes[(self.modes > low) & (self.modes < top)]
+        freq = np.unique(np.concatenate([np.geomspace(low, top, _DRAWN_LINES), own]))
+        try:
+            values = self.response(freq).values
+        except DataError:  # a pole on a line: nothing to draw
+            return ""
+        pairs = list(np.ndindex(values.shape[1:]))
+        shown = [
+            Curve(f"{self.outputs[i]} / {self.inputs[j]}", np.abs(values[:, i, j]))
+            for i, j in pairs
+        ]
+        title = "magnitude (output over input, in their units)"
+        if len(pairs) > _DRAWN:
+            title += f": {_DRAWN} of {len(pairs)} channels"
+            shown = shown[:_DRAWN]
+        return curves(freq, shown, ("frequency (Hz)", title), log_x=True)
 
     @property
     def n_states(self) -> int:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError
 from updyn.modal.stabilisation import Diagram
+from updyn.notebook import Curve, card, curves, table, viewed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,6 +173,31 @@ class ModeSet:
             f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {', '.join(shown)} Hz;"
             f" {self.digest})"
         )
+
+    def _repr_html_(self) -> str:
+        columns = (
+            ("frequency (Hz)", self.frequency, "{:.6g}"),
+            ("std. dev. (Hz)", self.std_frequency, "{:.2g}"),
+            ("damping (%)", 100.0 * self.damping, "{:.3g}"),
+            ("std. dev. (%)", 100.0 * self.std_damping, "{:.2g}"),
+            ("collinearity", self.phase_collinearity, "{:.3f}"),
+            ("quality", self.quality, "{:.3f}"),
+        )
+        known = [column for column in columns if np.isfinite(column[1]).any()]
+        rows = []
+        for k in range(len(self)):
+            values = [(float(values[k]), form) for _, values, form in known]
+            cells = [form.format(v) if np.isfinite(v) else "" for v, form in values]
+            rows.append([str(k + 1), *cells])
+        facts = {"modes": len(self), "DOFs": len(self.dofs), "source": self.source}
+        header = ("mode", *(name for name, _, _ in known))
+        return card("Modes", facts, viewed(self, self._picture), table(header, rows))
+
+    def _picture(self) -> str:
+        """Return the damping over the frequency as a picture; empty where it is not known."""
+        damping = Curve("damping", 100.0 * self.damping)
+        titles = ("frequency (Hz)", "damping (%)")
+        return curves(self.frequency, [damping], titles, log_y=False, stems=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
         names = (*_FIELDS, "diagram")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 import re
 from collections.abc import Mapping
@@ -17,6 +18,7 @@ from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.notebook import badge, card, spans, table
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
@@ -239,6 +241,9 @@ class UpdateResult:
             )
         return pd.DataFrame(rows, index=pd.Index(self.parameters.names, name="unknown"))
 
+    def _repr_html_(self) -> str:
+        return _shown(self, self.title)
+
     def __repr__(self) -> str:
         return (
             f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns,"
@@ -418,6 +423,9 @@ class JointResult:
         """Causes that were found, each with its test."""
         return self.first.findings
 
+    def _repr_html_(self) -> str:
+        return _shown(self.first, self.title, tests=len(self.results))
+
     def __repr__(self) -> str:
         return f"JointResult({self.status}, {len(self.results)} tests, {len(self.values)} unknowns)"
 
@@ -436,6 +444,49 @@ class JointResult:
         for name, result in self.results.items():
             lines += ["", name, _agreement(result.correlation)]
         return "\n".join(lines).rstrip()
+
+
+def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
+    """Return a result as HTML: verdict, unknowns with their intervals, changes."""
+    kind = {"converged": "good", "failed": "bad", "not-credible": "bad"}.get(result.status, "warn")
+    intervals = result.intervals()
+    rows, changes = [], []
+    for p in result.parameters:
+        value, std = result.values[p.name], result.std[p.name]
+        low, high = intervals.get(p.name, (math.nan, math.nan))
+        span, notes = "", []
+        if math.isfinite(low):
+            span = f"{low:.4g} to {high:.4g}"
+        else:
+            notes.append("not determined by the data")
+        if p.name in result.at_bound:
+            notes.append(f"at its {result.at_bound[p.name]} bound")
+        if p.value_unit:
+            notes.append(f"in {p.value_unit}")
+        deviation = f"{std:.2g}" if math.isfinite(std) else ""
+        rows.append([p.name, f"{p.start:.4g}", f"{value:.5g}", deviation, span, "; ".join(notes)])
+        if p.start > 0.0:
+            ends = [100.0 * (v / p.start - 1.0) for v in (low, value, high)]
+            changes.append((p.name, ends[0], ends[1], ends[2]))
+    agreement = []
+    for when in ("before", "after"):
+        figure = (result.correlation.get(when) or {}).get("frac_median")
+        agreement.append("" if figure is None else f"{figure:.4f}")
+    facts = {
+        "method": result.method,
+        "iterations": result.iterations,
+        "tests": tests if tests > 1 else "",
+        "determined": f"{result.identifiability.rank} of {len(rows)} unknowns",
+        "FRAC, median": " → ".join(agreement) if all(agreement) else "",
+    }
+    header = ("unknown", "start", "value", "std. dev.", "95 % interval", "note")
+    return card(
+        title or "Update",
+        facts,
+        f"{badge(result.status, kind)} {html.escape(result.message)}",
+        spans(changes, "change from the start (%)"),
+        table(header, rows, left=(0, 5)),
+    )
 
 
 def interval(

@@ -1,0 +1,211 @@
+"""Objects in notebooks: well-formed HTML with the objects' numbers; nothing is loaded, run or left unescaped."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import updyn
+from plants_by_hand import oscillator
+from report_case import chain, measured, realistic
+from servo_cases import two_masses
+from updyn import notebook
+from updyn.geometry import Geometry
+from updyn.style import PAPER
+
+HOSTILE = '<script>alert("1")</script> & <img src=x onerror=y>'
+
+
+def placed(model, n):
+    at = np.c_[0.3 * np.arange(n), np.zeros(n), np.zeros(n)]
+    return dataclasses.replace(
+        model, geometry=Geometry(range(1, n + 1), at, [(i, i + 1) for i in range(1, n)])
+    )
+
+
+@pytest.fixture(scope="module")
+def data():
+    return measured(chain(), n_lines=120)
+
+
+def objects(data):
+    result = realistic()
+    modes = updyn.ModeSet([10.0, 20.0], np.eye(2), ["1:X", "2:X"], [0.02, 0.04])
+    return {
+        "FRF": data,
+        "channel": data["4:Z", "12:Z"],
+        "Model": placed(chain(), 12),
+        "ModeSet": modes,
+        "result": result,
+        "joint": updyn.JointResult({"a": result, "b": result}, "Both"),
+        "Plant": oscillator(band=(0.5, 20.0)),
+    }
+
+
+def tree(shown):
+    return ElementTree.fromstring(shown._repr_html_())
+
+
+def text(shown):
+    return " ".join("".join(tree(shown).itertext()).split())
+
+
+def cells(shown):
+    rows = [[("".join(c.itertext())) for c in row] for row in tree(shown).iter("tr")]
+    return rows[0], rows[1:]
+
+
+def paths(shown):
+    found = tree(shown).iter("{http://www.w3.org/2000/svg}path")
+    return [np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", p.get("d")), dtype=float) for p in found]
+
+
+# -- all -------------------------------------------------------------------------------------------
+def test_all_are_well_formed_small_and_load_nothing(data):
+    for name, shown in objects(data).items():
+        page = shown._repr_html_()
+        tree(shown)
+        assert len(page) < 60_000, name
+        assert "<svg" in page, name
+        assert not re.search(r"<script|<link|<iframe|<img|url\(|\bon\w+=", page), name
+        assert set(re.findall(r'https?://[^"\s]+', page)) == {"http://www.w3.org/2000/svg"}
+
+
+def test_names_are_escaped(data):
+    one = dataclasses.replace(data, source=HOSTILE)
+    model = dataclasses.replace(chain(n=2), title=HOSTILE)
+    renamed = updyn.Model({"<b>hub</b>": model.groups["bay 1"]}, model.dofs, title=HOSTILE)
+    result = dataclasses.replace(realistic(), title=HOSTILE, message=HOSTILE)
+    modes = updyn.ModeSet([10.0], [[1.0]], ["1:X"], source=HOSTILE)
+    for shown in (one, model, renamed, result, updyn.JointResult({"": result}, HOSTILE), modes):
+        page = shown._repr_html_()
+        assert "<script" not in page
+        assert "<img" not in page
+        assert "&lt;script&gt;" in page
+        tree(shown)
+    assert "<b>hub</b>" not in renamed._repr_html_()
+    assert cells(renamed)[1][0][0] == "<b>hub</b>"
+
+
+# -- each ------------------------------------------------------------------------------------------
+def test_the_curve_of_a_channel_is_that_of_the_frf(data):
+    one = data["4:Z", "12:Z"]
+    (drawn,) = paths(one)
+    level = np.log10(np.abs(one.values[:, 0, 0]))
+    assert len(drawn) == len(one.freq)
+    for axis, values in ((0, one.freq), (1, level)):
+        slope = np.polyfit(values, drawn[:, axis], 1)
+        np.testing.assert_allclose(np.polyval(slope, values), drawn[:, axis], atol=0.06)
+        assert (slope[0] > 0) == (axis == 0)
+    assert "accelerance ((m/s²)/N): 4:Z / 12:Z" in text(one)
+    assert "lines 120 from 4 to 420 Hz" in text(one)
+
+
+def test_of_many_channels_the_rms_is_drawn(data):
+    (drawn,) = paths(data)
+    rms = np.log10(np.sqrt(np.mean(np.abs(data.values) ** 2, axis=(1, 2))))
+    slope = np.polyfit(rms, drawn[:, 1], 1)
+    np.testing.assert_allclose(np.polyval(slope, rms), drawn[:, 1], atol=0.06)
+    assert "rms of 10 channels" in text(data)
+
+
+def test_no_peak_of_a_long_curve_is_lost():
+    y = np.ones(20_000)
+    y[12_345] = 1e3
+    page = notebook.curves(np.arange(20_000.0), [notebook.Curve("a", y)], ("x (s)", "y (m)"))
+    points = np.array(re.findall(r"(-?[\d.]+) (-?[\d.]+)", re.search(r' d="([^"]+)"', page)[1]))
+    heights = points.astype(float)[:, 1]
+    assert len(heights) <= 1200
+    assert (heights < heights.max() - 100).sum() == 1
+
+
+def test_a_curve_has_gaps_and_an_empty_one_is_none():
+    x, titles = np.arange(4.0), ("x (s)", "y (m)")
+    page = notebook.curves(x, [notebook.Curve("a", [1.0, 0.0, 2.0, 3.0])], titles)
+    assert re.search(r' d="([^"]+)"', page)[1].count("M") == 2
+    assert notebook.curves(x, [notebook.Curve("a", np.zeros(4))], titles) == ""
+    assert notebook.curves(x, [], titles) == ""
+
+
+def test_a_model_shows_its_groups_and_its_lines():
+    model = placed(chain(n=3), 3)
+    header, rows = cells(model)
+    assert header == ["group", "has", "damping"]
+    assert rows[0] == ["bay 1", "stiffness, mass", "loss factor 0.01"]
+    (drawn,) = paths(model)
+    assert len(drawn) == 4  # two lines
+    np.testing.assert_allclose(drawn[1], drawn[2])
+    steps = drawn[1] - drawn[0], drawn[3] - drawn[2]
+    np.testing.assert_allclose(*steps, atol=0.11)
+    assert "<svg" not in chain(n=2)._repr_html_()
+
+
+def test_a_large_structure_says_what_is_left_out():
+    n = 7000
+    xyz = np.c_[np.arange(n), np.zeros(n), np.zeros(n)]
+    ends = np.c_[np.arange(n - 1), np.arange(1, n)]
+    page = notebook.structure(xyz, ends)
+    assert "every 3th line" not in page
+    assert "one of 3 lines" in page
+    assert page.count("M") == -(-(n - 1) // 3)
+    assert "one of 3 nodes" in notebook.structure(xyz, np.empty((0, 2)))
+    assert notebook.structure(np.empty((0, 3)), np.empty((0, 2))) == ""
+
+
+def test_modes_show_what_is_known_of_them():
+    modes = updyn.ModeSet([10.0, 20.0], np.eye(2), ["1:X", "2:X"], [0.02, 0.04])
+    header, rows = cells(modes)
+    assert header == ["mode", "frequency (Hz)", "damping (%)", "collinearity"]
+    assert rows == [["1", "10", "1", "1.000"], ["2", "20", "2", "1.000"]]
+    bare = updyn.ModeSet([10.0], [[1.0]], ["1:X"])
+    assert "<svg" not in bare._repr_html_()
+    assert cells(bare)[0] == ["mode", "frequency (Hz)", "collinearity"]
+
+
+def test_a_result_shows_its_verdict_values_and_intervals():
+    result = realistic()
+    header, rows = cells(result)
+    assert header[0] == "unknown"
+    low, high = result.intervals()["bay 11.mass"]
+    shown = {row[0]: row for row in rows}
+    assert shown["bay 11.mass"][2] == f"{result.values['bay 11.mass']:.5g}"
+    assert shown["bay 11.mass"][4] == f"{low:.4g} to {high:.4g}"
+    assert shown["bay 5.mass"][5] == "not determined by the data"
+    assert shown["bay 8.stiffness"][5] == "at its lower bound"
+    page = result._repr_html_()
+    assert f"background:{PAPER['warn-ground']}" in page
+    assert "not-identifiable" in page
+    assert "determined 6 of 7 unknowns" in text(result)
+    assert "tests 2" in text(updyn.JointResult({"a": result, "b": result}))
+
+
+def test_long_tables_say_what_is_left_out():
+    page = notebook.table(("a", "b"), [[str(i), "x"] for i in range(25)])
+    assert "... and 5 more" in page
+    assert page.count("<tr>") == 22
+    assert notebook.table(("a",), []) == ""
+
+
+def test_a_plant_shows_ports_error_and_response():
+    plant = two_masses(band=(0.5, 50.0), error=0.012)
+    header, rows = cells(plant)
+    assert header == ["", "name", "unit"]
+    assert ["input", "motor", "N m"] in rows
+    assert ["output", "speed", "rad/s"] in rows
+    assert "largest error 1.2 % of the peak" in text(plant)
+    assert len(paths(plant)) == 8
+    sampled = updyn.sampled(oscillator(band=(0.5, 20.0)), 0.02)
+    assert "sampled every 0.02 s" in text(sampled)
+
+
+# -- viewer ----------------------------------------------------------------------------------------
+def test_a_registered_viewer_takes_the_place_of_the_picture(monkeypatch):
+    monkeypatch.setattr(notebook.VIEWERS, "_entries", {"Model": lambda m: f"<p>{m.n_dofs}</p>"})
+    page = placed(chain(n=3), 3)._repr_html_()
+    assert "<p>3</p>" in page
+    assert "<svg" not in page
+    assert "bay 1" in page
