@@ -22,6 +22,7 @@ from updyn.updating.judge.causes.data_alone import (
 from updyn.updating.judge.causes.evidence import Evidence, held_of, spread_of
 from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.misfit import as_likely, log_misfit
 from updyn.updating.judge.causes.quadratic import Quadratic
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.score import fitted
@@ -136,12 +137,12 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     part, held = widened(whole.thinned(_LINES))
     stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, whole, stage, known, told)
+    explained = _explained(part, whole, stage, known, told, noise)
     aside = set_aside(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
     if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), whole, stage, known, told)
+        by_itself = _explained(part.with_data(aside), whole, stage, known, told, noise)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
     freed = replace(explained.part.frf, variance=part.frf.variance)
@@ -170,7 +171,12 @@ class _Explained:
 
 
 def _explained(
-    part: Part, whole: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
+    part: Part,
+    whole: Part,
+    stage: Stage,
+    points: Sequence[_Real],
+    told: Sequence[Finding],
+    noise: NoiseModel,
 ) -> _Explained:
     """Return the faults that model and data show together; sizes are of the whole of the data."""
     findings: list[Finding] = []
@@ -181,7 +187,7 @@ def _explained(
         if not found:
             break
         best = found[0]
-        sized = _sized(whole, stage, best)
+        sized = _sized(part, whole, stage, best, noise)
         findings.append(_finding([sized, *found[1:]], part.name))
         if sized.fault.written:
             whole = whole.with_data(sized.fault.repair(whole.frf))
@@ -191,7 +197,7 @@ def _explained(
     return _Explained(tuple(findings), part, stage, end)
 
 
-def _sized(whole: Part, stage: Stage, found: _Found) -> _Found:
+def _sized(part: Part, whole: Part, stage: Stage, found: _Found, noise: NoiseModel) -> _Found:
     """Return the fault by its size on all lines, what nobody seeks being held as by an update.
 
     It stays as it was found where the data contradict what is held.
@@ -203,10 +209,32 @@ def _sized(whole: Part, stage: Stage, found: _Found) -> _Found:
             return replace(found, fault=fault.settled(there, x))
     if not (fault.tunes and fault.written) or fault.adapts or fault.leaves_out:
         return found
-    trial = tried(stage.near(whole, [found.trial.x]), fault, [x])
-    if trial is None or trial.fault is None or trial.power > _AS_WELL * found.trial.power:
+    there = stage.near(whole, [found.trial.x])
+    trial = tried(there, fault, [x])
+    if trial is None or trial.fault is None:
+        return found
+    trial = tried(_as_likely(there, trial, noise), trial.fault, [trial.x])
+    if trial is None or trial.fault is None:
+        return found
+    here = _as_likely(stage.near(part, [found.trial.x]), found.trial, noise)
+    before = log_misfit(*_freed(here, found.trial))[0]
+    if trial.power > _AS_WELL * float(np.mean(np.abs(before) ** 2)):
         return found
     return replace(found, fault=trial.fault)
+
+
+def _freed(part: Part, trial: Trial) -> tuple[NDArray[np.complex128], FRF]:
+    """Return model and data where a trial ended, without the fault."""
+    assert trial.fault is not None
+    freed = trial.fault.accounted(part, trial.x)
+    return freed.responses(trial.x), freed.frf
+
+
+def _as_likely(part: Part, trial: Trial, noise: NoiseModel) -> Part:
+    """Return the part with its data weighed by the noise that a trial leaves of them."""
+    H, frf = _freed(part, trial)
+    variance = noise.refit(H, frf, part.n).variance(H, frf)
+    return replace(part, frf=replace(part.frf, variance=as_likely(H, part.frf, variance)))
 
 
 def _likeliest(

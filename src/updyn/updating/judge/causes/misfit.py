@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["log_misfit"]
+__all__ = ["as_likely", "log_misfit"]
 
 _Complex = NDArray[np.complex128]
 
@@ -18,6 +18,9 @@ _CLEAR = 0.03
 _SEEN = 3.0
 #: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.
 _LEAST = 1e-5
+#: Share of the values that are more exact than those of weight 1, where each counts by its
+#: likelihood; and the least weight.
+_EXACT, _FAINT = 0.1, 1e-3
 
 
 def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
@@ -45,3 +48,25 @@ def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
     clear = np.maximum(np.maximum(*size) ** 2 - least**2, 0.0)
     weight = np.sqrt(clear / (clear + (noise / _CLEAR) ** 2))
     return weight * (level[1] - level[0] + 1j * turned), weight
+
+
+def as_likely(H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the variance with which the misfit weighs values as the likelihood does.
+
+    By themselves values that stand clear of the noise count alike, as models are off by shares of
+    them. Once a model explains the data, an exact value says more than one with some noise.
+
+    Parameters
+    ----------
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        Of the model that explains the data.
+    frf : FRF
+        The data.
+    variance : ndarray of float, shape (n_f, n_i, n_j)
+        Of the noise there.
+    """
+    share = np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)
+    weight = np.clip(
+        np.quantile(share, _EXACT) / np.maximum(share, np.finfo(float).tiny), _FAINT, 1.0
+    )
+    return np.asarray((_CLEAR * np.abs(frf.values)) ** 2 * (1.0 / weight**2 - 1.0))

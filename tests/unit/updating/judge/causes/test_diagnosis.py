@@ -205,3 +205,19 @@ def test_how_much_a_fault_has_to_explain(explains, left, alike, n_values, worth)
     fault = read_fault("delay:7:X=0.001")
     trial = Trial(fault, np.zeros(1), left**2, 0.0, alike, n_values)
     assert _is_worth_a_word(_Found(trial, fault, 50.0, explains)) == worth
+
+
+def test_the_size_of_a_fault_is_as_exact_as_the_data_allow(chain12, add_noise):
+    """A scaled axis beside a floor of noise in which antiresonances are lost: 4 draws."""
+    freq = np.linspace(0.6, 22.0, 100)
+    clean = updyn.response(chain12, freq, ["2:X", "5:X", "7:X", "12:X"], ["5:X"])
+    unknowns = updyn.parameters(chain12, loss_factor="all")
+    off = []
+    for seed in range(4):
+        noisy = add_noise(clean, np.random.default_rng(seed), 0.005, 3e-3)
+        bad = replace(noisy, freq=freq / np.exp(0.02))
+        (found,) = updyn.diagnose(chain12, bad, unknowns)
+        assert found.kind == "frequency-scale"
+        off.append(found.value - 0.02)
+    # By the bound of Cramer and Rao 1.6e-5, with the loss factors unknown.
+    assert np.sqrt(np.mean(np.square(off))) < 3e-5

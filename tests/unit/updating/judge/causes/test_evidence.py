@@ -7,6 +7,7 @@ import pytest
 
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
+from updyn.updating.judge.causes.misfit import as_likely, log_misfit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
 
@@ -25,3 +26,15 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     Q = np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(part))]))[0]
     b = np.random.default_rng(0).standard_normal(len(Q))
     assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+
+
+def test_values_weigh_as_the_likelihood_says():
+    """Noise of 1 % and a floor: the weights of log errors are |H| / sigma, but for a factor."""
+    rng = np.random.default_rng(1)
+    H = 10.0 ** rng.uniform(-1.2, 3.0, (200, 2, 1)) * np.exp(1j * rng.uniform(0, 6, (200, 2, 1)))
+    frf = updyn.FRF(np.arange(1.0, 201.0), H, ["1:X", "2:X"], ["1:X"], "receptance")
+    sigma = np.hypot(0.01 * np.abs(H), 0.05)
+    weight = log_misfit(H, replace(frf, variance=as_likely(H, frf, sigma**2)))[1]
+    clear = np.abs(H) > 1.0
+    assert weight[clear] == pytest.approx((0.01 * np.abs(H) / sigma)[clear], rel=0.15, abs=0.01)
+    assert (weight[np.abs(H) < 0.15] < 0.05).all()
