@@ -296,10 +296,10 @@ def _legend(names: Sequence[str]) -> str:
     spans = []
     for number, name in enumerate(names[:6]):
         colour, _ = category(number)
-        spans.append(f'<tspan fill="{colour}">{html.escape(name)}</tspan>')
+        spans.append(f'<tspan dx="10" fill="{colour}">{html.escape(name)}</tspan>')
     if len(names) > 6:
-        spans.append(f"<tspan>... {len(names) - 6} more</tspan>")
-    return f'<text x="{_WIDTH - _RIGHT}" y="14" text-anchor="end">{"  ".join(spans)}</text>'
+        spans.append(f'<tspan dx="10">... {len(names) - 6} more</tspan>')
+    return f'<text x="{_WIDTH - _RIGHT}" y="14" text-anchor="end">{"".join(spans)}</text>'
 
 
 def _path(x: _Real, y: _Real, _foot: _Real) -> str:
