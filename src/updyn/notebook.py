@@ -257,6 +257,12 @@ class _Axis:
         low, high = self.low, self.high
         if self.logarithmic:
             low, high = 10.0**low, 10.0**high
+        if self.logarithmic and high > 5.0 * low:
+            powers = 10.0 ** np.arange(math.floor(self.low), math.ceil(self.high) + 1)
+            some = np.outer(powers, (1.0, 2.0, 5.0)).ravel()
+            some = some[(some >= low) & (some <= high)]
+            places = self(np.log10(some))
+            return list(zip(places.tolist(), [f"{v:g}" for v in some.tolist()], strict=True))
         rough = (high - low) / 5.0
         unit = 10.0 ** math.floor(math.log10(rough))
         step = unit * next(s for s in (1, 2, 5, 10) if s * unit >= rough)

@@ -172,8 +172,10 @@ def test_a_result_shows_its_verdict_values_and_intervals():
     assert header[0] == "unknown"
     low, high = result.intervals()["bay 11.mass"]
     shown = {row[0]: row for row in rows}
-    assert shown["bay 11.mass"][2] == f"{result.values['bay 11.mass']:.5g}"
-    assert shown["bay 11.mass"][4] == f"{low:.4g} to {high:.4g}"
+    assert result.std["bay 11.mass"] == pytest.approx(0.029, abs=5e-4)  # two digits of that
+    assert shown["bay 11.mass"][2] == f"{result.values['bay 11.mass']:.3f}"
+    assert shown["bay 11.mass"][4] == f"{low:.3f} to {high:.3f}"
+    assert shown["bay 5.mass"][2] == f"{result.values['bay 5.mass']:.5g}"
     assert shown["bay 5.mass"][5] == "not determined by the data"
     assert shown["bay 8.stiffness"][5] == "at its lower bound"
     page = result._repr_html_()
@@ -181,6 +183,27 @@ def test_a_result_shows_its_verdict_values_and_intervals():
     assert "not-identifiable" in page
     assert "determined 6 of 7 unknowns" in text(result)
     assert "tests 2" in text(updyn.JointResult({"a": result, "b": result}))
+
+
+def test_a_result_without_notes_has_no_column_of_them():
+    result = realistic()
+    (p,) = result.parameters[:1]
+    alone = dataclasses.replace(result, parameters=type(result.parameters)((p,)))
+    assert cells(alone)[0] == ["unknown", "start", "value", "std. dev.", "95 % interval"]
+
+
+@pytest.mark.parametrize(
+    ("x", "log", "marks"),
+    [
+        ([3.0, 40.0], True, ["5", "10", "20"]),
+        ([0.01, 1e4], True, ["0.01", "1", "100", "1e4"]),
+        ([30.0, 40.0], True, ["30", "35", "40"]),
+        ([0.0, 400.0], False, ["0", "100", "200", "300", "400"]),
+    ],
+)
+def test_marks_are_round(x, log, marks):
+    page = notebook.curves(x, [notebook.Curve("a", [1.0, 1.0])], ("x", "y"), log_x=log)
+    assert re.findall(r'text-anchor="middle"[^>]*>([^<]+)<', page) == marks
 
 
 def test_long_tables_say_what_is_left_out():

@@ -278,7 +278,7 @@ def level_values(values: ArrayLike, level: str) -> NDArray[np.float64]:
 def level_axis(axes: Axes, name: str, unit: str, level: str) -> None:
     """Name the y axis of magnitudes, with its unit and scale."""
     if level == "log":
-        axes.set_yscale("log")
+        log_axis(axes, "y")
     axes.set_ylabel(f"{name} (dB re 1 {unit})" if level == "dB" else f"{name} ({unit})")
 
 
@@ -289,16 +289,25 @@ def phase_axis(axes: Axes) -> None:
     axes.set_yticks([-180, -90, 0, 90, 180])
 
 
-def log_axis(axes: Axes) -> None:
-    """Make the x axis logarithmic, marked at 1, 2 and 5 of each decade where these are few."""
+def log_axis(axes: Axes, which: str = "x") -> None:
+    """Make an axis logarithmic, marked at 1, 2 and 5 of each decade where these are few.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With what is drawn on it.
+    which : {"x", "y"}
+        Which axis.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
-    if high < 500.0 * low:
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda at, _: f"{at:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set(**{f"{which}scale": "log"})
+    low, high = axes.get_xlim() if which == "x" else axes.get_ylim()
+    if high < (500.0 if which == "x" else 50.0) * low:
+        axis = axes.xaxis if which == "x" else axes.yaxis
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda at, _: f"{at:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -392,7 +401,8 @@ def heat_map(
         every = -(-len(texts) // 40)
         axis.set_ticks(np.arange(len(texts))[::every] + 0.5, list(texts)[::every])
         axis.set_tick_params(length=0)
-    if sum(len(text) + 2 for text in columns) > 70:
+    room = axes.get_window_extent().width / _LETTER
+    if max(map(len, columns)) + 2 > room / len(columns):
         axes.tick_params(axis="x", rotation=90)
     if values.size <= _PRINTED_CELLS:
         _print_values(axes, values)

@@ -16,6 +16,7 @@ from updyn.plots.canvas import (
     canvas,
     heat_map,
     legend_above,
+    log_axis,
     named_rows,
 )
 from updyn.report.formats import axis_title, quantity_words
@@ -120,6 +121,7 @@ def _estimates(
             outcome = "bound" if p.name in result.first.at_bound else "determined"
             spans[row] = [_drawn(p, end, percent) for end in span]
         outcomes.setdefault(outcome, []).append(row)
+    axes.set_xmargin(0.05)
     for outcome, (name, look) in _OUTCOMES.items():
         rows = np.array(outcomes.get(outcome, []), dtype=np.intp)
         if len(rows):
@@ -247,7 +249,7 @@ def _singular_values(axes: Axes, ident: Identifiability) -> None:
         if chosen.any():
             look: dict[str, Any] = {"marker": marker, "markersize": 6, "color": PAPER[role]}
             axes.plot(number[chosen], height[chosen], linestyle="none", label=name, **look)
-    axes.set_yscale("log")
+    log_axis(axes, "y")
     limit = RANK_TOLERANCE * float(values.max(initial=0.0))
     if limit >= axes.get_ylim()[0]:
         axes.axhline(limit, color=PAPER["muted"], linestyle=":", label="zero by arithmetic")

@@ -456,7 +456,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         low, high = intervals.get(p.name, (math.nan, math.nan))
         span, notes = "", []
         if math.isfinite(low):
-            span = f"{low:.4g} to {high:.4g}"
+            span = f"{_rounded(low, std)} to {_rounded(high, std)}"
         else:
             notes.append("not determined by the data")
         if p.name in result.at_bound:
@@ -464,7 +464,8 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         if p.value_unit:
             notes.append(f"in {p.value_unit}")
         deviation = f"{std:.2g}" if math.isfinite(std) else ""
-        rows.append([p.name, f"{p.start:.4g}", f"{value:.5g}", deviation, span, "; ".join(notes)])
+        shown = _rounded(value, std)
+        rows.append([p.name, f"{p.start:.4g}", shown, deviation, span, "; ".join(notes)])
         if p.start > 0.0:
             ends = [100.0 * (v / p.start - 1.0) for v in (low, value, high)]
             changes.append((p.name, ends[0], ends[1], ends[2]))
@@ -479,7 +480,10 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         "determined": f"{result.identifiability.rank} of {len(rows)} unknowns",
         "FRAC, median": " → ".join(agreement) if all(agreement) else "",
     }
-    header = ("unknown", "start", "value", "std. dev.", "95 % interval", "note")
+    header = ["unknown", "start", "value", "std. dev.", "95 % interval", "note"]
+    if not any(row[-1] for row in rows):  # no column of blanks
+        header.pop()
+        rows = [row[:-1] for row in rows]
     return card(
         title or "Update",
         facts,
@@ -487,6 +491,14 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         spans(changes, "change from the start (%)"),
         table(header, rows, left=(0, 5)),
     )
+
+
+def _rounded(value: float, std: float) -> str:
+    """Return a number to two digits of its standard deviation; without one, to five digits."""
+    if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
+        return f"{value:.5g}"
+    decimals = 1 - math.floor(math.log10(std))
+    return f"{value:.{decimals}f}" if 0 <= decimals <= 8 else f"{value:.5g}"
 
 
 def interval(
