@@ -153,3 +153,41 @@ def test_universal_files_refuse_it(damped, tmp_path):
 def test_a_decay_is_a_number_above_zero(bad):
     with pytest.raises(DataError, match="decay"):
         updyn.FRF([1.0], np.ones((1, 1, 1)), ["1:X"], ["1:X"], "receptance", decay=bad)
+
+
+@pytest.fixture
+def windowed(chain12, add_noise):
+    """Return start, data of the chain through a window with noise, and unknowns."""
+    freq = np.linspace(0.6, 22.0, 60)
+    clean = updyn.response(chain12, freq, ["2:X", "5:X", "7:X", "12:X"], ["5:X"], decay=1.0)
+    noisy = add_noise(clean, np.random.default_rng(0), 0.01, decay=1.0)
+    start = chain12.scaled({name: {"stiffness": 1.2} for name in chain12.groups})
+    return start, noisy, updyn.parameters(start, stiffness="all", loss_factor="all")
+
+
+@pytest.mark.parametrize(
+    ("method", "near"),
+    [
+        ("maximum-likelihood", 2e-3),
+        ("log", 2e-3),
+        ("output-error", 5e-3),
+        ("equation-error", 2e-2),
+        ("constitutive", 5e-3),
+        ("force-residual", 2e-2),
+    ],
+)
+def test_every_method_compares_at_s(chain12, windowed, method, near):
+    start, noisy, unknowns = windowed
+    found = updyn.update(start, noisy, unknowns, method=method)
+    for p in unknowns:
+        true = chain12.group(p.group).loss_factor if p.quantity == "loss_factor" else 1.0 / 1.2
+        assert found.values[p.name] == pytest.approx(true, abs=near)
+
+
+def test_a_result_keeps_it_and_validates_with_it(windowed, tmp_path):
+    start, noisy, unknowns = windowed
+    found = updyn.update(start, noisy, unknowns, tier="reduced", validation=["7:X"])
+    assert found.trust["validated"].holds
+    assert found.correlation["validation"]["after"]["residual_median"] < 0.02
+    updyn.write_result(found, tmp_path / "run.nc")
+    assert updyn.read_result(tmp_path / "run.nc").frf.decay == 1.0

@@ -260,7 +260,7 @@ class Reducing:
             if self._may_search(strategy):
                 with monitor.stage("reduce"):
                     around = self._around(problem)
-                starts = strategy.search(around, self._rough(noises), monitor)
+                starts = strategy.search(around, self._rough(problem, noises), monitor)
                 x, far = starts.points[0], True
         except Stopped:
             return problem, Fit.blind(x, "stopped")
@@ -286,12 +286,14 @@ class Reducing:
             part.build_around([self._home, *points], [self._home, *samples])
         return self.inside(problem).thinned(_SEARCHED)
 
-    def _rough(self, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
+    def _rough(self, problem: Problem, noises: Sequence[NoiseModel]) -> list[NoiseModel]:
         """Return noise models that add what the basis of the search lacks in each channel."""
         out: list[NoiseModel] = []
-        for part, noise in zip(self._parts, noises, strict=True):
-            assert part.lost is not None
-            out.append(Approximate(noise, _MARGIN * part.lost))
+        for made, part, noise in zip(self._parts, problem.parts, noises, strict=True):
+            assert made.lost is not None
+            own = made.exact.rows  # those of held-out responses are among them
+            at = np.argsort(own)[np.searchsorted(own, part.rows, sorter=np.argsort(own))]
+            out.append(Approximate(noise, _MARGIN * made.lost[at]))
         return out
 
     def _rounds(
