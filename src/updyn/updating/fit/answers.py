@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from updyn.group import MATRICES
 from updyn.updating.fit.method import serial_correlation
 from updyn.updating.fit.null_space import resolve
+from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
@@ -27,6 +28,7 @@ __all__ = [
     "AS_WELL",
     "Answer",
     "as_likely",
+    "differ",
     "elsewhere",
     "equals",
     "exchanged",
@@ -58,8 +60,9 @@ _HOPS = 6
 _FAR = 8.0
 #: Unknowns with a larger one are restarted together, so many times.
 _RESTARTED, _RESTARTS = 0.01, 6
-#: Largest number of exchanges, and of points that are tried because they fit fairly well.
-_EXCHANGES, _PROMISING = 200, 4
+#: Largest number of exchanges, of points that are looked at on all lines, and of those that are
+#: tried because they fit fairly well.
+_EXCHANGES, _LOOKED_AT, _PROMISING = 200, 8, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +131,7 @@ def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
     """
     found: list[Answer] = []
     for other in sorted(as_likely(chosen, others), key=lambda answer: answer.unlikelihood):
-        if all(_differ(known, other) for known in [chosen, *found]):
+        if all(differ(known, other) for known in [chosen, *found]):
             found.append(other)
     return found
 
@@ -138,8 +141,8 @@ def as_likely(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
     return [other for other in others if other.unlikelihood <= chosen.unlikelihood + AS_WELL]
 
 
-def _differ(a: Answer, b: Answer) -> bool:
-    """Whether some unknown differs by more than both answers allow it."""
+def differ(a: Answer, b: Answer) -> bool:
+    """Return whether some unknown differs by more than both answers allow it."""
     if a.local is None or b.local is None:
         return False
     std = np.maximum(_std(a.local), _std(b.local))
@@ -230,9 +233,12 @@ def elsewhere(
     unlikelihood : callable
         Minus the log-likelihood at a point.
     most : int
-        Largest number of points that are looked at.
+        Largest number of points that are looked at, most of them on few lines.
     """
-    tries = [*exchanged(problem, answer.x), *_moved(problem, answer.x)][:most]
+    points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
+    tries = list({x.tobytes(): x for x in points}.values())[:most]
+    screen = Screen.of(problem, answer.x, answer.noises, answer.residual)
+    tries = screen.promising(tries, _LOOKED_AT)
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]

@@ -15,6 +15,7 @@ from updyn.errors import SolverError
 from updyn.updating.fit.answers import (
     Answer,
     as_likely,
+    differ,
     elsewhere,
     equals,
     explains,
@@ -139,13 +140,13 @@ class MaximumLikelihood(SearchingMethod):
                 others = self._elsewhere(problem, monitor, chosen)
                 answers += self._further(problem, noises, others, monitor, chosen)
                 before, chosen = chosen, preferred(problem, answers)
-                if chosen is before:
+                if not differ(chosen, before):
                     break
             for _ in range(_HOPS):
                 ends, reached = self._valleys(problem, noises, monitor, chosen)
                 answers += reached
                 before, chosen = chosen, preferred(problem, answers)
-                if chosen is before:
+                if not differ(chosen, before):
                     break
         with monitor.stage(self.name):
             fit = self._judged(problem, noises, chosen)

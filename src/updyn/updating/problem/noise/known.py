@@ -87,6 +87,11 @@ class NoiseModel(ABC):
         """Whether the variance is known absolutely, and not from a fit."""
         return self.scale_known and self.source in ("data", "stated")
 
+    @property
+    def heavy_tails(self) -> bool:
+        """Whether a few values that are far off hardly count."""
+        return False
+
     @abstractmethod
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 for a model's H, shape (n_f, n_i, n_j), in squared units of the data."""
@@ -145,6 +150,11 @@ class Wrapping(NoiseModel):
     def source(self) -> str:
         """Where the other is known from."""
         return self.base.source
+
+    @property
+    def heavy_tails(self) -> bool:
+        """Whether those of the other are."""
+        return self.base.heavy_tails
 
     def beforehand(self, frf: FRF) -> _Real:
         """Return that of the other, shape (n_f, n_i, n_j)."""

@@ -59,6 +59,11 @@ class Robust(Wrapping):
         """Whether the variance is known absolutely: it is, once it has been refitted."""
         return True
 
+    @property
+    def heavy_tails(self) -> bool:
+        """Whether a few values that are far off hardly count: so it is."""
+        return True
+
     def variance(self, H: _Complex, frf: FRF) -> _Real:
         """Return E|dH|^2 over the weights, shape (n_f, n_i, n_j)."""
         plain = self.factor * self.base.variance(H, frf)
