@@ -60,9 +60,8 @@ _HOPS = 6
 _FAR = 8.0
 #: Unknowns with a larger one are restarted together, so many times.
 _RESTARTED, _RESTARTS = 0.01, 6
-#: Largest number of exchanges, of points that are looked at on all lines, and of those that are
-#: tried because they fit fairly well.
-_EXCHANGES, _LOOKED_AT, _PROMISING = 200, 8, 4
+#: Largest number of exchanges, and of points that are tried because they fit fairly well.
+_EXCHANGES, _PROMISING = 200, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,11 +237,11 @@ def elsewhere(
     points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
     screen = Screen.of(problem, answer.x, answer.noises, answer.residual)
-    tries = screen.promising(tries, _LOOKED_AT)
+    tries = screen.promising(tries, _PROMISING)
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]
-    return [tries[i] for i in promising[:_PROMISING]]
+    return [tries[i] for i in promising[:_PROMISING]]  # heavy tails leave all in
 
 
 def _moved(problem: Problem, x: _Vector) -> Iterator[_Vector]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, zip_longest
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ __all__ = ["Screen"]
 
 _Vector = NDArray[np.float64]
 
-#: Lines of a part that are looked at together.
-_TOGETHER = 8
+#: Fewest lines of a part that are looked at together, with as many values as there are unknowns.
+_TOGETHER = 4
 #: A point is far off that leaves this many times what the answer does. Where the size of the noise
 #: is not known, its log-likelihood is then lower by a half for each measured number.
 _FAR = float(np.e)
@@ -121,21 +122,22 @@ class Screen:
         number : int
             How many of them are enough.
         """
-        left, kept = np.zeros(len(points)), np.arange(len(points))
+        kept = [(0.0, x) for x in points]
         for piece in self.pieces:
-            left[kept] += [piece.left_at(points[i]) for i in kept]
-            kept = kept[left[kept] <= self.most]
-            kept = kept[np.argsort(left[kept], kind="stable")]
-            kept = kept[: max(number, -(-len(kept) // 2))]
+            summed = [(left + piece.left_at(x), x) for left, x in kept]
+            near = [one for one in summed if one[0] <= self.most]
+            near.sort(key=itemgetter(0))
+            kept = near[: max(number, -(-len(near) // 2))]
             if len(kept) <= number:
                 break
-        return [points[i] for i in kept]
+        return [x for _, x in kept]
 
 
 def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
     """Yield the lines of a part a few at a time, every k-th."""
     H, freq = part.responses(x), part.frf.freq
-    number = -(-len(freq) // _TOGETHER)
+    together = max(_TOGETHER, -(-part.n // H[0].size))
+    number = -(-len(freq) // together)
     for first in range(number):
         own = slice(first, None, number)
         few = replace(part, frf=part.frf.select(lines=freq[own]))

@@ -5,7 +5,8 @@ by three things. Loss factors start inflated, so that the model's resonances are
 overlap the measured ones, and may pass through negative values on the way: a bound at zero stops
 most searches for lightly damped parts, whose true values lie on it. And a basin is accepted only
 when further tries, with other inflations and then from random points, end in it too. Where they do
-not, tries go on beside the best end. (Measured and left out: going up in frequency, where the few
+not, tries go on beside the best end. A basin that is found on few lines is that of all, so that a
+try goes down on few and ends on all. (Measured and left out: going up in frequency, where the few
 low lines let the unknowns run away; going from smoothed FRFs to sharp ones, which takes twice the
 steps; a common factor on all stiffnesses, chosen beforehand so that the frequency axes agree, which
 finds no more.)
@@ -17,6 +18,7 @@ then made here as ever: the answer and its history do not depend on the workers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
@@ -40,13 +42,15 @@ from updyn.updating.problem.session import Recent, Record, Session, Stopped
 __all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
 
 _Vector = NDArray[np.float64]
-_Found: TypeAlias = "list[tuple[bytes, Record]]"
+_Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
 _Points: TypeAlias = "Generator[_Vector, None, None]"
 _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 
 #: A basin is as wide on some hundred lines as on thousands; more are thinned to this many while it
 #: is sought.
 SEARCH_LINES = 400
+#: A try goes down on about so many of them, and on so many numbers for each unknown.
+_FEW, _NUMBERS = 32, 4
 #: Largest number of steps of a try.
 SEARCH_STEPS = 60
 
@@ -147,7 +151,8 @@ class Search:
         ends: list[Outcome],
     ) -> bool:
         """Add where tries end; return whether the best end is believed."""
-        with closing(self._ahead(_try, problem, starts)) as points:
+        begun = _on_few_lines(problem)
+        with closing(self._ahead(_try, problem, starts, begun)) as points:
             for start in points:
                 outcome = self._try_from(problem, start, monitor)
                 if outcome is not None:
@@ -236,6 +241,13 @@ class Search:
 
     def _try_from(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome | None:
         """Return where a try ends, or None where the model cannot be solved on its way."""
+        few = _on_few_lines(problem)
+        if few is not problem:
+            with monitor.stage("search", few):
+                way = self._relaxed_descent(few, log_error(few), x, monitor, self._settings)
+            if way is None or monitor.stopped:
+                return None
+            x = way.x
         return self._relaxed_descent(problem, log_error(problem), x, monitor, self._settings)
 
     @staticmethod
@@ -258,24 +270,38 @@ class Search:
     def _descend(self, problem: Problem, x: _Vector, monitor: Monitor) -> Outcome:
         return descend(problem, log_error(problem), x, monitor, self._settings)
 
-    def _ahead(self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector]) -> _Points:
-        """Yield starts; with several workers, the attempts from them are evaluated ahead."""
+    def _ahead(
+        self, attempt: _Attempt, problem: Problem, points: Iterable[_Vector], begun: Problem
+    ) -> _Points:
+        """Yield starts; with several workers, the attempts from them are evaluated ahead.
+
+        Parameters
+        ----------
+        attempt : callable
+            The attempt from a start.
+        problem : Problem
+            What it is an attempt at.
+        points : iterable of ndarray of float, shape (n,)
+            The starts.
+        begun : Problem
+            What is evaluated first.
+        """
         session = problem.session
         if session.engine.workers == 1 or session.memory is None or problem.spreads:
             yield from points
             return
-        points, error = list(points), log_error(problem)
+        points, error = list(points), log_error(begun)
         known, items = [], []
         for start in points:
-            cached = is_cached(error, problem, start)
+            cached = is_cached(error, begun, start)
             known.append(cached)
             if not cached:
                 items.append((self, start))
         with closing(session.map(attempt, problem, items, spread=True)) as results:
             for start, cached in zip(points, known, strict=True):
                 if not cached:
-                    found = next(results)
-                    session.lines_solved += len(found) * problem.n_lines
+                    found, n_lines = next(results)
+                    session.lines_solved += n_lines
                     session.remember(found)
                 yield start
 
@@ -315,7 +341,7 @@ class Search:
             for _ in range(_ROUNDS):
                 before = best.local.cost
                 with closing(
-                    self._ahead(_descend, problem, self._neighbours(problem, best))
+                    self._ahead(_descend, problem, self._neighbours(problem, best), problem)
                 ) as points:
                     for start in points:
                         if monitor.stopped:
@@ -394,6 +420,15 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
     return replace(problem, parts=tuple(parts))
 
 
+def _on_few_lines(problem: Problem) -> Problem:
+    """Return the problem on few lines; itself where it has hardly more."""
+    numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
+    few = max(_FEW, math.ceil(_NUMBERS * problem.n / numbers))
+    if all(part.n_lines < 2 * few for part in problem.parts):
+        return problem
+    return problem.thinned(few)
+
+
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:
     """Return points of a Latin hypercube about x, as far off as `far`, shape (number, n)."""
     from scipy.stats import qmc  # slow to load, and seldom needed
@@ -416,6 +451,7 @@ def _descend(problem: Problem, item: tuple[Search, _Vector]) -> _Found:
 
 def _recorded(problem: Problem, work: Callable[[Problem], object]) -> _Found:
     memory = Recent(limit=np.inf)
+    session = Session(memory=memory)
     with suppress(SolverError):  # to be met again when its turn comes
-        work(problem.with_session(Session(memory=memory)))
-    return memory.items
+        work(problem.with_session(session))
+    return memory.items, session.lines_solved

@@ -209,6 +209,8 @@ class MaximumLikelihood(SearchingMethod):
 
     def _elsewhere(self, problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
         """Return points away from an answer from which another may be reached."""
+        if monitor.stopped:
+            return []
 
         def unlikelihood(x: _Vector) -> float:
             try:
