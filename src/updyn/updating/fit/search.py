@@ -422,6 +422,8 @@ def coarse(problem: Problem, noises: Sequence[NoiseModel]) -> Problem:
 
 def _on_few_lines(problem: Problem) -> Problem:
     """Return the problem on few lines; itself where it has hardly more."""
+    if not problem.parts:
+        return problem
     numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
     few = max(_FEW, math.ceil(_NUMBERS * problem.n / numbers))
     if all(part.n_lines < 2 * few for part in problem.parts):
