@@ -53,6 +53,18 @@ PAPER: Mapping[str, str] = {
     "bad": "#a4262c",
     "bad-ground": "#fde7e7",
     "link": "#0b5cad",
+    # the picture of a structure: change of a group by size, softer and stiffer; forces
+    "less-4": "#a63c00",
+    "less-3": "#d55e00",
+    "less-2": "#e98a3c",
+    "less-1": "#efb27c",
+    "same": "#6b737c",
+    "more-1": "#9cc4e4",
+    "more-2": "#5aa2d6",
+    "more-3": "#0072b2",
+    "more-4": "#00497a",
+    "none": "#bcc3cb",
+    "force": "#b0267f",
 }
 #: The same on a dark screen.
 DARK: Mapping[str, str] = {
@@ -78,6 +90,18 @@ DARK: Mapping[str, str] = {
     "bad": "#ffaaaa",
     "bad-ground": "#451a1c",
     "link": "#7db8f5",
+    # the picture of a structure: change of a group by size, softer and stiffer; forces
+    "less-4": "#ffb366",
+    "less-3": "#e88e3c",
+    "less-2": "#b97a45",
+    "less-1": "#8a6a50",
+    "same": "#9aa4af",
+    "more-1": "#4d6f8a",
+    "more-2": "#3f8cc4",
+    "more-3": "#56b4e9",
+    "more-4": "#a8deff",
+    "none": "#525b66",
+    "force": "#ff7ac2",
 }
 #: What differs on paper from a light screen: text and rules are darker.
 PRINTED: Mapping[str, str] = {

@@ -126,12 +126,28 @@ def test_a_scale_has_its_stops_from_0_to_1():
 
 
 # -- one place -------------------------------------------------------------------------------------
-def test_the_sheet_of_the_report_states_no_colour_and_knows_its_variables():
-    sheet = (ASSETS / "report.css").read_text(encoding="utf-8")
-    assert re.findall(r"#[0-9a-fA-F]{3,8}\b|rgba?\(", sheet) == []
-    declared = set(re.findall(r"--([\w-]+):", style.css()))
-    used = set(re.findall(r"var\(--([\w-]+)", sheet))
-    assert used <= declared
+def test_sheets_of_the_report_state_no_colour_and_knows_its_variables():
+    for name in ("report.css", "structure.css"):
+        sheet = (ASSETS / name).read_text(encoding="utf-8")
+        assert re.findall(r"#[0-9a-fA-F]{3,8}\b|rgba?\(", sheet) == []
+        declared = set(re.findall(r"--([\w-]+):", style.css() + sheet))
+        used = set(re.findall(r"var\(--([\w-]+)", sheet))
+        assert used <= declared
+
+
+@pytest.mark.parametrize(("ground", "way"), [(style.PAPER, -1), (style.DARK, 1)])
+@pytest.mark.parametrize("kind", ["less", "more"])
+def test_the_larger_a_change_the_more_its_colour_stands_out(ground, way, kind):
+    steps = np.diff([lab(ground[f"{kind}-{size}"])[0] for size in (1, 2, 3, 4)])
+    assert (way * steps >= 6.0).all()
+
+
+@pytest.mark.parametrize("sight", SEEN)
+@pytest.mark.parametrize("ground", [style.PAPER, style.DARK])
+def test_softer_and_stiffer_keep_apart_for_everyone(ground, sight):
+    for size in (1, 2, 3, 4):
+        apart = lab(ground[f"less-{size}"], sight) - lab(ground[f"more-{size}"], sight)
+        assert np.linalg.norm(apart) >= 20.0, size
 
 
 def test_figures_of_the_report_know_their_colours():
