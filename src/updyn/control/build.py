@@ -9,10 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.control.complex_modes import ComplexModes, Fitted, complex_modes, fitted
+from updyn.control.antiresonances import ZeroShift, shifts
+from updyn.control.complex_modes import (
+    ComplexModes,
+    Fitted,
+    complex_modes,
+    fitted,
+    slow_motion,
+)
+from updyn.control.passivity import collocated
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
+from updyn.control.rational import Approximation, Rational, SlowMotion, fewest_states
 from updyn.control.real_modes import biot, diagonal, full, single_frequency
+from updyn.control.servo.state_space import StateSpace, channel_zeros
 from updyn.control.space import Conversion, ModalSpace, modal_space
 from updyn.control.target import Kept, Target, fewest, target_lines
 from updyn.dofs import Dof
@@ -22,10 +32,14 @@ from updyn.group import is_number
 from updyn.model import Model
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["ROUTES", "ConversionError", "conversions", "plant"]
+__all__ = ["ERRORS", "ROUTES", "ConversionError", "conversions", "plant"]
 
 #: How structural damping becomes poles.
-ROUTES = ("auto", "modal", "complex", "biot")
+ROUTES = ("auto", "modal", "complex", "rational", "biot")
+#: For which errors a tolerance holds.
+ERRORS = ("relative", "peak")
+#: Those of the structure's own modes.
+_CONVERSIONS = ("modal", "complex", "biot")
 _REFUSED = {
     "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
     "single-frequency": (
@@ -51,12 +65,15 @@ class ConversionError:
         As those of a `Plant`; nan where it is not possible.
     note : str
         Why not, or where it was made.
+    relative_error : float
+        As that of a `Plant`.
     """
 
     name: str
     error: float
     peak_error: float
     note: str = ""
+    relative_error: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +84,21 @@ class _Task:
     target: Target
     powers: NDArray[np.intp]
     band: tuple[float, float]
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]]
+
+    def approximation(self) -> Approximation:
+        """Return what a rational approximation begins with: the poles that count most first."""
+        inputs, outputs = self.ports
+        modes = complex_modes(self.space, self.powers, self.band[1])
+        costs = modes.costs(self.target.freq, self.target.reference)
+        order = np.argsort(-costs, kind="stable")
+        # A servo closes its loop through what is slow: it is kept as it is.
+        below = modes.frequency < self.band[0]
+        slow = SlowMotion(*slow_motion(self.space))
+        if below.any():
+            slow = _with_modes(slow, modes, below)
+        poles = modes.poles[order[~below[order]]]
+        return Approximation(self.target, slow, self.powers, poles, collocated(outputs, inputs))
 
     def conversion(self, route: str, terms: int = 4) -> Conversion:
         if route == "modal":
@@ -105,6 +137,7 @@ def plant(
     *,
     quantity: str | Sequence[str] = "receptance",
     route: str = "auto",
+    error: str = "relative",
     tier: str | None = None,
     backend: str | None = None,
 ) -> Plant:
@@ -122,17 +155,24 @@ def plant(
     band : (float, float)
         Lowest and highest line in Hz between which it has to answer as the structure does.
     tolerance : float
-        On the largest error of a channel as a share of its peak in the band, and on the height of
-        its resonances.
+        On the errors that `error` names.
     quantity : str or sequence of str
         What the outputs are, one for all or one each: ``"receptance"`` (displacements),
         ``"mobility"`` (velocities), ``"accelerance"`` (accelerations).
-    route : {"auto", "modal", "complex", "biot"}
+    route : {"auto", "modal", "complex", "rational", "biot"}
         How structural damping becomes poles. ``"modal"``: real modes with the full modal damping
         matrix, passive. ``"complex"``: the poles and residues of the damped structure, closest
         where damping is strong and local; the outputs fitted to the structure's answer where that
-        alone does not hold the tolerance. ``"biot"``: internal variables, passive, static stiffness
-        differs slightly. ``"auto"``: modal, or complex where that does not hold the tolerance.
+        alone does not hold the tolerance. ``"rational"``: a rational approximation of the response,
+        fewest states; rigid-body motion exact, collocated channels passive. ``"biot"``: internal
+        variables, passive, static stiffness differs slightly. ``"auto"``: modal, or complex where
+        that does not hold the tolerance; of a relative error rational where it needs fewer
+        states.
+    error : {"relative", "peak"}
+        For what the tolerance holds. ``"relative"``: the error of a channel as a share of its own
+        size at each line, which is what a loop sees; at an antiresonance as a share of the level
+        one half-power width beside it. ``"peak"``: its largest error as a share of its peak in the
+        band, and the height of its resonances.
     tier, backend : str, optional
         How the structure's own answer is computed, as for `updyn.response`; by default exactly up
         to 300 DOFs, by a reduced model proved to 1e-8 above.
@@ -140,7 +180,8 @@ def plant(
     Returns
     -------
     Plant
-        With `error` and `peak_error` within the tolerance, computed from its own matrices.
+        With `relative_error` (or `error` and `peak_error`) within the tolerance, computed from its
+        own matrices.
 
     Raises
     ------
@@ -163,18 +204,19 @@ def plant(
     """
     own = _model(model)
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
-    task, quantities = _task(own, *ports, band, quantity, tier, backend)
+    if error not in ERRORS:
+        raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
+    task, quantities = _task(own, *ports, band, quantity, tier, backend, error)
     if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
-        raise OptionError(
-            f"plant: tolerance {tolerance!r}; expected a share of the peak between 1e-9 and 0.5"
-        )
-    found = _chosen(task, _check_route(route, task), tolerance)
+        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
+    found = _chosen(task, _check_route(route, task, error), tolerance)
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
         "title": own.title,
         "motions": task.space.source,
         "lines": len(task.target.freq),
         "candidates": len(found.mask),
+        "error": error,
     }
     if isinstance(found.conversion, Fitted):
         facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
@@ -187,8 +229,8 @@ def plant(
         quantities,
         task.band,
         float(tolerance),
-        float(found.errors[0]),
         float(found.errors[1]),
+        float(found.errors[2]),
         found.conversion.name,
         task.space.rigid,
         np.concatenate(
@@ -200,6 +242,15 @@ def plant(
         facts=facts,
     )
     return _checked(made, task.target)
+
+
+def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:
+    """Return slow motion with some complex modes, as they are."""
+    A, B = modes.blocks(kept, modes.at_inputs[:, kept])
+    left = 2.0 * modes.at_outputs[:, kept]
+    pairs = np.stack([left.real, left.imag], axis=2).reshape(len(left), -1)
+    displacements = np.hstack([slow.displacements, pairs])
+    return SlowMotion(A, B, displacements, slow.velocities, modes.frequency[kept])
 
 
 def _flexible(found: Kept) -> NDArray[np.bool_]:
@@ -218,13 +269,80 @@ def _checked(made: Plant, target: Target) -> Plant:
     facts = dict(made.facts)
     if target.slow:
         facts["peak error of accelerations"] = target.peak_error(G, strict=True)
-    return replace(made, error=target.error(G), peak_error=target.peak_error(G), facts=facts)
+    return replace(
+        made,
+        error=target.error(G),
+        peak_error=target.peak_error(G),
+        facts=facts,
+        relative_error=target.relative_error(G),
+        zero_shift=tuple(_shifts(made, target)),
+    )
+
+
+def _shifts(made: Plant, target: Target) -> Iterator[ZeroShift]:
+    for i, j in np.ndindex(*target.level.shape):
+        matrices = StateSpace(made.A, made.B[:, [j]], made.C[[i]], made.D[[i]][:, [j]])
+        names = made.outputs[i], made.inputs[j]
+
+        def answer(freq: NDArray[np.float64], i: int = i, j: int = j) -> NDArray[np.complex128]:
+            return made.at(2j * np.pi * freq)[:, i, j]
+
+        if target.level[i, j] > target.floor[i, j]:
+            zeros = channel_zeros(matrices)
+            for found in shifts(target.freq, target.values[:, i, j], answer, zeros):
+                yield ZeroShift(*names, *found)
 
 
 def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
-    """Return the first route that holds the tolerance, in the plant's stated errors at least."""
+    """Return the first route that holds the tolerance, in the plant's stated errors at least.
+
+    Where a rational approximation is among several, it is taken if it needs fewer states.
+    """
     reached: dict[str, float] = {}
     refused: dict[str, ModelError] = {}
+    own = tuple(route for route in routes if route != "rational")
+    best = _converted(task, own, tolerance, reached, refused)
+    if "rational" in routes:
+        largest = None if best is None else _states(best) - 1
+        try:
+            found = fewest_states(task.approximation(), tolerance, largest)
+        except ModelError as error:
+            refused["rational"] = error
+        else:
+            if found.holds:
+                return found
+            if best is None:
+                reached["rational"] = found.error
+    if best is not None:
+        return best
+    if not reached:
+        raise next(iter(refused.values()))
+    others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
+    said = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
+    advice = "Allow a larger tolerance, narrow the band"
+    if others:
+        advice += f", or try route {others}"
+    why = ""
+    if "rational" in reached and task.space.lossy:
+        why = (
+            ". Structural damping is not causal (Kramers-Kronig): the phase that it has over the"
+            f" band is not that of a system in time, and {reached['rational']:.3g} is what any"
+            " number of states tried can reach"
+        )
+    raise ToleranceError(
+        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
+        f" {task.band[1]:g} Hz; reached: {said}{why}. {advice}"
+    )
+
+
+def _converted(
+    task: _Task,
+    routes: tuple[str, ...],
+    tolerance: float,
+    reached: dict[str, float],
+    refused: dict[str, ModelError],
+) -> Kept | None:
+    """Return the first of the structure's own conversions that holds the tolerance."""
     for lenient in (False, True):
         for route in (r for r in routes if r not in refused):
             try:
@@ -235,17 +353,16 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
                     reached[route] = min(found.error, reached.get(route, np.inf))
             except ModelError as error:
                 refused[route] = error
-    if not reached:
-        raise next(iter(refused.values()))
-    others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
-    best = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
-    advice = "Allow a larger tolerance, narrow the band"
-    if others:
-        advice += f", or try route {others}"
-    raise ToleranceError(
-        f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
-        f" {task.band[1]:g} Hz; reached: {best}. {advice}"
-    )
+        if task.target.measure == "relative":
+            break
+    return None
+
+
+def _states(found: Kept) -> int:
+    """Return the number of states of a choice."""
+    if isinstance(found.conversion, Rational):
+        return found.conversion.n_states
+    return len(found.conversion.matrices(found.mask)[0])
 
 
 def conversions(
@@ -280,7 +397,7 @@ def conversions(
     task, _ = _task(
         own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend
     )
-    return tuple(_error_of(task, name) for name in (*ROUTES[1:], *_REFUSED))
+    return tuple(_error_of(task, name) for name in (*_CONVERSIONS, *_REFUSED))
 
 
 def _error_of(task: _Task, name: str) -> ConversionError:
@@ -290,7 +407,12 @@ def _error_of(task: _Task, name: str) -> ConversionError:
             G = conversion.response(
                 np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq
             )
-            found = ConversionError(name, task.target.error(G), task.target.peak_error(G))
+            found = ConversionError(
+                name,
+                task.target.error(G),
+                task.target.peak_error(G),
+                relative_error=task.target.relative_error(G),
+            )
             if not best.error <= found.error:
                 best = found
     except ModelError as error:
@@ -324,6 +446,7 @@ def _task(
     quantity: str | Sequence[str],
     tier: str | None,
     backend: str | None,
+    measure: str = "relative",
 ) -> tuple[_Task, tuple[str, ...]]:
     low, high = _check_band(band)
     named = [quantity] * len(outputs) if isinstance(quantity, str) else list(quantity)
@@ -348,7 +471,8 @@ def _task(
         quantities,
         lines,
         slow=bool(space.omega[0] < 2.0 * np.pi * low),
-        potential=full(space, powers).potential(lines),
+        potential=full(space, powers).potential,
+        measure=measure,
         solver=space.solver,
         tier=tier,
         backend=backend,
@@ -357,7 +481,7 @@ def _task(
         raise SolverError(
             "plant: the structure has no finite answer at a line of the band: it is not damped"
         )
-    return _Task(space, target, powers, (low, high)), quantities
+    return _Task(space, target, powers, (low, high), (inputs, outputs)), quantities
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:
@@ -380,7 +504,7 @@ def _check_band(band: Sequence[float]) -> tuple[float, float]:
     return low, high
 
 
-def _check_route(route: str, task: _Task) -> tuple[str, ...]:
+def _check_route(route: str, task: _Task, error: str) -> tuple[str, ...]:
     if route in _REFUSED:
         found = _error_of(task, route)
         raise OptionError(
@@ -391,4 +515,6 @@ def _check_route(route: str, task: _Task) -> tuple[str, ...]:
         )
     if route not in ROUTES:
         raise OptionError(f"plant: no route {route!r}; {suggest(str(route), ROUTES)}")
-    return ("modal", "complex") if route == "auto" else (route,)
+    if route != "auto":
+        return (route,)
+    return ("modal", "complex", "rational") if error == "relative" else ("modal", "complex")

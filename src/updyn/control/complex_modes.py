@@ -43,6 +43,7 @@ __all__ = [
     "Fitted",
     "complex_modes",
     "fitted",
+    "slow_motion",
 ]
 
 _Real = NDArray[np.float64]
@@ -98,17 +99,17 @@ class ComplexModes:
         """None: what is rigid is not among the candidates."""
         return np.zeros(len(self.poles), dtype=np.bool_)
 
-    def costs(self, freq: _Real) -> _Real:
+    def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return what leaving each mode out changes."""
         s = imaginary(freq)
-        out = np.empty((len(self.poles), len(self.powers), len(self.at_inputs)))
+        out = np.empty(len(self.poles))
         for j, pole in enumerate(self.poles):
             R = np.outer(self.at_outputs[:, j], self.at_inputs[:, j])
             own = (
                 R / (s - pole)[:, None, None] + R.conj() / (s - pole.conj())[:, None, None]
             ) * rates(self.powers, s)
             static = np.where((self.powers == 0)[:, None], -2.0 * (R / pole).real, 0.0)
-            out[j] = np.abs(own - static).max(axis=0)
+            out[j] = (np.abs(own - static) / level).max()
         return out
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
@@ -237,6 +238,19 @@ def complex_modes(space: ModalSpace, powers: NDArray[np.intp], top: float) -> Co
     )
 
 
+def slow_motion(space: ModalSpace) -> tuple[_Real, _Real, _Real, NDArray[np.intp]]:
+    """Return the motion with real poles: A, B, C of displacements, and which states are velocities.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        The modes.
+    """
+    A, B, C, n = _slow(space)
+    still = len(_undamped_rigid(space))
+    return A, B @ space.inputs.T, space.outputs @ C, np.arange(n - still, n)
+
+
 def _first_order(space: ModalSpace, stiffness: NDArray[Any]) -> NDArray[Any]:
     r = len(space)
     out: NDArray[Any] = np.zeros((2 * r, 2 * r), dtype=stiffness.dtype)
@@ -348,9 +362,9 @@ class Fitted:
         """None: what is rigid is not among the candidates."""
         return self.base.always
 
-    def costs(self, freq: _Real) -> _Real:
+    def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return what leaving each mode out changes, before the fit."""
-        return self.base.costs(freq)
+        return self.base.costs(freq, level)
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""
@@ -391,6 +405,8 @@ class Fitted:
         states = self._states(kept, target.freq)
         wanted = target.values - self.base.slow_response(imaginary(target.freq))
         weight = 1.0 / np.maximum(target.broad, np.abs(target.values))
+        if target.measure == "relative":
+            weight = 1.0 / target.reference
         rows, through = (
             np.zeros((len(self.base.powers), states.shape[1])),
             np.zeros((len(self.base.powers), n_u)),
@@ -400,7 +416,8 @@ class Fitted:
             known = (
                 states if power == 1 else np.concatenate([states, eye], axis=1)
             )  # no velocity jumps
-            A = (known * weight[:, i, None, :]).transpose(0, 2, 1).reshape(-1, known.shape[1])
+            A = (known * weight[:, i, None, :]).transpose(0, 2, 1)
+            A = A.reshape(len(known) * n_u, known.shape[1])
             b = (wanted[:, i] * weight[:, i]).ravel()
             real = np.vstack([A.real, A.imag])
             scale = np.maximum(np.linalg.norm(real, axis=0), 1e-300)

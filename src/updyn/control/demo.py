@@ -112,7 +112,7 @@ def azimuth_plant(model: Model) -> Plant:
         Torque at the motor, counted at the load, and torque of the wind at the hub, in N m; speed
         of the motor, counted at the load, in rad/s, angles of turntable and hub in rad.
     """
-    return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES)
+    return plant(model, INPUTS, OUTPUTS, BAND, quantity=QUANTITIES, error="peak")
 
 
 def azimuth_servo(made: Plant, controller: Controller = CONTROLLER) -> Servo:
@@ -169,6 +169,7 @@ quantity = ["{'", "'.join(QUANTITIES)}"]
 band = [{BAND[0]:g}, {BAND[1]:g}]
 test = "rotors free"
 family = 5
+error = "peak"
 
 [[plant.outputs]]
 name = "speed"

@@ -34,8 +34,9 @@ _Complex = NDArray[np.complex128]
 
 #: How an update has to have ended.
 _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
-#: The route that serves where damping is strong and local.
-_CLOSEST = "complex"
+#: By the error that is limited, the route that serves where the one of the nominal plant does not
+#: for all members.
+_CLOSEST = {"relative": "rational", "peak": "complex"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,6 +234,7 @@ def plant_family(
     *,
     quantity: str | Sequence[str] = "receptance",
     route: str = "auto",
+    error: str = "relative",
     tier: str | None = None,
     backend: str | None = None,
     n: int = 20,
@@ -247,7 +249,7 @@ def plant_family(
     ----------
     result : UpdateResult or JointResult
         An update that has ended at a minimum.
-    inputs, outputs, band, tolerance, quantity, route, tier, backend
+    inputs, outputs, band, tolerance, quantity, route, error, tier, backend
         As for `updyn.plant`. Every plant holds the tolerance against its own model with structural
         damping; all are made by one route.
     n : int
@@ -300,7 +302,7 @@ def plant_family(
     else:
         values, source, note = _from_draws(result, draws, int(n))
         cut = {}
-    options = {"quantity": quantity, "tier": tier, "backend": backend}
+    options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
     making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
     nominal = making.plant(own.model, route)
     with opened_engine(engine) as made:
@@ -309,10 +311,11 @@ def plant_family(
         except ModelError:
             # What converts the damping of the nominal plant well enough may not do so for all; one
             # route serves all.
-            if route != "auto" or nominal.route == _CLOSEST:
+            closest = _CLOSEST[error]
+            if route != "auto" or nominal.route == closest:
                 raise
-            nominal = making.plant(own.model, _CLOSEST)
-            members = making.members(values, _CLOSEST, made)
+            nominal = making.plant(own.model, closest)
+            members = making.members(values, closest, made)
     facts = {
         "source": source,
         "n": int(n),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.control.antiresonances import ZeroShift
 from updyn.control.ports import Port
 from updyn.errors import DataError, ModelError, OptionError, suggest
 from updyn.frf import FRF, check_lines, check_quantity
@@ -83,7 +84,8 @@ class Plant:
     band : (float, float)
         Lowest and highest line in Hz for which it was made.
     tolerance : float
-        What was asked of `error`.
+        What was asked of `relative_error`; where ``facts["error"]`` is ``"peak"``, and in plants
+        of earlier versions, of `error` and `peak_error`.
     error : float
         Largest error of a channel in the band, as a share of its peak there, against the model with
         its structural damping, line by line.
@@ -103,6 +105,12 @@ class Plant:
         Intervals by which the input of a sampled one is late, its states included in A.
     facts : dict
         How it was made, for the record.
+    relative_error : float
+        Largest error of a channel in the band as a share of its own size at each line, |dH| / |H|;
+        at an antiresonance as a share of the level one half-power width beside it. nan of a plant
+        in a file of an earlier version.
+    zero_shift : tuple of ZeroShift
+        The antiresonances of each channel in the band: shift in per cent, and depth in dB.
     """
 
     A: _Real
@@ -122,6 +130,8 @@ class Plant:
     dt: float | None = None
     delay: int = 0
     facts: Mapping[str, Any] = field(default_factory=dict)
+    relative_error: float = float("nan")
+    zero_shift: tuple[ZeroShift, ...] = ()
 
     def __post_init__(self) -> None:
         n, n_u, n_y = len(self.A), len(self.input_ports), len(self.output_ports)
@@ -150,9 +160,12 @@ class Plant:
 
     def __repr__(self) -> str:
         sampled = "" if self.dt is None else f", sampled every {self.dt:g} s"
+        error = f"error {self.error:.2g}"
+        if not np.isnan(self.relative_error):
+            error = f"relative error {self.relative_error:.2g}"
         return (
             f"Plant({self.n_states} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs,"
-            f" error {self.error:.2g} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
+            f" {error} from {self.band[0]:g} to {self.band[1]:g} Hz{sampled})"
         )
 
     def _repr_html_(self) -> str:
@@ -313,6 +326,7 @@ class Plant:
             input_ports=(self.input_ports[j],),
             output_ports=(self.output_ports[i],),
             quantities=(self.quantities[i],),
+            zero_shift=tuple(z for z in self.zero_shift if (z.output, z.input) == (output, input)),
         )
 
 

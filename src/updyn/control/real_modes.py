@@ -72,7 +72,7 @@ class SecondOrder:
         """Rigid-body modes."""
         return np.arange(len(self.space)) < self.space.rigid
 
-    def costs(self, freq: _Real) -> _Real:
+    def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return what leaving each mode out changes, its coupling to others aside."""
         space, s = self.space, imaginary(freq)
         square = np.where(self.always, 1.0, space.omega**2)
@@ -81,13 +81,15 @@ class SecondOrder:
                 square[None, :] + s[:, None] * np.diag(self.damping) + s[:, None] ** 2
             )  # (n_f, r)
         size = rates(self.powers, s)[:, :, 0]
-        out = np.empty((len(space), len(space.outputs), len(space.inputs)))
+        out = np.zeros(len(space))
         for i, power in enumerate(self.powers):
             left = own
             if power == 0:
                 left = own - 1.0 / square
-            largest = np.abs(left * size[:, [i]]).max(axis=0)
-            out[:, i] = largest[:, None] * np.abs(space.outputs[i][:, None] * space.inputs.T)
+            change = np.abs(left * size[:, [i]])
+            for j, shape in enumerate(space.inputs):
+                largest = (change / level[:, i, j, None]).max(axis=0)
+                out = np.maximum(out, largest * np.abs(space.outputs[i] * shape))
         return out
 
     def potential(self, freq: _Real) -> _Real:
@@ -100,19 +102,17 @@ class SecondOrder:
 
         Returns
         -------
-        ndarray of float, shape (n_y, n_u)
+        ndarray of float, shape (n_f, n_y, n_u)
         """
         space, s = self.space, imaginary(freq)
-        square = space.omega**2
         size = np.abs(rates(self.powers, s)[:, :, 0])
         with np.errstate(divide="ignore"):  # a mode without damping, on a line
-            own = np.abs(1.0 / (square + s[:, None] * np.diag(self.damping) + s[:, None] ** 2))
-        peak = np.stack(
-            [np.minimum(own * size[:, [i]], 1e300).max(axis=0) for i in range(len(self.powers))]
-        )
-        return np.asarray(
-            np.sqrt((peak * space.outputs**2).sum(axis=1)[:, None] * (peak @ space.inputs.T**2))
-        )
+            own = np.abs(
+                1.0 / (space.omega**2 + s[:, None] * np.diag(self.damping) + s[:, None] ** 2)
+            )
+        own = np.minimum(own, 1e150)
+        outputs, inputs = np.sqrt(own @ space.outputs.T**2), np.sqrt(own @ space.inputs.T**2)
+        return np.asarray((size * outputs)[:, :, None] * inputs[:, None, :])
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some modes kept."""
@@ -277,9 +277,9 @@ class Biot:
         """Rigid-body modes."""
         return self.base.always
 
-    def costs(self, freq: _Real) -> _Real:
+    def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return what leaving each mode out changes."""
-        return self.ranking.costs(freq)
+        return self.ranking.costs(freq, level)
 
     def _stiffness(self, kept: NDArray[np.bool_]) -> _Real:
         """Return the static stiffness of the kept modes, without that of the relaxing terms."""

@@ -65,8 +65,8 @@ class Conversion(Protocol):
     def always(self) -> NDArray[np.bool_]:
         """Which candidates are never left out: rigid-body motion."""
 
-    def costs(self, freq: _Real) -> _Real:
-        """Return the largest change of each channel without each candidate, (n, n_y, n_u)."""
+    def costs(self, freq: _Real, level: _Real) -> _Real:
+        """Return the largest change without each candidate over a level (n_f, n_y, n_u); (n,)."""
 
     def response(self, kept: NDArray[np.bool_], freq: _Real) -> _Complex:
         """Return the response with some candidates kept, shape (n_f, n_y, n_u)."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.antiresonances import raised, resolved
 from updyn.control.ports import Port, port_matrix
 from updyn.control.space import Conversion
 from updyn.dynamics.reduced import ReducedSolver
@@ -31,6 +33,8 @@ _AROUND = np.array([-4.0, -2.0, -1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0,
 _COUNTS = 0.1
 #: A channel below this share of what its two ports have each is one without coupling.
 _UNCOUPLED = 1e-7
+#: Error of a reduced model, as a share of the largest receptance of a line, over what it resolves.
+_RESOLVED = 1e-6
 #: A pole nearer to the axis than this share of its size is one without damping.
 _UNDAMPED = 1e-9
 #: Where a route cannot hold the tolerance beside a sharp peak, it has to come so near to what all
@@ -60,6 +64,11 @@ class Target:
     floor : ndarray of float, shape (n_y, n_u)
         What is left of a channel without coupling: rounding, far below what its two ports have
         each.
+    reference : ndarray of float, shape (n_f, n_y, n_u)
+        Of what a relative error is a share, line by line: |H|, at an antiresonance that one
+        half-power width beside it; not below what rounding leaves.
+    measure : {"relative", "peak"}
+        For which errors a tolerance holds.
     """
 
     freq: _Real
@@ -68,6 +77,8 @@ class Target:
     broad: _Real
     lift: _Real
     floor: _Real
+    reference: _Real
+    measure: str = "relative"
 
     @classmethod
     def of(
@@ -79,7 +90,8 @@ class Target:
         freq: _Real,
         *,
         slow: bool,
-        potential: _Real,
+        potential: Callable[[_Real], _Real],
+        measure: str = "relative",
         solver: ReducedSolver | None = None,
         tier: str | None = None,
         backend: str | None = None,
@@ -98,8 +110,11 @@ class Target:
             Lines in Hz.
         slow : bool
             Whether there is rigid-body motion, or a mode below the band.
-        potential : ndarray of float, shape (n_y, n_u)
-            Peak that each channel might have by what its two ports have each.
+        potential : callable
+            Returns how large each channel might be by what its two ports have each, at lines in Hz,
+            shape (n_f, n_y, n_u).
+        measure : {"relative", "peak"}
+            For which errors a tolerance holds.
         solver : ReducedSolver, optional
             A proved reduced model, which answers where no tier is forced.
         tier, backend : str, optional
@@ -109,16 +124,55 @@ class Target:
             port_matrix(inputs, model, "input"),
             port_matrix(outputs, model, "output"),
         )
-        if solver is not None and tier is None:
-            coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * freq)
-            found = solver.at(solver.solve(coefficients, columns, freq), rows).transpose(1, 0, 2)
-        else:
-            found = response(
-                model, freq, model.dofs[rows], model.dofs[columns], tier=tier, backend=backend
-            ).values
         power = np.array([QUANTITIES[q] for q in quantities])
-        s = 2j * np.pi * freq
-        values = (out @ found @ into.T) * (s[:, None] ** power)[:, :, None]
+
+        def answer(lines: _Real) -> _Complex:
+            if solver is not None and tier is None:
+                coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * lines)
+                found = solver.at(solver.solve(coefficients, columns, lines), rows)
+                found = found.transpose(1, 0, 2)
+            else:
+                at = model.dofs[rows], model.dofs[columns]
+                found = response(model, lines, *at, tier=tier, backend=backend).values
+            rate = (2j * np.pi * lines[:, None]) ** power
+            return np.asarray((out @ found @ into.T) * rate[:, :, None])
+
+        freq, values = resolved(answer, freq, answer(freq))
+        resolution = _UNCOUPLED * potential(freq)
+        if solver is not None:
+            rate = np.abs(2j * np.pi * freq[:, None]) ** power
+            receptance = np.abs(values) / rate[:, :, None]
+            largest = receptance.max(axis=(1, 2), keepdims=True)
+            resolution = np.maximum(resolution, _RESOLVED * largest * rate[:, :, None])
+        return cls.at(freq, values, quantities, resolution, slow=slow, measure=measure)
+
+    @classmethod
+    def at(
+        cls,
+        freq: _Real,
+        values: _Complex,
+        quantities: tuple[str, ...],
+        resolution: _Real,
+        *,
+        slow: bool,
+        measure: str = "relative",
+    ) -> Target:
+        """Return the target with some values.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+        values : ndarray of complex, shape (n_f, n_y, n_u)
+            The response.
+        quantities : tuple of str
+            Of each output.
+        resolution : ndarray of float, shape (n_f, n_y, n_u)
+            What is left of a channel without coupling.
+        slow, measure
+            As for `of`.
+        """
+        power = np.array([QUANTITIES[q] for q in quantities])
         size = np.abs(values)
         level = size.max(axis=0)
         even = (
@@ -128,9 +182,21 @@ class Target:
         broad = size[
             np.unique(np.searchsorted(freq, np.concatenate(even)).clip(max=len(freq) - 1))
         ].max(axis=0)
-        lift = (np.abs(s)[:, None] ** ((2 - power) * slow))[:, :, None]
-        floor = np.where(potential > 0, _UNCOUPLED * potential, 1.0)
-        return cls(freq, values, np.maximum(level, floor), np.maximum(broad, floor), lift, floor)
+        lift = ((2.0 * np.pi * freq)[:, None] ** ((2 - power) * slow))[:, :, None]
+        floor = resolution.max(axis=0)
+        floor = np.where(floor > 0, floor, 1.0)
+        reference = np.maximum(raised(freq, values), resolution)
+        reference = np.where(reference > 0, reference, 1.0)
+        return cls(
+            freq,
+            values,
+            np.maximum(level, floor),
+            np.maximum(broad, floor),
+            lift,
+            floor,
+            reference,
+            measure,
+        )
 
     @property
     def slow(self) -> bool:
@@ -147,6 +213,24 @@ class Target:
         """
         return float((np.abs(G - self.values) / self.level).max())
 
+    def relative_error(self, G: _Complex) -> float:
+        """Return the largest error of a channel as a share of its own size at each line.
+
+        At an antiresonance as a share of the level one half-power width beside it.
+
+        Parameters
+        ----------
+        G : ndarray of complex, shape (n_f, n_y, n_u)
+            An answer at the same lines.
+        """
+        return float((np.abs(G - self.values) / self.reference).max())
+
+    def limits(self, tolerance: float) -> _Real:
+        """Return what a tolerance allows of the errors of `judged`, shape (5,)."""
+        if self.measure == "relative":
+            return np.array([tolerance, np.inf, np.inf, np.inf, np.inf])
+        return np.array([np.inf, *[tolerance] * 4])
+
     def worst(self, G: _Complex) -> float:
         """Return the largest error as a share of the channel's `broad` peak or a larger response.
 
@@ -160,10 +244,10 @@ class Target:
         return float((np.abs(G - self.values) / np.maximum(self.broad, np.abs(self.values))).max())
 
     def judged(self, G: _Complex) -> _Real:
-        """Return all errors of an answer, shape (4,).
+        """Return all errors of an answer, shape (5,).
 
-        Those that a plant states, `error` and `peak_error`; and what they may hide: `worst`, and
-        `peak_error` where slow motion hides no resonance.
+        Those that a plant states, `relative_error`, `error` and `peak_error`; and what the last two
+        may hide: `worst`, and `peak_error` where slow motion hides no resonance.
 
         Parameters
         ----------
@@ -171,7 +255,13 @@ class Target:
             An answer at the same lines.
         """
         return np.array(
-            [self.error(G), self.peak_error(G), self.worst(G), self.peak_error(G, strict=True)]
+            [
+                self.relative_error(G),
+                self.error(G),
+                self.peak_error(G),
+                self.worst(G),
+                self.peak_error(G, strict=True),
+            ]
         )
 
     def peak_error(self, G: _Complex, *, strict: bool = False) -> float:
@@ -253,10 +343,10 @@ class Kept:
         What was chosen from.
     mask : ndarray of bool, shape (n,)
         Which are kept.
-    errors : ndarray of float, shape (4,)
+    errors : ndarray of float, shape (5,)
         Against the model, see `Target.judged`.
-    limits : ndarray of float, shape (4,)
-        What was asked of them.
+    limits : ndarray of float, shape (5,)
+        What was asked of them; inf of those for which the tolerance does not hold.
     """
 
     conversion: Conversion
@@ -271,8 +361,9 @@ class Kept:
 
     @property
     def error(self) -> float:
-        """The larger of the errors that a plant states."""
-        return float(self.errors[:2].max())
+        """The larger of the errors that a plant states and for which the tolerance holds."""
+        stated = self.errors[:3]
+        return float(stated[np.isfinite(self.limits[:3])].max())
 
 
 def fewest(
@@ -281,10 +372,10 @@ def fewest(
     """Find the fewest candidates that hold a tolerance; those below the band are always kept.
 
     Modal cost: candidates are ranked by the largest change that leaving each one out makes, as a
-    share of the peak of its channel (after R. E. Skelton & P. C. Hughes, J. Dynamic Systems,
-    Measurement, and Control 102 (1980) 151-158, in the largest instead of the mean square). Double
-    integrators are always kept and need no Gramian. The number comes by bisection, and single ones
-    are then left out as long as the tolerance holds.
+    share of the peak of its channel, or line by line (after R. E. Skelton & P. C. Hughes, J.
+    Dynamic Systems, Measurement, and Control 102 (1980) 151-158, in the largest instead of the mean
+    square). Double integrators are always kept and need no Gramian. The number comes by bisection,
+    and single ones are then left out as long as the tolerance holds.
 
     Parameters
     ----------
@@ -293,7 +384,7 @@ def fewest(
     target : Target
         What to answer like.
     tolerance : float
-        On the error and on the height of resonances.
+        On the errors that `Target.measure` names.
     lenient : bool
         False: all of `Target.judged` has to be within the tolerance. True: what a plant states, and
         of the rest what all candidates together reach.
@@ -303,15 +394,18 @@ def fewest(
     Kept
         All candidates, where not even these hold the tolerance; see `Kept.holds`.
     """
-    costs = (conversion.costs(target.freq) / target.broad).max(axis=(1, 2))
+    level = np.broadcast_to(target.broad, target.reference.shape)
+    if target.measure == "relative":
+        level = target.reference
+    costs = conversion.costs(target.freq, level)
     # A servo closes its loop through what is slow: it is not for a tolerance to leave that out.
     always = conversion.always | (conversion.frequency < target.freq[0])
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
-    limits = np.full(4, tolerance)
+    limits = target.limits(tolerance)
     whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
     if lenient:
-        limits[2:] = np.maximum(tolerance, _SHORT * whole.errors[2:])
+        limits[3:] = np.maximum(limits[3:], _SHORT * whole.errors[3:])
     if not whole.holds:
         return whole
     low, high, best = int(always.sum()), len(order), whole

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-__all__ = ["Basis", "Fitted", "fit", "growing", "predicting"]
+__all__ = ["Basis", "Fitted", "fit", "growing", "predicting", "relocated", "stacked"]
 
 _Complex = NDArray[np.complex128]
 
@@ -231,15 +231,46 @@ def _moved(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
 def _zeros(basis: Basis, x: _Complex, Y: _Complex, poles: _Complex) -> _Complex:
     """Return the zeros of sigma that minimises |sigma Y - numerators| at mean |sigma|^2 = 1."""
     inner = basis.fractions(x, poles)
-    sigma = np.hstack([inner, np.ones((len(x), 1))])
     Q = np.linalg.qr(basis.parts(np.hstack([inner, basis.powers(x)])))[0]
+    sigma = np.hstack([inner, np.ones((len(x), 1))])
     triangle: NDArray[Any] = np.zeros((0, sigma.shape[1]))
     for y in Y.T:
-        block = basis.parts(y[:, None] * sigma)
-        block -= Q @ (Q.conj().T @ block)
-        triangle = np.asarray(
-            np.linalg.qr(np.vstack([triangle, np.linalg.qr(block, mode="r")]), mode="r")
-        )
+        triangle = stacked(triangle, basis.parts(y[:, None] * sigma), Q)
+    return relocated(basis, x, poles, triangle)
+
+
+def stacked(triangle: NDArray[Any], block: NDArray[Any], Q: NDArray[Any]) -> NDArray[Any]:
+    """Return the triangle of the equations of sigma, with those of one more function.
+
+    Parameters
+    ----------
+    triangle : ndarray, shape (k, m + 1)
+        Of the functions before; at first without rows.
+    block : ndarray, shape (n, m + 1)
+        The function times the fractions and 1, as `Basis.parts`.
+    Q : ndarray, shape (n, j)
+        Orthonormal columns of which its numerator is a sum: they are eliminated.
+    """
+    block = block - Q @ (Q.conj().T @ block)
+    own = np.linalg.qr(block, mode="r")
+    return np.asarray(np.linalg.qr(np.vstack([triangle, own]), mode="r"))
+
+
+def relocated(basis: Basis, x: _Complex, poles: _Complex, triangle: NDArray[Any]) -> _Complex:
+    """Return the poles moved to the zeros of sigma at mean |sigma|^2 = 1, unstable ones reflected.
+
+    Parameters
+    ----------
+    basis : Basis
+        Of the fractions.
+    x : ndarray of complex, shape (n_f,)
+        The variable at the lines.
+    poles : ndarray of complex, shape (m,)
+        Of sigma.
+    triangle : ndarray
+        Equations of sigma, from `stacked`.
+    """
+    sigma = np.hstack([basis.fractions(x, poles), np.ones((len(x), 1))])
     level = np.linalg.qr(basis.parts(sigma), mode="r")
     scaled = scipy.linalg.solve_triangular(level, triangle.conj().T, trans="C").conj().T
     c = scipy.linalg.solve_triangular(level, np.linalg.svd(scaled)[2][-1].conj())

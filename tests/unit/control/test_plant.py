@@ -52,7 +52,14 @@ class TestWithinTheTolerance:
     )
     def test_chain(self, chain: updyn.Model, quantity: str, route: str, tolerance: float) -> None:
         plant = updyn.plant(
-            chain, ["2:X"], ["1:X", "4:X"], (0.5, 45.0), tolerance, quantity=quantity, route=route
+            chain,
+            ["2:X"],
+            ["1:X", "4:X"],
+            (0.5, 45.0),
+            tolerance,
+            quantity=quantity,
+            route=route,
+            error="peak",
         )
         assert max(plant.error, plant.peak_error) <= tolerance
         lines = np.sort(np.random.default_rng(3).uniform(0.5, 45.0, 3000))
@@ -75,7 +82,7 @@ class TestWithinTheTolerance:
 
     def test_gear_train(self) -> None:
         model = true_model()
-        plant = updyn.plant(model, ["2:RZ"], ["1:RZ", "4:RZ"], (1.0, 150.0), 0.01)
+        plant = updyn.plant(model, ["2:RZ"], ["1:RZ", "4:RZ"], (1.0, 150.0), 0.01, error="peak")
         assert plant.route == "complex"  # loss factors of 0.4 and 0.6 in two shafts
         assert off(plant, model, "receptance", np.geomspace(1.0, 150.0, 2000)) <= 0.0105
         assert plant.poles.real.max() < 0
@@ -112,7 +119,7 @@ class TestWithinTheTolerance:
             ModelError,
             match=r"no order holds a tolerance of 1e-06 .*0\.01\d* by route 'modal', 0\.00\d* by",
         ):
-            updyn.plant(chain, ["2:X"], ["1:X"], (0.5, 45.0), 1e-6)
+            updyn.plant(chain, ["2:X"], ["1:X"], (0.5, 45.0), 1e-6, error="peak")
 
 
 class TestConversions:
@@ -144,7 +151,9 @@ class TestConversions:
             phi @ np.linalg.solve(np.diag(square) - w**2 * np.eye(2) + 1j * w * C, phi.T)
             for w in 2 * np.pi * lines
         ]
-        plant = updyn.plant(model, ["1:X", "2:X"], ["1:X", "2:X"], (0.1, 4.0), 0.5, route="modal")
+        plant = updyn.plant(
+            model, ["1:X", "2:X"], ["1:X", "2:X"], (0.1, 4.0), 0.5, route="modal", error="peak"
+        )
         assert plant.n_states == 4
         assert plant.response(lines).values == pytest.approx(np.array(own), rel=1e-10)
 
@@ -158,6 +167,7 @@ class TestConversions:
             (0.1, 20.0),
             0.1,
             route="complex",
+            error="peak",
         )
         pole = 1j * omega * np.sqrt(1 + 1j * eta)
         assert np.sort_complex(plant.poles) == pytest.approx(
@@ -177,6 +187,7 @@ class TestConversions:
             0.05,
             quantity="mobility",
             route="biot",
+            error="peak",
         )
         Y = plant.response(np.geomspace(1e-3, 1e4, 400)).values
         power = np.linalg.eigvalsh(0.5 * (Y + Y.conj().transpose(0, 2, 1)))
@@ -272,7 +283,7 @@ class TestRigidBody:
         n = 40
         model = springs([2e5] * n, [1.0] * n, [0.01] * n)
         first = updyn.modes(model, 2).frequency
-        plant = updyn.plant(model, ["1:X"], ["1:X"], (0.1, 1.2 * first[1]), 0.02)
+        plant = updyn.plant(model, ["1:X"], ["1:X"], (0.1, 1.2 * first[1]), 0.02, error="peak")
         assert plant.n_states < 20
         H = updyn.response(model, [0.1], ["1:X"], ["1:X"]).values
         assert plant.response([0.1]).values == pytest.approx(H, rel=0.02)

@@ -15,7 +15,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.updating.result import JointResult, UpdateResult
 
 MOTOR, LOAD, STIFFNESS = 0.5, 2.0, 1e4
-PORTS = {"inputs": "1:RZ", "outputs": ["1:RZ", "2:RZ"], "band": (2.0, 80.0)}
+PORTS = {"inputs": "1:RZ", "outputs": ["1:RZ", "2:RZ"], "band": (2.0, 80.0), "error": "peak"}
 
 
 def free_drive() -> updyn.Model:

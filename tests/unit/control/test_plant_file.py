@@ -172,7 +172,7 @@ def test_json_is_for_any_program(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
     assert (found["format"], found["schema"], found["dt"], found["rigid"]) == (
         "updyn plant",
-        1,
+        2,
         None,
         1,
     )
@@ -312,7 +312,7 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
     [
         (lambda p: p.pop("B"), "'B' is missing"),
         (lambda p: p.update(eror=1), "unknown name 'eror'; did you mean 'error'"),
-        (lambda p: p.update(schema=2), "schema: found 2"),
+        (lambda p: p.update(schema=3), "schema: found 3"),
         (lambda p: p.update(dt=-0.1), r"dt: found -0\.1"),
         (lambda p: p.update(band=[2.0, 1.0]), "band: found"),
         (lambda p: p.update(band="all"), "band: expected real numbers, found str"),
@@ -358,10 +358,10 @@ def test_a_text_that_is_not_json(tmp_path: Path) -> None:
     path = tmp_path / "p.json"
     updyn.write_plant(PLANTS["one"], path)
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('"schema": 1,', '"schema": 1'), encoding="utf-8")
+    path.write_text(text.replace('"schema": 2,', '"schema": 2'), encoding="utf-8")
     with pytest.raises(FormatError, match=r"p\.json:4: not JSON"):
         updyn.read_plant(path)
-    path.write_text(text.replace('"schema": 1,', '"schema": 1, "schema": 1,'), encoding="utf-8")
+    path.write_text(text.replace('"schema": 2,', '"schema": 2, "schema": 2,'), encoding="utf-8")
     with pytest.raises(FormatError, match="'schema' stands twice"):
         updyn.read_plant(path)
     path.write_text(text.replace('"error": 0.013', '"error": NaN'), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -43,14 +44,19 @@ def describe_plant(plant: Plant) -> str:
             ),
             (
                 f"made for {plant.band[0]:g} to {plant.band[1]:g} Hz by route {plant.route!r}:"
-                f" largest error of a channel {plant.error:.3g} of its peak (asked for"
-                f" {plant.tolerance:g}), of a resonance's height {plant.peak_error:.3g}"
+                f" largest relative error of a channel {_relative(plant)}, error"
+                f" {plant.error:.3g} of its peak, of a resonance's height {plant.peak_error:.3g}"
+                f" (asked for {plant.tolerance:g})"
             ),
             f"{modes}, natural frequencies (Hz): {frequencies}",
             "",
             text_table(("port", "is", "unit", "weights"), rows),
         ]
     )
+
+
+def _relative(plant: Plant) -> str:
+    return "not known" if math.isnan(plant.relative_error) else f"{plant.relative_error:.3g}"
 
 
 def _delay(plant: Plant) -> str:

@@ -2,13 +2,15 @@
 
 Items (`plant_items`), as ``.json`` has them::
 
-    format, schema            "updyn plant", 1
+    format, schema            "updyn plant", 2; 1 without the last two items is read as well
     A, B, C, D                (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
     dt, delay                 sampling interval in s, None if continuous; intervals of delay in A
     inputs                    {name, unit, weights, rotation} of each; weights by DOF label
     outputs                   the same with quantity
     band                      Hz
     tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
+    relative_error            None: not known
+    zero_shift                {output, input, frequency, shift, depth, plant_depth} of each zero
 
 Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outputs`` alike, by
 (`flat_items`)::
@@ -20,19 +22,22 @@ Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outpu
     input_weight_dof          DOF label of each weight
     quantities                of the outputs
     dt                        0 if continuous, as MATLAB has it
-    facts                     JSON text, see `updyn.store.values`
+    facts, zero_shift         JSON text, see `updyn.store.values`
+    relative_error            nan: not known
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.antiresonances import ZeroShift
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.errors import FormatError, suggest
@@ -43,7 +48,9 @@ from updyn.store.values import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
 
-FORMAT, SCHEMA = "updyn plant", 1
+FORMAT, SCHEMA = "updyn plant", 2
+#: Schemas that are read; the first has no relative error.
+_READ = (1, 2)
 #: Ends the message about a file of something else.
 NO_PLANT = "this file holds no plant"
 
@@ -63,6 +70,8 @@ _KEYS = (
     "modes",
     "facts",
 )
+_LATER = ("relative_error", "zero_shift")
+_ZERO = tuple(f.name for f in fields(ZeroShift))
 _PORT = ("name", "unit", "weights", "rotation")
 _FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", "{}_weight_dof")
 
@@ -85,6 +94,8 @@ def plant_items(plant: Plant) -> dict[str, Any]:
         "rigid": int(plant.rigid),
         "modes": plant.modes,
         "facts": dict(plant.facts),
+        "relative_error": None if math.isnan(plant.relative_error) else plant.relative_error,
+        "zero_shift": [_finite(asdict(zero)) for zero in plant.zero_shift],
         **{name: getattr(plant, name) for name in _MATRICES},
     }
 
@@ -101,11 +112,14 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
         raise FormatError(
             f"format: found {items.get('format')!r}, expected {FORMAT!r}: {NO_PLANT}", path
         )
-    if items.get("schema") != SCHEMA:
+    if items.get("schema") not in _READ:
         raise FormatError(
-            f"schema: found {items.get('schema')!r}; this version of updyn reads {SCHEMA}", path
+            f"schema: found {items.get('schema')!r}; this version of updyn reads"
+            f" {' and '.join(map(str, _READ))}",
+            path,
         )
-    _complete(items, (*_KEYS, *_MATRICES), "", path)
+    items = _EARLIER | dict(items) if items["schema"] == 1 else items
+    _complete(items, (*_KEYS, *_LATER, *_MATRICES), "", path)
     inputs = _ports(items["inputs"], "input", _PORT, path)
     outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
     dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
@@ -142,6 +156,8 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
             modes=_numbers(items["modes"], 1, "modes", path),
             dt=None if dt is None else float(dt),
             facts=dict(items["facts"]),
+            relative_error=_known(items["relative_error"], "relative_error", path),
+            zero_shift=_zeros(items["zero_shift"], path),
         )
 
 
@@ -149,7 +165,14 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
 def flat_items(plant: Plant) -> dict[str, Any]:
     """Return the items of a plant as numbers, arrays, texts and lists of texts."""
     items = plant_items(plant)
-    out = {**items, "dt": items["dt"] or 0.0, "facts": to_text(items["facts"], "facts of a plant")}
+    unknown = items["relative_error"] is None
+    out = {
+        **items,
+        "dt": items["dt"] or 0.0,
+        "facts": to_text(items["facts"], "facts of a plant"),
+        "relative_error": np.nan if unknown else items["relative_error"],
+        "zero_shift": to_text(items["zero_shift"], "zeros of a plant"),
+    }
     for side in ("input", "output"):
         ports = items[f"{side}s"]
         numbers: list[float] = []
@@ -188,10 +211,15 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     if found != FORMAT:
         raise FormatError(f"format: found {found!r}, expected {FORMAT!r}: {NO_PLANT}", path)
     ports = [name.format(side) for side in ("input", "output") for name in _FLAT_PORTS]
-    _complete(flat, list(dict.fromkeys([*_KEYS, *_MATRICES, *ports, "quantities"])), "", path)
+    known = dict.fromkeys([*_KEYS, *_LATER, *_MATRICES, *ports, "quantities"])
+    if _single(flat.get("schema"), "schema", path) == 1:
+        flat = {"relative_error": np.array(np.nan), "zero_shift": "[]"} | dict(flat)
+    _complete(flat, list(known), "", path)
     single: dict[str, Any] = {}
-    for name in ("schema", "dt", *_COUNTS, *_NUMBERS):
+    for name in ("schema", "dt", *_COUNTS, *_NUMBERS, "relative_error"):
         single[name] = _single(flat[name], name, path)
+    if math.isnan(single["relative_error"]):
+        single["relative_error"] = None
     if single["dt"] == 0:
         single["dt"] = None
     quantities = _texts(flat["quantities"], "quantities", path)
@@ -210,6 +238,7 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         "modes": _row(flat["modes"], "modes", path),
         "route": _text(flat["route"], "route", path),
         "facts": from_text(_text(flat["facts"], "facts", path), "facts", path),
+        "zero_shift": from_text(_text(flat["zero_shift"], "zero_shift", path), "zero_shift", path),
         **{name: flat[name] for name in _MATRICES},
     }
 
@@ -238,6 +267,37 @@ def _nested_ports(flat: Mapping[str, Any], side: str, path: str | Path) -> list[
             raise FormatError(f"{label}: {side} {int(number)} has {dof!r} twice", path)
         weights[dof] = float(value)
     return out
+
+
+#: What a plant of the first schema has in place of later items.
+_EARLIER: dict[str, Any] = {"relative_error": None, "zero_shift": []}
+
+
+def _finite(found: dict[str, Any]) -> dict[str, Any]:
+    """Return items with None in place of nan."""
+    out = {}
+    for name, value in found.items():
+        out[name] = None if isinstance(value, float) and math.isnan(value) else value
+    return out
+
+
+def _known(found: Any, name: str, path: str | Path) -> float:
+    return math.nan if found is None else _number(found, name, path)
+
+
+def _zeros(found: Any, path: str | Path) -> tuple[ZeroShift, ...]:
+    if not isinstance(found, list) or not all(isinstance(zero, Mapping) for zero in found):
+        raise FormatError("zero_shift: expected a list of zeros", path)
+    out = []
+    for number, zero in enumerate(found, 1):
+        place = f"zero_shift, number {number}"
+        _complete(zero, _ZERO, place, path)
+        for name in ("output", "input"):
+            if not isinstance(zero[name], str):
+                raise FormatError(f"{place}: {name}: found {zero[name]!r}; expected a text", path)
+        numbers = {name: _known(zero[name], f"{place}: {name}", path) for name in _ZERO[2:]}
+        out.append(ZeroShift(zero["output"], zero["input"], **numbers))
+    return tuple(out)
 
 
 # -- one item -------------------------------------------------------------------------------------

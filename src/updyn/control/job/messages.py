@@ -7,10 +7,14 @@ import math
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
+from updyn.control.plant import Plant
 from updyn.job.prepared import Prepared
 from updyn.text_table import text_table
 
 __all__ = ["describe_plant_result", "describe_request"]
+
+#: For what a tolerance holds.
+_MEASURES = {"relative": "relative error", "peak": "error as a share of the peak"}
 
 
 def describe_plant_result(made: PlantResult) -> str:
@@ -29,11 +33,15 @@ def describe_plant_result(made: PlantResult) -> str:
                 f" {_counted(len(found.modes) - found.rigid, 'flexible mode')}"
             ),
             (
-                f"error {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)}"
-                f" of the height of a resonance; tolerance {_percent(made.tolerance)}"
+                f"relative error {_percent(found.relative_error)} at most; error"
+                f" {_percent(found.error)} of a channel's peak, {_percent(found.peak_error)}"
+                f" of the height of a resonance; tolerance {_percent(made.tolerance)}, of the"
+                f" {_MEASURES[made.measure]}"
             ),
             f"route: {found.route}",
         ]
+        if found.zero_shift:
+            lines.append(_zeros(found))
         if made.sampled is not None and made.sampled.dt is not None:
             sampled = made.sampled
             lines.append(f"sampled every {sampled.dt:g} s: {sampled.n_states} states")
@@ -50,6 +58,21 @@ def describe_plant_result(made: PlantResult) -> str:
     return "\n".join(lines)
 
 
+def _zeros(plant: Plant) -> str:
+    """Return how far the antiresonances have moved, as text."""
+    known = [zero for zero in plant.zero_shift if not math.isnan(zero.shift)]
+    text = f"{_counted(len(plant.zero_shift), 'antiresonance')}"
+    if known:
+        worst = max(known, key=lambda zero: abs(zero.shift))
+        text += (
+            f", moved by at most {abs(worst.shift):.2g} % ({worst.output} over {worst.input},"
+            f" {worst.frequency:.4g} Hz)"
+        )
+    if len(known) < len(plant.zero_shift):
+        text += f"; {len(plant.zero_shift) - len(known)} not in the plant"
+    return text
+
+
 def _conversions(made: PlantResult) -> str:
     """Return the table of the conversions of the damping."""
     route = ""
@@ -58,9 +81,17 @@ def _conversions(made: PlantResult) -> str:
     rows = []
     for c in made.conversions:
         used = "used" if c.name == route else ""
-        rows.append([c.name, _percent(c.error), _percent(c.peak_error), used, c.note])
+        cells = [_percent(c.relative_error), _percent(c.error), _percent(c.peak_error)]
+        rows.append([c.name, *cells, used, c.note])
     note = "note" if any(c.note for c in made.conversions) else ""
-    head = ["damping converted by", "error / peak", "height of resonances", "", note]
+    head = [
+        "damping converted by",
+        "relative error",
+        "error / peak",
+        "height of resonances",
+        "",
+        note,
+    ]
     return text_table(head, rows)
 
 

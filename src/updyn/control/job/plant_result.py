@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.antiresonances import raised, resolved
 from updyn.control.build import ConversionError, conversions, plant
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
@@ -44,6 +45,8 @@ _LARGE = 20_000
 _ACCURACY = 1e-6
 #: Largest number of channels that get a weight, where no servo says which.
 _WEIGHTS = 9
+#: A channel below this share of its peak is rounding.
+_UNCOUPLED = 1e-10
 #: Largest number of modes that get lines about them.
 _MODES = 80
 
@@ -66,6 +69,8 @@ class PlantResult:
         In Hz.
     tolerance : float
         Requested largest error.
+    measure : {"relative", "peak"}
+        Of which error.
     plant : Plant or None
         None where no order holds the tolerance.
     message : str
@@ -101,6 +106,7 @@ class PlantResult:
     source: str
     band: tuple[float, float]
     tolerance: float
+    measure: str = "relative"
     plant: Plant | None = None
     message: str = ""
     conversions: tuple[ConversionError, ...] = ()
@@ -120,14 +126,26 @@ class PlantResult:
         """Whether there is a plant within the tolerance."""
         return self.plant is not None
 
-    def channel_errors(self) -> _Real:
-        """Return the largest error of each channel at `freq` as a share of its peak, (n_y, n_u)."""
+    def channel_errors(self, measure: str = "peak") -> _Real:
+        """Return the largest error of each channel at `freq`, (n_y, n_u).
+
+        Parameters
+        ----------
+        measure : {"peak", "relative"}
+            As a share of the channel's peak, or of its size at each line; at an antiresonance of
+            the level one half-power width beside it.
+        """
+        return np.asarray(self.errors(measure).max(axis=0))
+
+    def errors(self, measure: str) -> _Real:
+        """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u), as above."""
+        assert self.freq is not None
         assert self.exact is not None
         assert self.answer is not None
-        level = np.abs(self.exact).max(axis=0)
-        return np.asarray(
-            np.abs(self.answer - self.exact).max(axis=0) / np.where(level > 0, level, 1.0)
-        )
+        level = np.abs(self.exact).max(axis=0, keepdims=True)
+        if measure == "relative":
+            level = np.maximum(raised(self.freq, self.exact), _UNCOUPLED * level)
+        return np.asarray(np.abs(self.answer - self.exact) / np.where(level > 0, level, 1.0))
 
 
 def make_plant(
@@ -191,7 +209,13 @@ def make_plant(
     stage("plant: conversions of the damping")
     side_by_side = _side_by_side(model, given)
     base = PlantResult(
-        job.title or job.path.stem, model, one is not None, source, band, table.tolerance
+        job.title or job.path.stem,
+        model,
+        one is not None,
+        source,
+        band,
+        table.tolerance,
+        table.error,
     )
     stage("plant: order")
     made, message = _plant(table, model, given)
@@ -276,7 +300,8 @@ def _plant(table: PlantTable, model: Model, given: dict[str, Any]) -> tuple[Plan
     """Return the plant, or None and the reason where no order holds the tolerance."""
     try:
         with key_path("plant"):
-            return plant(model, tolerance=table.tolerance, route=table.route, **given), ""
+            how: dict[str, Any] = {"route": table.route, "error": table.error}
+            return plant(model, tolerance=table.tolerance, **how, **given), ""
     except ToleranceError as error:
         return None, str(error)
 
@@ -291,9 +316,13 @@ def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     rows, out = port_matrix(made.output_ports, model, "output")
     tier = "reduced" if model.n_dofs > _LARGE else None
     how: dict[str, Any] = {"tier": tier, "backend": job.method.backend, "accuracy": _ACCURACY}
-    H = response(model, freq, model.dofs[rows], model.dofs[columns], **how).values
     power = np.array([QUANTITIES[q] for q in made.quantities])
-    exact = (out @ H @ into.T) * ((2j * np.pi * freq)[:, None] ** power)[:, :, None]
+
+    def answer(lines: _Real) -> _Complex:
+        H = response(model, lines, model.dofs[rows], model.dofs[columns], **how).values
+        return np.asarray((out @ H @ into.T) * ((2j * np.pi * lines)[:, None] ** power)[:, :, None])
+
+    freq, exact = resolved(answer, freq, answer(freq))
     return {"freq": freq, "exact": exact, "answer": made.response(freq).values}
 
 
@@ -348,6 +377,7 @@ def _family(
         "draws": draws,
         "engine": engine,
         "route": table.route,
+        "error": table.error,
     }
     try:
         return plant_family(result, tolerance=table.tolerance, **how, **given), ""

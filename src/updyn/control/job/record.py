@@ -63,12 +63,13 @@ def control_record(result: PlantResult) -> dict[str, Any]:
     -------
     dict
         ``title``; ``updated``, whether the plant is of the updated model, and ``source``; ``band``
-        in Hz; ``tolerance`` and ``met``, whether it was; ``message``, why there is no plant;
-        ``plant``, None where there is none: ``error``, ``peak_error``, ``route``, ``order``,
-        ``rigid``, ``inputs``, ``outputs``, ``modes_hz``, ``poles`` (``re``, ``im`` in rad/s,
-        ``frequency_hz``, ``damping_ratio``), ``channels`` with the error of each; ``conversions``
-        of the damping, side by side; ``sampled``, ``family``, ``servo`` and ``drive``, None where
-        not asked for; ``nonlinear``, limit cycles; ``notes``; ``versions``.
+        in Hz; ``tolerance``, ``tolerance_of`` and ``met``, whether it was; ``message``, why there
+        is no plant; ``plant``, None where there is none: ``relative_error``, ``error``,
+        ``peak_error``, ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``,
+        ``poles`` (``re``, ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with
+        the errors of each, ``zeros``; ``conversions`` of the damping, side by side; ``sampled``,
+        ``family``, ``servo`` and ``drive``, None where not asked for; ``nonlinear``, limit cycles;
+        ``notes``; ``versions``.
     """
     return {
         "title": result.title,
@@ -76,6 +77,7 @@ def control_record(result: PlantResult) -> dict[str, Any]:
         "source": result.source,
         "band": plain(result.band),
         "tolerance": plain(result.tolerance),
+        "tolerance_of": result.measure,
         "met": result.met,
         "message": result.message,
         "plant": None if result.plant is None else _plant(result, result.plant),
@@ -110,10 +112,13 @@ def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
     for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
         outputs.append({**_port(port, port.motion_unit(quantity)), "quantity": quantity})
     channels = []
+    relative = result.channel_errors("relative")
     for (i, j), error in np.ndenumerate(result.channel_errors()):
         names = {"output": plant.outputs[i], "input": plant.inputs[j]}
-        channels.append({**names, "error": plain(error)})
+        own = {"error": plain(error), "relative_error": plain(relative[i, j])}
+        channels.append({**names, **own})
     return {
+        "relative_error": plain(plant.relative_error),
         "error": plain(plant.error),
         "peak_error": plain(plant.peak_error),
         "route": plant.route,
@@ -124,6 +129,7 @@ def _plant(result: PlantResult, plant: Plant) -> dict[str, Any]:
         "modes_hz": plain(plant.modes),
         "poles": _poles(plant),
         "channels": channels,
+        "zeros": [plain(asdict(zero)) for zero in plant.zero_shift],
         "facts": plain(dict(plant.facts)),
     }
 
@@ -148,6 +154,7 @@ def _sampled(plant: Plant) -> dict[str, Any]:
         "dt": plant.dt,
         "delay": plant.delay,
         "order": plant.n_states,
+        "zeros": [plain(asdict(zero)) for zero in plant.zero_shift],
         "facts": plain(dict(plant.facts)),
     }
 

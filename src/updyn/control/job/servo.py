@@ -245,6 +245,7 @@ def _extended(
         plant.band,
         plant.tolerance,
         quantity=[*quantities, quantity],
+        error="peak",  # of the structure's own modes: a contact must not meet a jump of its twist
         backend=job.method.backend,
     )
 

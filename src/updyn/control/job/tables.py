@@ -161,7 +161,8 @@ class PlantTable(Table):
     quantity: Annotated[str | tuple[str, ...], BeforeValidator(_quantities)] = "receptance"
     band: Pair | None = None
     tolerance: float = Field(default=0.02, ge=1e-9, le=0.5)
-    route: Literal["auto", "modal", "complex", "biot"] = "auto"
+    error: Literal["relative", "peak"] = "relative"
+    route: Literal["auto", "modal", "complex", "rational", "biot"] = "auto"
     family: int = Field(default=0, ge=0)
     seed: int = Field(default=0, ge=0)
     sampling: SamplingTable | None = None

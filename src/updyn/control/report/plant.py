@@ -46,10 +46,13 @@ _ERROR_FLOOR = 1e-7
 _LISTED = 60
 #: Largest number of channels in the table of errors.
 _CHANNELS = 40
+#: Errors for which a tolerance holds.
+_ERRORS = {"relative": "error / |H|", "peak": "error / peak"}
 #: Conversions in words, and whether `updyn.plant` offers them.
 _CONVERSIONS = {
     "modal": ("real modes, full modal damping matrix", "offered"),
     "complex": ("complex modes of the damped structure", "offered"),
+    "rational": ("rational approximation of the response", "offered"),
     "biot": ("internal variables (Biot)", "offered"),
     "diagonal": ("modal damping ratios alone", "refused"),
     "single-frequency": ("damping matrix at one frequency", "refused"),
@@ -75,7 +78,7 @@ def channels(result: PlantResult) -> list[tuple[int, int]]:
     everything = list(np.ndindex(len(result.plant.outputs), len(result.plant.inputs)))
     if len(everything) <= _DRAWN:
         return everything
-    errors = result.channel_errors()
+    errors = result.channel_errors(result.measure)
     return sorted(sorted(everything, key=lambda at: -errors[at])[:_DRAWN])
 
 
@@ -116,8 +119,7 @@ def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
     unit = unit_of(plant, i, j)
     model = "updated model" if result.updated else "model"
     degrees = phases(H, G)
-    level = float(np.abs(H).max()) or 1.0
-    error = np.maximum(np.abs(G - H) / level, _ERROR_FLOOR)
+    error = np.maximum(result.errors(result.measure)[:, i, j], _ERROR_FLOOR)
     size: list[dict[str, object]] = []
     if result.family is not None:
         low, high = result.family.spread(freq)
@@ -137,7 +139,7 @@ def _bode(result: PlantResult, plant: Plant, i: int, j: int) -> Figure:
     panels = [
         Panel(f"magnitude ({unit})", size, log_range(np.abs(np.concatenate([H, G]))), 1.5),
         Panel("phase (°)", phase, degree_axis(np.concatenate(degrees)), 0.9),
-        Panel("error / peak", off, log_range([*error, plant.tolerance], 5.0), 0.9),
+        Panel(_ERRORS[result.measure], off, log_range([*error, plant.tolerance], 5.0), 0.9),
     ]
     return stacked(panels, log_frequency(freq), 560)
 
@@ -195,7 +197,7 @@ class PlantSection(Section):
             "weights": [],
             "text_kinds": ("text", "text", "text", "text"),
             "pole_kinds": ("", "", "text", "text"),
-            "conversion_kinds": ("", "text", "", "", "text", "note-cell"),
+            "conversion_kinds": ("", "text", "", "", "", "text", "note-cell"),
             "weight_kinds": ("", "", "", "", "", "note-cell"),
         }
         if result.plant is not None:
@@ -218,6 +220,9 @@ def _plant_context(result: PlantResult, plant: Plant) -> dict[str, Any]:
         "diagrams": diagrams,
         "n_channels": len(plant.inputs) * len(plant.outputs),
         "errors": _channel_errors(result, plant),
+        "zeros": _zeros(plant),
+        "n_zeros": len(plant.zero_shift),
+        "share_of": "its size at each line" if result.measure == "relative" else "its peak",
         "poles": [_pole_cells(plant, pole) for pole in poles[:_LISTED]],
         "n_poles": len(poles),
         "weights": _weights(result, plant),
@@ -245,7 +250,8 @@ def _about(result: PlantResult) -> str:
     return (
         f"A real state-space model of {of}: {counted(len(plant.inputs), 'input')},"
         f" {counted(len(plant.outputs), 'output')}, {counted(plant.n_states, 'state')}. From"
-        f" {band} it is off by at most {share(plant.error)} of a channel's peak."
+        f" {band} it is off by at most {share(plant.relative_error)} of a channel's size at each"
+        f" line, and {share(plant.error)} of its peak."
     )
 
 
@@ -256,8 +262,7 @@ def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
         rigid = f"{plant.rigid} of rigid-body motion"
     modes = f"{len(plant.modes) - plant.rigid} flexible modes, {rigid}"
     tiles = [
-        ("Error", share(plant.error), f"of the peak, at most; asked {share(plant.tolerance)}"),
-        ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
+        *_error_tiles(result, plant),
         ("Order", str(plant.n_states), modes),
         ("Route", plant.route, _CONVERSIONS.get(plant.route, ("", ""))[0]),
     ]
@@ -270,6 +275,36 @@ def _key_figures(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
         size = str(len(result.family))
         tiles.append(("Family", size, "plants from the uncertainty of the update"))
     return tiles
+
+
+def _error_tiles(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]]:
+    asked = f"; asked {share(plant.tolerance)}"
+    relative, peak = (asked, "") if result.measure == "relative" else ("", asked)
+    hint = f"of |H| at each line, at most{relative}"
+    tiles = [
+        ("Relative error", share(plant.relative_error), hint),
+        ("Error", share(plant.error), f"of the peak, at most{peak}"),
+        ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
+    ]
+    known = [abs(zero.shift) for zero in plant.zero_shift if math.isfinite(zero.shift)]
+    if known:
+        moved = counted(len(plant.zero_shift), "antiresonance")
+        tiles.append(("Zeros moved by", f"{number(max(known), 2)} %", f"at most, of {moved}"))
+    return tiles
+
+
+def _zeros(plant: Plant) -> list[list[str]]:
+    """Return the antiresonances, those that moved most first."""
+    rows = []
+    order = sorted(plant.zero_shift, key=lambda z: -abs(z.shift) if math.isfinite(z.shift) else -99)
+    for zero in order[:_LISTED]:
+        shift = "not in the plant"
+        if math.isfinite(zero.shift):
+            shift = f"{number(zero.shift, 2)} %"
+        depths = [f"{number(depth, 3)} dB" for depth in (zero.depth, zero.plant_depth)]
+        channel = f"{zero.output} over {zero.input}"
+        rows.append([channel, f"{number(zero.frequency, 5)} Hz", shift, *depths])
+    return rows
 
 
 def _ports(plant: Plant) -> list[list[str]]:
@@ -292,11 +327,12 @@ def _port_weights(port: Port) -> str:
 
 def _channel_errors(result: PlantResult, plant: Plant) -> list[list[str]]:
     """Return the channels and their errors, the largest first."""
-    errors = result.channel_errors()
+    errors = result.channel_errors(result.measure)
+    both = result.channel_errors("relative"), result.channel_errors("peak")
     order = sorted(np.ndindex(*errors.shape), key=lambda at: -errors[at])
     rows = []
     for i, j in order[:_CHANNELS]:
-        rows.append([channel_name(plant, i, j), share(float(errors[i, j]))])
+        rows.append([channel_name(plant, i, j), *(share(float(e[i, j])) for e in both)])
     return rows
 
 
@@ -318,7 +354,7 @@ def _pole_cells(plant: Plant, pole: complex) -> list[str]:
 
 def _conversion_head(result: PlantResult) -> list[str]:
     """Return the head of the table of conversions; the notes have a column where there are any."""
-    head = ["conversion", "", "error / peak", "height of resonances", ""]
+    head = ["conversion", "", "relative error", "error / peak", "height of resonances", ""]
     if any(found.note for found in result.conversions):
         head.append("note")
     return head
@@ -334,8 +370,10 @@ def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
         words, state = _CONVERSIONS.get(found.name, (found.name, ""))
         if found.name == route:
             state = "used"
-        errors = [share(found.error), share(found.peak_error)]
-        holds = max(found.error, found.peak_error) <= result.tolerance
+        errors = [share(e) for e in (found.relative_error, found.error, found.peak_error)]
+        holds = found.relative_error <= result.tolerance
+        if result.measure == "peak":
+            holds = max(found.error, found.peak_error) <= result.tolerance
         cells = [found.name, words, *errors, state, found.note]
         rows.append((cells[: len(_conversion_head(result))], holds))
     return rows

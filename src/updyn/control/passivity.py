@@ -1,0 +1,191 @@
+"""Passivity of collocated channels: Hamiltonian test, and least squares that keep it.
+
+A force and the motion of its own port take up power at every frequency: Re Y >= 0 of the mobility
+Y = s^(1-p) G, where p = 0, 1, 2 for displacement, velocity, acceleration. That is -Im G, Re G or
+Im G >= 0. These change sign at the imaginary zeros of G(s) -+ G(-s), eigenvalues of a Hamiltonian
+pencil (S. Boyd, V. Balakrishnan & P. Kabamba, Math. Control Signals Systems 2 (1989) 207-219; S.
+Grivet-Talocia, IEEE Trans. Circuits Syst. I 51 (2004) 1755-1769).
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+
+__all__ = ["active_part", "collocated", "constrained", "passive_channels", "violations"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: An eigenvalue nearer to the imaginary axis than this share of its size may be a change of sign.
+_ON_AXIS = 1e-6
+#: Share of |G| down to which a negative active part is rounding.
+_ROUNDING = 1e-9
+#: Singular values below this share are left out.
+_RANK = 1e-10
+
+
+def collocated(outputs: tuple[Port, ...], inputs: tuple[Port, ...]) -> list[tuple[int, int]]:
+    """Return positions (output, input) of the pairs that are of one port, in one sense.
+
+    Parameters
+    ----------
+    outputs, inputs : tuple of Port
+        Of a plant.
+    """
+    out = []
+    for i, output in enumerate(outputs):
+        for j, given in enumerate(inputs):
+            if _along(output, given):
+                out.append((i, j))
+    return out
+
+
+def _along(a: Port, b: Port) -> bool:
+    one = {label: weight for label, weight in _unsigned(a).items() if weight}
+    other = {label: weight for label, weight in _unsigned(b).items() if weight}
+    if one.keys() != other.keys():
+        return False
+    ratios = [one[label] / other[label] for label in one]
+    return min(ratios) > 0 and max(ratios) - min(ratios) <= 1e-12 * max(ratios)
+
+
+def _unsigned(port: Port) -> dict[str, float]:
+    """Return the weights by label without sign."""
+    out = {}
+    for label, weight in port.weights.items():
+        node, _, direction = label.rpartition(":")
+        sign = -1.0 if direction.startswith("-") else 1.0
+        out[f"{node}:{direction.lstrip('+-')}"] = sign * weight
+    return out
+
+
+def active_part(values: NDArray[Any], power: int) -> _Real:
+    """Return Re Y over a positive factor: -Im G, Re G or Im G of displacements to accelerations."""
+    if power == 1:
+        return np.asarray(values.real)
+    return np.asarray(values.imag if power == 2 else -values.imag)
+
+
+def passive_channels(plant: Plant, powers: NDArray[np.intp]) -> dict[tuple[int, int], bool]:
+    """Tell of each collocated channel of a continuous plant whether it is passive.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    powers : ndarray of int, shape (n_y,)
+        0, 1 or 2 of each output.
+    """
+    out = {}
+    for i, j in collocated(plant.output_ports, plant.input_ports):
+        matrices = plant.A, plant.B[:, [j]], plant.C[[i]], plant.D[[i]][:, [j]]
+        out[i, j] = not len(violations(matrices, int(powers[i])))
+    return out
+
+
+def violations(matrices: tuple[_Real, _Real, _Real, _Real], power: int) -> _Real:
+    """Return frequencies at which a channel gives off power, one in each interval, in rad/s.
+
+    Parameters
+    ----------
+    matrices : tuple of ndarray
+        A, B, C, D of one input and one output.
+    power : {0, 1, 2}
+        Displacement, velocity or acceleration.
+    """
+    A, B, C, D = matrices
+    crossings = _crossings(A, B, C, D, -1.0 if power != 1 else 1.0)
+    size = np.abs(np.linalg.eigvals(A))
+    size = size[size > 1e-9 * size.max(initial=1e-300)]
+    if not len(size):
+        size = np.ones(1)
+    ends = np.array([1e-3 * size.min(), 1e3 * size.max()])
+    inner = crossings[(crossings > ends[0]) & (crossings < ends[1])]
+    edges = np.concatenate([ends[:1], inner, ends[1:]])
+    found = []
+    for low, high in pairwise(edges):
+        lines = np.geomspace(low, high, 23)[1:-1]
+        G = _values(A, B, C, D, lines)
+        share = active_part(G, power) / np.maximum(np.abs(G), 1e-300)
+        worst = int(np.argmin(share))
+        if share[worst] < -_ROUNDING:
+            found.append(lines[worst])
+    return np.array(found)
+
+
+def _values(A: _Real, B: _Real, C: _Real, D: _Real, omega: _Real) -> _Complex:
+    shift = 1j * omega[:, None, None] * np.eye(len(A)) - A
+    solved = np.linalg.solve(shift, np.broadcast_to(B, (len(omega), *B.shape)))
+    return np.asarray((C @ solved + D)[:, 0, 0])
+
+
+def _crossings(A: _Real, B: _Real, C: _Real, D: _Real, sign: float) -> _Real:
+    """Return omega > 0 at which G(s) + sign G(-s) has a zero near the imaginary axis."""
+    n = len(A)
+    if n == 0:
+        return np.zeros(0)
+    unit = max(float(np.abs(np.linalg.eigvals(A)).max()), 1e-300)
+    even, transform = scipy.linalg.matrix_balance(A / unit)
+    b, c = np.linalg.solve(transform, B) / unit, C @ transform
+    b, c = b / max(np.abs(b).max(), 1e-300), c / max(np.abs(c).max(), 1e-300)
+    gain = max(np.abs(np.linalg.solve(transform, B)).max() / unit, 1e-300)
+    gain *= max(np.abs(C @ transform).max(), 1e-300)
+    pencil = np.zeros((2 * n + 1, 2 * n + 1))
+    # G(-s) = C (-s I - A)^-1 B + D = -C (s I + A)^-1 B + D
+    pencil[:n, :n], pencil[n : 2 * n, n : 2 * n] = even, -even
+    pencil[:n, 2 * n :], pencil[n : 2 * n, 2 * n :] = b, b
+    pencil[2 * n :, :n], pencil[2 * n :, n : 2 * n] = c, -sign * c
+    pencil[2 * n, 2 * n] = (1.0 + sign) * D[0, 0] / gain
+    mass = np.eye(2 * n + 1)
+    mass[2 * n, 2 * n] = 0.0
+    above, below = scipy.linalg.eigvals(pencil, mass, homogeneous_eigvals=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zeros = above / below
+    zeros = zeros[np.isfinite(zeros)]
+    near = (np.abs(zeros.real) <= _ON_AXIS * np.abs(zeros)) & (zeros.imag > 0)
+    return np.asarray(np.sort(zeros.imag[near]) * unit)
+
+
+def constrained(A: _Real, b: _Real, G: _Real, h: _Real) -> _Real | None:
+    """Return x that minimises |A x - b| with G x >= h; None where nothing fulfils that.
+
+    Parameters
+    ----------
+    A, b : ndarray of float, shapes (m, n), (m,)
+        Equations.
+    G, h : ndarray of float, shapes (k, n), (k,)
+        Inequalities.
+
+    Notes
+    -----
+    Least distance programming by non-negative least squares (C. L. Lawson & R. J. Hanson, Solving
+    Least Squares Problems (1974), chapter 23).
+    """
+    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    U, sigma, Vt = np.linalg.svd(A / scale, full_matrices=False)
+    kept = sigma > _RANK * sigma[0]
+    back = (Vt[kept].T / sigma[kept]) / scale[:, None]  # x = back (z + U^T b)
+    own = U[:, kept].T @ b
+    rows = G @ back
+    size = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
+    bound = (h - rows @ own) / size
+    if (bound <= 0.0).all():
+        return np.asarray(back @ own)
+    unit = max(float(np.linalg.norm(own)), float(bound.max()))
+    E = np.vstack([(rows / size[:, None]).T, bound / unit])
+    f = np.zeros(len(E))
+    f[-1] = 1.0
+    u, left = nnls(E, f, maxiter=30 * E.shape[1])
+    if left <= 1e-12:
+        return None
+    r = E @ u - f
+    return np.asarray(back @ (own - unit * r[:-1] / r[-1]))

@@ -1,0 +1,205 @@
+"""The relative error of plants, the rational route and its passivity, against independent values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.control.antiresonances import crossed
+from updyn.control.demo import CONTROLLER
+from updyn.control.passivity import collocated, constrained, passive_channels, violations
+from updyn.errors import OptionError, ToleranceError
+from updyn.frf import QUANTITIES
+
+BAND = (0.5, 500.0)
+INERTIAS, SHAFTS, LOSS = (0.02, 1.5, 40.0), (3e4, 9e5), (0.03, 0.01)
+
+
+def three_inertias() -> updyn.Model:
+    """A motor, a gear and a load, free to turn."""
+    groups = {"inertias": updyn.Group(mass=np.diag(INERTIAS))}
+    for i, (stiffness, loss) in enumerate(zip(SHAFTS, LOSS, strict=True)):
+        twist = np.zeros(3)
+        twist[i : i + 2] = 1.0, -1.0
+        groups[f"shaft {i + 1}"] = updyn.Group(stiffness * np.outer(twist, twist), loss_factor=loss)
+    return updyn.Model.from_groups(groups, ["1:RZ", "2:RZ", "3:RZ"])
+
+
+def receptance(freq: np.ndarray, response: int, reference: int) -> np.ndarray:
+    """Receptance of the three inertias by Cramer's rule, without the package."""
+    k1, k2 = (k * (1 + 1j * loss) for k, loss in zip(SHAFTS, LOSS, strict=True))
+    out = np.empty(len(freq), dtype=complex)
+    for n, w in enumerate(2 * np.pi * freq):
+        Z = np.array([[k1, -k1, 0], [-k1, k1 + k2, -k2], [0, -k2, k2]])
+        Z = Z - w**2 * np.diag(INERTIAS)
+        out[n] = np.linalg.solve(Z, np.eye(3)[reference])[response]
+    return out
+
+
+def evaluated(plant: updyn.Plant, freq: np.ndarray) -> np.ndarray:
+    """C (s I - A)^-1 B + D by eigenvalues, without `Plant.at`."""
+    values, V = np.linalg.eig(plant.A + 0j)
+    if np.linalg.cond(V) > 1e12:  # double integrators have no eigenvectors
+        eye = np.eye(len(plant.A))
+        return np.array(
+            [
+                plant.C @ np.linalg.solve(s * eye - plant.A, plant.B) + plant.D
+                for s in 2j * np.pi * freq
+            ]
+        )
+    left, right = plant.C @ V, np.linalg.solve(V, plant.B)
+    return (left / (2j * np.pi * freq[:, None, None] - values)) @ right + plant.D
+
+
+@pytest.fixture(scope="module")
+def plant() -> updyn.Plant:
+    return updyn.plant(three_inertias(), ["1:RZ"], ["1:RZ", "3:RZ"], BAND, 0.03)
+
+
+class TestThreeInertias:
+    def test_three_percent_of_the_level_everywhere_with_few_states(self, plant) -> None:
+        assert plant.n_states <= 8
+        assert plant.relative_error <= 0.03
+        freq = np.geomspace(*BAND, 20001)
+        G = evaluated(plant, freq)[:, :, 0]
+        for j, response in enumerate((0, 2)):
+            H = receptance(freq, response, 0)
+            # |H| itself, at antiresonances too, is a stricter measure.
+            assert (np.abs(G[:, j] - H) / np.abs(H)).max() <= 0.03
+
+    def test_a_peak_tolerance_does_not_hold_where_loops_cross(self) -> None:
+        peak = updyn.plant(three_inertias(), ["1:RZ"], ["1:RZ", "3:RZ"], BAND, 0.001, error="peak")
+        assert peak.error <= 0.001
+        assert peak.relative_error > 0.5
+        assert peak.facts["error"] == "peak"
+
+    def test_zeros_are_stated(self, plant) -> None:
+        """The zeros of the first inertia are the modes of the others with it held."""
+        k1, k2 = SHAFTS
+        held = np.array([[k1 + k2, -k2], [-k2, k2]]) / np.array(INERTIAS[1:])[:, None]
+        own = np.sqrt(np.sort(np.linalg.eigvals(held).real)) / (2 * np.pi)
+        found = [zero for zero in plant.zero_shift if zero.output == "1:RZ"]
+        assert [zero.frequency for zero in found] == pytest.approx(own, rel=1e-3)
+        assert all(abs(zero.shift) < 1.0 for zero in plant.zero_shift)
+        assert found[0].depth == pytest.approx(found[0].plant_depth, abs=0.5)
+        freq = np.linspace(3.5, 5.0, 20001)
+        for G in (evaluated(plant, freq)[:, 0, 0], receptance(freq, 0, 0)):
+            assert freq[np.abs(G).argmin()] == pytest.approx(own[0], rel=2e-3)
+
+    @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+    def test_rigid_body_motion_is_exact(self, quantity: str) -> None:
+        made = updyn.plant(
+            three_inertias(), ["1:RZ"], ["3:RZ"], BAND, 0.03, quantity=quantity, route="rational"
+        )
+        s = 2j * np.pi * np.array([1e-5, 1e-4])
+        rigid = s ** (QUANTITIES[quantity] - 2) / sum(INERTIAS)
+        assert made.at(s)[:, 0, 0] == pytest.approx(rigid, rel=1e-6)
+
+    @pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+    @pytest.mark.parametrize("tolerance", [0.03, 0.0165])
+    def test_collocated_channels_take_up_power(self, quantity: str, tolerance: float) -> None:
+        made = updyn.plant(
+            three_inertias(),
+            ["1:RZ"],
+            ["1:RZ", "3:RZ"],
+            BAND,
+            tolerance,
+            quantity=quantity,
+            route="rational",
+        )
+        power = QUANTITIES[quantity]
+        assert made.D[0, 0] >= -1e-18
+        assert passive_channels(made, np.full(2, power)) == {(0, 0): True}
+        freq = np.geomspace(1e-3, 1e6, 4000)
+        s = 2j * np.pi * freq
+        Y = evaluated(made, freq)[:, 0, 0] * s ** (1 - power)
+        assert (Y.real >= -1e-7 * np.abs(Y)).all()
+
+    def test_what_cannot_be_reached_says_why(self) -> None:
+        with pytest.raises(ToleranceError, match=r"by route 'rational'.*not causal \(Kramers"):
+            updyn.plant(three_inertias(), ["1:RZ"], ["1:RZ"], BAND, 1e-4)
+
+    def test_an_error_that_is_not_there(self) -> None:
+        with pytest.raises(OptionError, match=r"no error 'peek'; did you mean 'peak'"):
+            updyn.plant(three_inertias(), ["1:RZ"], ["1:RZ"], BAND, error="peek")
+
+    @pytest.mark.parametrize("suffix", [".json", ".mat", ".npz"])
+    def test_files_hold_it(self, plant, suffix: str, tmp_path: Path) -> None:
+        updyn.write_plant(plant, tmp_path / f"p{suffix}")
+        found = updyn.read_plant(tmp_path / f"p{suffix}")
+        assert found.relative_error == plant.relative_error
+        assert found.zero_shift == plant.zero_shift
+
+    def test_a_file_of_an_earlier_version_is_read(self, plant, tmp_path: Path) -> None:
+        import json
+
+        updyn.write_plant(plant, tmp_path / "p.json")
+        items = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
+        del items["relative_error"], items["zero_shift"]
+        items["schema"] = 1
+        (tmp_path / "p.json").write_text(json.dumps(items), encoding="utf-8")
+        found = updyn.read_plant(tmp_path / "p.json")
+        assert np.isnan(found.relative_error)
+        assert found.zero_shift == ()
+        np.testing.assert_array_equal(found.A, plant.A)
+
+
+class TestSeveralInputs:
+    made = updyn.plant(
+        three_inertias(), ["1:RZ", "3:RZ"], ["1:RZ", "3:RZ"], (0.5, 300.0), 0.03, route="rational"
+    )
+
+    def test_every_channel_is_within_the_tolerance(self) -> None:
+        freq = np.geomspace(0.5, 300.0, 4001)
+        G = evaluated(self.made, freq)
+        for i, j in np.ndindex(2, 2):
+            H = receptance(freq, (0, 2)[i], (0, 2)[j])
+            floor = np.zeros(len(freq))
+            for dip in crossed(freq, H):
+                floor[np.abs(freq - dip.frequency) <= dip.width] = np.interp(
+                    dip.frequency - dip.width, freq, np.abs(H)
+                )
+            level = np.maximum(np.abs(H), floor)
+            assert (np.abs(G[:, i, j] - H) / level).max() <= 0.032
+
+    def test_a_pole_pair_takes_two_states(self) -> None:
+        assert self.made.n_states <= 10
+        assert passive_channels(self.made, np.zeros(2, dtype=int)) == {(0, 0): True, (1, 1): True}
+
+
+class TestPassivity:
+    def test_a_pole_pair_with_a_residue_of_the_wrong_phase(self) -> None:
+        """-Im G < 0 between the roots of a polynomial by hand: G = (1 - 0.5 s) / (s^2 + 0.2 s + 1)."""
+        A = np.array([[0.0, 1.0], [-1.0, -0.2]])
+        B, D = np.array([[0.0], [1.0]]), np.zeros((1, 1))
+        assert len(violations((A, B, np.array([[1.0, 0.0]]), D), 0)) == 0
+        found = violations((A, B, np.array([[1.0, 0.5]]), D), 0)
+        # Im ((1 + 0.5 i w) (1 - w^2 - 0.2 i w)) = w (0.5 - 0.5 w^2 - 0.2) > 0 below sqrt(0.6)
+        assert len(found) == 1
+        assert found[0] < np.sqrt(0.6)
+
+    def test_ports_of_one_sense(self) -> None:
+        port, turned = updyn.Port.at("1:RZ", "a"), updyn.Port("b", {"1:-RZ": 1.0})
+        geared = updyn.Port.geared("1:RZ", 5.0)
+        assert collocated((port, turned, geared), (port,)) == [(0, 0), (2, 0)]
+
+    def test_constrained_least_squares(self) -> None:
+        """Against the solution on the edge, by hand: nearest point of x + y >= 2 to (0, 0)."""
+        x = constrained(np.eye(2), np.zeros(2), np.array([[1.0, 1.0]]), np.array([2.0]))
+        assert x == pytest.approx([1.0, 1.0])
+        inside = constrained(np.eye(2), np.array([3.0, 3.0]), np.ones((1, 2)), np.array([2.0]))
+        assert inside == pytest.approx([3.0, 3.0])
+        both = np.array([[1.0, 0.0], [-1.0, 0.0]])
+        assert constrained(np.eye(2), np.zeros(2), both, np.array([1.0, 1.0])) is None
+
+
+def test_a_loop_is_as_on_the_model_itself(plant) -> None:
+    """Gain and phase of an open loop at every line are off by no more than the relative error."""
+    freq = np.geomspace(1.0, 400.0, 3000)
+    s = 2j * np.pi * freq
+    torque = CONTROLLER.torque(s)
+    loop, own = (torque * s * x for x in (evaluated(plant, freq)[:, 0, 0], receptance(freq, 0, 0)))
+    assert (np.abs(loop / own - 1.0)).max() <= 0.03
