@@ -234,7 +234,8 @@ def _as_likely(part: Part, trial: Trial, noise: NoiseModel) -> Part:
     """Return the part with its data weighed by the noise that a trial leaves of them."""
     H, frf = _freed(part, trial)
     variance = noise.refit(H, frf, part.n).variance(H, frf)
-    return replace(part, frf=replace(part.frf, variance=as_likely(H, part.frf, variance)))
+    size = np.abs(part.frf.values) / np.maximum(np.abs(frf.values), np.finfo(float).tiny)
+    return replace(part, frf=replace(part.frf, variance=size**2 * as_likely(H, frf, variance)))
 
 
 def _likeliest(

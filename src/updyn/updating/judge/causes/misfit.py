@@ -69,4 +69,5 @@ def as_likely(H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> NDArray[n
     weight = np.clip(
         np.quantile(share, _EXACT) / np.maximum(share, np.finfo(float).tiny), _FAINT, 1.0
     )
-    return np.asarray((_CLEAR * np.abs(frf.values)) ** 2 * (1.0 / weight**2 - 1.0))
+    level = np.maximum(np.abs(H), np.abs(frf.values))  # of which `log_misfit` takes a share
+    return np.asarray((_CLEAR * level) ** 2 * (1.0 / weight**2 - 1.0))

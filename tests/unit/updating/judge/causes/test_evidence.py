@@ -38,3 +38,15 @@ def test_values_weigh_as_the_likelihood_says():
     clear = np.abs(H) > 1.0
     assert weight[clear] == pytest.approx((0.01 * np.abs(H) / sigma)[clear], rel=0.15, abs=0.01)
     assert (weight[np.abs(H) < 0.15] < 0.05).all()
+
+
+def test_values_that_are_noise_weigh_nothing_on_either_side():
+    """A measured value far below what the model says, both below the noise."""
+    H, values = np.ones((2, 40, 1, 1), dtype=complex)
+    H[-3:, 0, 0], values[-3:, 0, 0] = [2e-3, 2e-3, 1e-5], [2e-3, 1e-5, 2e-3]
+    frf = updyn.FRF(np.arange(1.0, 41.0), values, ["1:X"], ["1:X"], "receptance")
+    variance = as_likely(H, frf, np.hypot(0.01 * np.abs(H), 1e-3) ** 2)
+    e, weight = log_misfit(H, replace(frf, variance=variance))
+    assert (weight[:-3] > 0.9).all()
+    assert (weight[-3:] < 0.05).all()
+    assert (np.abs(e) < 0.1).all()
