@@ -4,6 +4,7 @@
 #   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS
 #   make torture    damage files and runs in many ways, and count how that ends (TRIALS=20000 CUTS=20000 for more)
 #   make lint    style and types
+#   make viewer  bundle the 3D viewer anew from viewer/ (needs node and npm; only to change the viewer)
 #   make clean   remove what these made
 
 VENV := .venv
@@ -17,7 +18,7 @@ KERNELS ?= Haswell Prescott SkylakeX
 TRIALS ?= 1000
 CUTS ?= 2000
 
-.PHONY: demo test test-kernels torture lint clean
+.PHONY: demo test test-kernels torture lint viewer clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.installed
@@ -36,6 +37,9 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+viewer:
+	cd viewer && npm ci --no-audit --no-fund && node build.mjs
 
 # The package is installed in place, so that only a change of pyproject.toml needs another installation.
 $(VENV)/.installed: $(VENV)/.made pyproject.toml

@@ -489,8 +489,8 @@ class FRF:
         -------
         xarray.Dataset
             Variables ``frf`` and, where there are, ``coherence``, ``variance`` and the geometry:
-            ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``node_axes`` (displacement
-            directions).
+            ``xyz`` in m by ``node``, ``trace`` (lines to draw), ``face`` (faces to draw),
+            ``node_axes`` (displacement directions).
         """
         import xarray as xr
 
@@ -517,6 +517,8 @@ class FRF:
                 out["trace"] = (("trace_line", "end"), self.geometry.lines)
             if self.geometry.axes is not None:
                 out["node_axes"] = (("node", "direction", "axis"), self.geometry.axes)
+            if len(self.geometry.faces):
+                out["face"] = (("face_number", "corner"), self.geometry.faces)
         return out
 
     def to_pandas(self, part: str = "values") -> pd.DataFrame:
@@ -680,7 +682,7 @@ def _geometry(data: xr.Dataset) -> Geometry | None:
     if "node" not in data.variables:  # xarray would make up 0, 1, 2, ...
         raise DataError("dataset: 'xyz' without 'node', the numbers of the nodes")
     more = {}
-    for argument, name in (("lines", "trace"), ("axes", "node_axes")):
+    for argument, name in (("lines", "trace"), ("axes", "node_axes"), ("faces", "face")):
         if name in data.variables:
             more[argument] = data[name].values
     xyz = data["xyz"].transpose("node", "axis").values

@@ -1,4 +1,4 @@
-"""Geometry: positions of the nodes of a test or of a model, and lines between them."""
+"""Geometry: positions of the nodes of a test or of a model, with lines and faces between them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Geometry"]
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Geometry:
-    """Node positions in the global Cartesian system, and lines to draw between them.
+    """Node positions in the global Cartesian system, with lines and faces to draw between them.
 
     Parameters
     ----------
@@ -29,18 +29,22 @@ class Geometry:
     axes : array_like of float, shape (n, 3, 3), optional
         Displacement directions of each node: rows are its X, Y, Z, orthonormal (to 1e-4), in the
         global system. None: global.
+    faces : array_like of int, shape (k, 4), optional
+        Quadrangles as node numbers around them, to draw: shells, and the outer faces of solids. Of
+        a triangle the last node stands twice.
 
     Raises
     ------
     InputError
         If shapes disagree, a node is not a whole number or stands twice, a position is not finite,
-        a line names an unknown node, or the directions of a node are not orthonormal.
+        a line or a face names an unknown node, or the directions of a node are not orthonormal.
     """
 
     nodes: NDArray[np.int64]
     xyz: NDArray[np.float64]
     lines: NDArray[np.int64]
     axes: NDArray[np.float64] | None
+    faces: NDArray[np.int64]
 
     def __init__(
         self,
@@ -48,6 +52,7 @@ class Geometry:
         xyz: ArrayLike,
         lines: ArrayLike | None = None,
         axes: ArrayLike | None = None,
+        faces: ArrayLike | None = None,
     ) -> None:
         ids = whole_numbers(nodes, "geometry: nodes", InputError)
         points = _floats(xyz, "positions")
@@ -56,15 +61,8 @@ class Geometry:
                 f"geometry: expected n node numbers and (n, 3) positions, found {ids.shape} and"
                 f" {points.shape}"
             )
-        if lines is None:
-            lines = np.empty((0, 2))
-        pairs = whole_numbers(lines, "geometry: lines", InputError)
-        if pairs.size == 0:
-            pairs = pairs.reshape(0, 2)
-        if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise InputError(
-                f"geometry: expected lines as (m, 2) node numbers, found {pairs.shape}"
-            )
+        pairs = _node_numbers(lines, "lines", "m", 2)
+        quadrangles = _node_numbers(faces, "faces", "k", 4)
         if not np.isfinite(points).all():
             raise InputError(
                 f"geometry: the position of node {ids[~np.isfinite(points).all(axis=1)][0]} is not"
@@ -73,11 +71,12 @@ class Geometry:
         values, counts = np.unique(ids, return_counts=True)
         if (counts > 1).any():
             raise InputError(f"geometry: node {values[counts > 1][0]} stands twice")
-        if not np.isin(pairs, ids).all():
-            raise InputError(
-                f"geometry: a line names node {pairs[~np.isin(pairs, ids)][0]}, which has no"
-                " position"
-            )
+        for what, named in (("line", pairs), ("face", quadrangles)):
+            if not np.isin(named, ids).all():
+                raise InputError(
+                    f"geometry: a {what} names node {named[~np.isin(named, ids)][0]}, which has no"
+                    " position"
+                )
         directions = None
         if axes is not None:
             directions = _directions(axes, ids)
@@ -86,13 +85,14 @@ class Geometry:
             ("xyz", points),
             ("lines", pairs),
             ("axes", directions),
+            ("faces", quadrangles),
         ):
             if array is not None:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Geometry, (self.nodes, self.xyz, self.lines, self.axes)
+        return Geometry, (self.nodes, self.xyz, self.lines, self.axes, self.faces)
 
     def position(self, nodes: ArrayLike) -> NDArray[np.float64]:
         """Return the positions of nodes.
@@ -129,6 +129,19 @@ def _floats(given: ArrayLike, what: str) -> NDArray[np.float64]:
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as cause:
         raise InputError(f"geometry: {what} are not an array of numbers ({cause})") from cause
+
+
+def _node_numbers(given: ArrayLike | None, what: str, rows: str, columns: int) -> NDArray[np.int64]:
+    if given is None:
+        given = np.empty((0, columns))
+    numbers = whole_numbers(given, f"geometry: {what}", InputError)
+    if numbers.size == 0:
+        numbers = numbers.reshape(0, columns)
+    if numbers.ndim != 2 or numbers.shape[1] != columns:
+        raise InputError(
+            f"geometry: expected {what} as ({rows}, {columns}) node numbers, found {numbers.shape}"
+        )
+    return numbers
 
 
 def _directions(given: ArrayLike, ids: NDArray[np.int64]) -> NDArray[np.float64]:

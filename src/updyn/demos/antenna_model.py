@@ -161,7 +161,8 @@ def _geometry_with_drives(geometry: Geometry) -> Geometry:
     axes = np.tile(np.eye(3), (len(nodes), 1, 1))
     # The shafts of the elevation drive rotate about Y, which is their RZ.
     axes[-len(elevation) :] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
-    return Geometry(nodes, np.concatenate([geometry.xyz, azimuth, elevation]), lines, axes)
+    xyz = np.concatenate([geometry.xyz, azimuth, elevation])
+    return Geometry(nodes, xyz, lines, axes, geometry.faces)
 
 
 # -- structure

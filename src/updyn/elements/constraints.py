@@ -421,10 +421,11 @@ def _joined_geometry(parts: Sequence[Geometry]) -> Geometry | None:
             " another"
         )
     lines = np.unique(np.concatenate([np.sort(g.lines, axis=1) for g in parts]), axis=0)
+    faces = np.unique(np.concatenate([g.faces for g in parts]), axis=0)
     order = np.sort(first)
     if all(geometry.axes is None for geometry in parts):
-        return Geometry(nodes[order], xyz[order], lines)
-    return Geometry(nodes[order], xyz[order], lines, axes[order])
+        return Geometry(nodes[order], xyz[order], lines, faces=faces)
+    return Geometry(nodes[order], xyz[order], lines, axes[order], faces)
 
 
 def _axes(geometry: Geometry) -> NDArray[np.float64]:

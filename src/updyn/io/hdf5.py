@@ -7,7 +7,7 @@ Layout (``*`` where present)::
     /dofs/node             int64 (N,)         node numbers
     /dofs/direction        text (N,)          X Y Z RX RY RZ
     /geometry *            node int64 (n,), xyz float64 (n, 3) in m, line int64 (m, 2),
-                           axes * float64 (n, 3, 3)
+                           axes * float64 (n, 3, 3), face * int64 (k, 4)
     /groups/0000 ...       in order; attributes name, loss_factor, mass_damping *,
                            stiffness_damping *
         loss_table *       freq float64 (n,) in Hz, relative float64 (n,)
@@ -390,6 +390,8 @@ def put_geometry(place: Any, geometry: Geometry) -> None:
     _put_array(place, "line", geometry.lines)
     if geometry.axes is not None:
         _put_array(place, "axes", geometry.axes)
+    if len(geometry.faces):
+        _put_array(place, "face", geometry.faces)
 
 
 def take_geometry(place: Folder, path: str | Path) -> Geometry:
@@ -400,7 +402,7 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
     FormatError
         If an array is missing, unknown or not valid.
     """
-    known_only(place.members, ("node", "xyz", "line", "axes"), path, place.name)
+    known_only(place.members, ("node", "xyz", "line", "axes", "face"), path, place.name)
     nodes = take_array(place, "node", path, "iu", 1)
     xyz = take_array(place, "xyz", path, "iuf", 2)
     lines = (
@@ -411,8 +413,9 @@ def take_geometry(place: Folder, path: str | Path) -> Geometry:
     axes = take_array(place, "axes", path, "iuf", 3) if "axes" in place.members else None
     if lines.shape[1] != 2:
         raise FormatError(f"{place.name}: line has shape {lines.shape}; expected (m, 2)", path)
+    faces = take_array(place, "face", path, "iu", 2) if "face" in place.members else None
     with placed(path, place.name):
-        return Geometry(nodes, xyz, lines, axes)
+        return Geometry(nodes, xyz, lines, axes, faces)
 
 
 # -- items --------------------------------------------------------------------------------------

@@ -12,7 +12,8 @@ struct). A model is::
     mass_damping            1/s, beside loss_factor; optional, as are
     stiffness_damping       s
     loss_table              (2, n): lines in Hz, factors on loss_factor
-    nodes, xyz, lines, axes geometry, optional
+    nodes, xyz, lines, axes, faces
+                            geometry, optional
     title                   optional
 
 and an FRF is::
@@ -25,7 +26,8 @@ and an FRF is::
     coherence, variance     of the shape of H, optional
     averages, source        optional
     decay                   of an exponential window whose damping is in H, in 1/s, optional
-    nodes, xyz, lines, axes geometry, optional
+    nodes, xyz, lines, axes, faces
+                            geometry, optional
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ __all__ = [
     "with_groups",
 ]
 
-_GEOMETRY = ("nodes", "xyz", "lines", "axes")
+_GEOMETRY = ("nodes", "xyz", "lines", "axes", "faces")
 _MATRICES = {"K": "stiffness", "M": "mass", "C": "viscous"}
 _MARKS = ("updyn_kind", "updyn_version")
 #: Names of what a model is made of; labels may also be called ``dof_ref``.
@@ -454,8 +456,9 @@ def _geometry(items: Items, path: str | Path) -> Geometry | None:
         raise FormatError(f"lines: found shape {lines.shape}; expected (m, 2) node numbers", path)
     nodes = whole(vector(items["nodes"], "nodes", path), "nodes", path)
     axes = numbers(items["axes"], "axes", path) if "axes" in items else None
+    faces = whole(items["faces"], "faces", path) if "faces" in items else None
     with placed(path):
-        return Geometry(nodes, real(items["xyz"], "xyz", path), lines, axes)
+        return Geometry(nodes, real(items["xyz"], "xyz", path), lines, axes, faces)
 
 
 def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
@@ -466,6 +469,8 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
         items["lines"] = geometry.lines
     if geometry.axes is not None:
         items["axes"] = geometry.axes
+    if len(geometry.faces):
+        items["faces"] = geometry.faces
     return items
 
 

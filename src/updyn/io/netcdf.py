@@ -9,7 +9,7 @@ are read as well. Expected::
     freq                                   Hz, attribute units = "Hz" where it has one
     response, reference                    labels such as "12:-Z"
     coherence, variance *                  of the same dimensions
-    node, xyz, trace, node_axes *          geometry
+    node, xyz, trace, face, node_axes *    geometry
     attributes quantity, averages *, source *, decay *
 """
 

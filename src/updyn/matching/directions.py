@@ -500,7 +500,7 @@ def _with_axes(
         axes = geometry.axes.copy()
     for row in np.flatnonzero(np.isin(geometry.nodes, list(new))):
         axes[row] = new[int(geometry.nodes[row])]
-    return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes), others
+    return Geometry(geometry.nodes, geometry.xyz, geometry.lines, axes, geometry.faces), others
 
 
 def _described(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dynamics.modes import Modes
 from updyn.geometry import Geometry
 from updyn.report.formats import number, padded
-from updyn.report.picture import VIEWS, camera, line_ends
+from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
     PRINTED_CELLS,
     SEQUENTIAL,
@@ -26,6 +26,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.updating.judge.modal_table import ModalTable, ModeEntry
+from updyn.viewer.groups import line_ends
 
 __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
 

@@ -13,8 +13,12 @@ from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
 from updyn.report.picture import picture
 from updyn.report.plots import Figure
+from updyn.report.scene import scene_of
 from updyn.report.section import Content, Section
+from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
+from updyn.viewer.page import fragment, script
+from updyn.viewer.scene import Colouring, Scene
 
 __all__ = [
     "STEPS",
@@ -26,6 +30,13 @@ __all__ = [
 
 #: Steps of the colour scale to each side of no change.
 STEPS = 4
+#: Colours of the viewer by class of ``structure.css``.
+_TOKENS = {
+    "s0": "same",
+    "s-none": "none",
+    **{f"s{-step}": f"less-{step}" for step in range(1, STEPS + 1)},
+    **{f"s{step}": f"more-{step}" for step in range(1, STEPS + 1)},
+}
 #: The colour scale reaches at least this far, in the logarithm of the factor: rounding.
 _LEAST = 1e-9
 _ABOUT = (
@@ -48,8 +59,18 @@ class Structure(Section):
         return content.update is not None
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return picture and legend; empty where no model has a geometry to draw."""
-        return structure_of(list(content.tests.values()))
+        """Return viewer, picture and legend; empty where no model has a geometry to draw."""
+        scene = _scene(content)
+        before = ""
+        if scene is not None:
+            before = render_template(
+                "updyn.report/viewer.html", fragment=fragment(scene), notes=scene.notes
+            )
+        return before + structure_of(list(content.tests.values()))
+
+    def script(self) -> str:
+        """Return the viewer, and that it begins."""
+        return f"{script()}\nupdynViewer.start();"
 
 
 STRUCTURE = Structure()
@@ -68,10 +89,31 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
     str
         HTML; empty where no model has a geometry to draw.
     """
-    drawn = [r for r in results if r.start.geometry is not None and len(r.start.geometry.nodes)]
-    if not drawn:
+    result = _largest(results)
+    if result is None:
         return ""
-    result = max(drawn, key=lambda r: r.start.n_dofs)
+    responses, references = _measured(results)
+    changes = _Changes.of(result)
+    return picture(
+        result.start,
+        responses,
+        references,
+        changes.parts(),
+        about=_ABOUT,
+        scale=changes.scale(),
+        legend=changes.legend(),
+        note="No unknown scales a part, so that none is coloured.",
+    )
+
+
+def _largest(results: Sequence[UpdateResult]) -> UpdateResult | None:
+    """Return the result with the largest model that has a geometry."""
+    drawn = [r for r in results if r.start.geometry is not None and len(r.start.geometry.nodes)]
+    return max(drawn, key=lambda r: r.start.n_dofs, default=None)
+
+
+def _measured(results: Sequence[UpdateResult]) -> tuple[list[str], list[str]]:
+    """Return the sensors and the forces of all tests."""
     responses: dict[str, None] = {}
     references: dict[str, None] = {}
     for one in results:
@@ -80,16 +122,18 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
             continue
         responses |= dict.fromkeys(one.data.responses.labels)
         references |= dict.fromkeys(one.data.references.labels)
+    return list(responses), list(references)
+
+
+def _scene(content: Content) -> Scene | None:
+    """Return the scene of the viewer; None where no model has a geometry to draw."""
+    results = list(content.tests.values())
+    result = _largest(results)
+    if result is None:
+        return None
     changes = _Changes.of(result)
-    return picture(
-        result.start,
-        list(responses),
-        list(references),
-        changes.parts(),
-        about=_ABOUT,
-        scale=changes.scale(),
-        legend=changes.legend(),
-        note="No unknown scales a part, so that none is coloured.",
+    return scene_of(
+        content, result, *_measured(results), changes.colouring(list(result.start.groups))
     )
 
 
@@ -138,6 +182,15 @@ class _Changes:
                 text = _percent(math.exp(self.reach * step / STEPS), 2)
                 steps.append((f"s{step}", text))
         return steps + out
+
+    def colouring(self, groups: Sequence[str]) -> Colouring:
+        """Return the same colours for the viewer."""
+        scale, parts = self.scale(), self.parts()
+        steps = [(_TOKENS[colour], text) for colour, text in scale]
+        number = {colour: i for i, (colour, _) in enumerate(scale)}
+        of_group = [number[parts[name][0]] if name in parts else -1 for name in groups]
+        texts = [parts[name][1] if name in parts else f"{name}: no unknown" for name in groups]
+        return Colouring("Change", "", steps, of_group, texts)
 
     def legend(self) -> list[tuple[str, str]]:
         """Return class and text of each part, significant and large changes first."""

@@ -14,9 +14,10 @@ from report_case import realistic, smallest
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.report.page import render
-from updyn.report.picture import groups_of_lines, nodes_of_groups, spread
+from updyn.report.picture import spread
 from updyn.report.structure import STEPS, group_changes, group_remarks, structure_of
 from updyn.updating.result import JointResult
+from updyn.viewer.groups import groups_of_lines, nodes_of_groups
 
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])
 

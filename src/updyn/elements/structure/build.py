@@ -76,7 +76,7 @@ def structure(
     used = np.zeros((len(table.numbers), 6), dtype=np.bool_)
     for element in elements:
         _mark_used(element, table, used)
-    geometry = Geometry(table.numbers, table.xyz, _edges(elements))
+    geometry = Geometry(table.numbers, table.xyz, _edges(elements), faces=_faces(elements))
     ties = _ties(table, geometry, list(links), list(equations), used)
     dofs = _dofs(table, used)
     with key_path("grounded"):
@@ -265,6 +265,35 @@ def _edges(elements: Iterable[Element]) -> NDArray[np.int64]:
     for element in elements:
         pairs.append(element.edges())
     return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+
+
+def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
+    """Return the faces to draw once, shape (n, 4), as node numbers, the last of a triangle twice.
+
+    A face that two solids share lies within, and is left out.
+    """
+    found = {True: [np.empty((0, 4), dtype=np.int64)], False: [np.empty((0, 4), dtype=np.int64)]}
+    for element in elements:
+        faces = element.faces()
+        if faces.shape[1] == 3:
+            faces = faces[:, [0, 1, 2, 2]]
+        found[element.encloses].append(faces)
+    solid, open_ = (np.concatenate(found[encloses]) for encloses in (True, False))
+    _, first, count = np.unique(
+        _whatever_order(solid), axis=0, return_index=True, return_counts=True
+    )
+    every = np.concatenate([solid[np.sort(first[count == 1])], open_])
+    _, first = np.unique(_whatever_order(every), axis=0, return_index=True)
+    return np.asarray(every[np.sort(first)])
+
+
+def _whatever_order(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return faces, shape (n, 4), with their nodes sorted; of triangles the least stands twice."""
+    out = np.sort(faces, axis=1)
+    triangle = faces[:, 2] == faces[:, 3]
+    three = np.sort(faces[triangle, :3], axis=1)
+    out[triangle] = three[:, [0, 0, 1, 2]]
+    return out
 
 
 # -- DOFs

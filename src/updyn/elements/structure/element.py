@@ -59,6 +59,8 @@ class Element(ABC):
 
     #: Directions of the DOFs of each node, d of the positions 0 to 5 in `updyn.dofs.DIRECTIONS`.
     directions: ClassVar[tuple[int, ...]] = ALL_DIRECTIONS
+    #: Whether the faces enclose a volume, so that one that two elements share is an inner one.
+    encloses: ClassVar[bool] = False
 
     name: str
     connectivity: Any
@@ -107,6 +109,10 @@ class Element(ABC):
     def edges(self) -> NDArray[np.int64]:
         """Return node numbers of the lines to draw, shape (n, 2); by default none."""
         return np.empty((0, 2), dtype=np.int64)
+
+    def faces(self) -> NDArray[np.int64]:
+        """Return node numbers of the faces to draw, shape (k, 3) or (k, 4); by default none."""
+        return np.empty((0, 4), dtype=np.int64)
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -112,6 +112,10 @@ class Shell(Element):
         following = np.roll(self.connectivity, -1, axis=1)
         return np.stack([self.connectivity, following], axis=2).reshape(-1, 2)
 
+    def faces(self) -> NDArray[np.int64]:
+        """Return the shells themselves."""
+        return np.asarray(self.connectivity)
+
     def _axes(self, numbers: NDArray[np.int64], xyz: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return local x, local y and the normal as rows, shape (m, 3, 3).
 

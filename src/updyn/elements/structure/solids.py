@@ -87,6 +87,7 @@ class Solid(Element):
     lumped: bool = False
 
     directions: ClassVar[tuple[int, ...]] = TRANSLATIONS
+    encloses: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         what = self.label
@@ -110,13 +111,17 @@ class Solid(Element):
 
     def edges(self) -> NDArray[np.int64]:
         """Return the edges, corner to corner, of the faces that belong to one element only."""
+        outer = self.faces()
+        return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
+
+    def faces(self) -> NDArray[np.int64]:
+        """Return the corners of the faces that belong to one element only."""
         corners = np.array(_FACES[_CORNERS[self.connectivity.shape[1]]])
         faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
         _, first, count = np.unique(
             np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
         )
-        outer = faces[first[count == 1]]
-        return np.stack([outer, np.roll(outer, -1, axis=1)], axis=2).reshape(-1, 2)
+        return np.asarray(faces[first[count == 1]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

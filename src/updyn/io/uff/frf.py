@@ -180,7 +180,7 @@ def read_frf(
     else:
         values = values * scale
     if geometry is not None and not local_axes:
-        geometry = Geometry(geometry.nodes, geometry.xyz, geometry.lines)
+        geometry = Geometry(geometry.nodes, geometry.xyz, geometry.lines, faces=geometry.faces)
     with placed(path):
         return FRF(
             parts.freq,

@@ -1,0 +1,303 @@
+"""The structure as a scene of the viewer: modes and operating shapes, updated, start and test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation.modes import model_modes
+from updyn.dofs import Dof
+from updyn.dynamics.modes import Modes
+from updyn.errors import UpdynError
+from updyn.geometry import Geometry
+from updyn.model import Model
+from updyn.report.data import ReportData, keep_lines
+from updyn.report.formats import unit
+from updyn.report.section import Content
+from updyn.updating.judge.modal_table import ModalRow, ModalTable
+from updyn.updating.modes import LARGEST
+from updyn.updating.result import UpdateResult
+from updyn.viewer.bodies import arrows_at, entries_of, model_body, motions, sensor_body
+from updyn.viewer.colourings import by_size
+from updyn.viewer.scene import (
+    Body,
+    Colouring,
+    Layer,
+    ModeRow,
+    ModeShapes,
+    OperatingLayer,
+    OperatingShapes,
+    Reference,
+    Scene,
+)
+
+__all__ = ["scene_of"]
+
+#: Displacements of the mode shapes of a page at most, but this many modes at least: 2 MB.
+_MOST_DISPLACEMENTS = 750_000
+_FEWEST_ROWS = 4
+#: Values of the operating shapes of a page at most, but so many lines at least, and references.
+_MOST_VALUES = 400_000
+_FEWEST_LINES = 40
+_MOST_REFERENCES = 8
+#: Frequencies of one mode from two computations differ by less than this share.
+_SAME = 1e-6
+#: Layers: their colours, and how they are drawn.
+_LOOKS = {
+    "updated": ("after", "surface"),
+    "start": ("before", "wire"),
+    "test": ("test", "dots"),
+}
+
+
+def scene_of(
+    content: Content,
+    result: UpdateResult,
+    responses: Sequence[str],
+    references: Sequence[str],
+    change: Colouring,
+) -> Scene | None:
+    """Return the scene of an update; None where the model has no geometry.
+
+    Parameters
+    ----------
+    content : Content
+        What the page shows: its modal table and its FRFs where it is about one test.
+    result : UpdateResult
+        The result that gives the model.
+    responses, references : sequence of str
+        Sensors and forces of all tests.
+    change : Colouring
+        How much each group changed.
+
+    Returns
+    -------
+    Scene or None
+    """
+    model = result.start
+    geometry = model.geometry
+    if geometry is None or not len(geometry.nodes):
+        return None
+    body = model_body(model, [*responses, *references])
+    arrows, _ = arrows_at(body, geometry, responses, references)
+    deviations = _deviations(result)
+    colourings = [one for one in (change, deviations) if one is not None]
+    bodies, notes = [body], []
+    modes: ModeShapes | None = None
+    operating: OperatingShapes | None = None
+    seen = np.isin(geometry.nodes, [Dof.parse(label).node for label in responses]).any()
+    if content.of_one_test and result.status != "stopped" and seen:
+        measured = sensor_body(_drawn_geometry(result), responses)
+        shapes = _Shapes.of(content.modes, result)
+        if shapes is not None:
+            modes = shapes.shown(body, measured)
+            energy = shapes.strain_energy()
+            names = list(model.groups)
+            mean = energy.mean(axis=0) if len(energy) else np.full(len(names), np.nan)
+            colourings.append(
+                by_size("Strain energy of the mode", "%", 100 * mean, names, by_row=100 * energy)
+            )
+            if shapes.left_out:
+                notes.append(
+                    f"The first {len(modes.rows)} of {len(modes.rows) + shapes.left_out} modes are"
+                    " animated."
+                )
+        if content.has_frfs:
+            operating, said = _operating(content.data, geometry, measured)
+            notes += said
+        if modes is not None or operating is not None:
+            bodies.append(measured)
+    return Scene(bodies, result.title, colourings, arrows, modes, operating, tuple(notes))
+
+
+def _drawn_geometry(result: UpdateResult) -> Geometry:
+    """Return the geometry of the model with the lines of the test, where it has some."""
+    own = result.start.geometry
+    assert own is not None
+    test = getattr(result.data, "geometry", None)
+    if test is None or not len(test.lines) or not np.isin(test.lines, own.nodes).all():
+        return own
+    return Geometry(own.nodes, own.xyz, test.lines, own.axes)
+
+
+def _deviations(result: UpdateResult) -> Colouring | None:
+    """Return colours by the largest standard deviation of the unknowns of each group."""
+    names = list(result.start.groups)
+    values = np.full(len(names), np.nan)
+    for p in result.parameters:
+        for drive in () if p.is_channel else p.acts_on:
+            value, std = result.values[p.name], result.std[p.name]
+            if drive.group not in names or not value > 0.0 or np.isnan(std):
+                continue
+            at = names.index(drive.group)
+            values[at] = np.fmax(values[at], 100.0 * std / value)
+    if np.isnan(values).all():
+        return None
+    return by_size("Standard deviation", "% of the value", values, names, logarithmic=True)
+
+
+# -- modes ---------------------------------------------------------------------------------------
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shapes:
+    """The modes of a modal table with their shapes at all DOFs of the models."""
+
+    rows: Sequence[ModalRow]
+    left_out: int
+    models: Mapping[str, Model]
+    full: Mapping[str, Modes]
+    test: Modes
+
+    @classmethod
+    def of(cls, table: ModalTable, result: UpdateResult) -> _Shapes | None:
+        """Return the shapes; None where there are none."""
+        models = {"updated": result.model, "start": result.start}
+        if not table.known or table.test is None or result.start.n_dofs > LARGEST:
+            return None
+        full: dict[str, Modes] = {}
+        for name, model in models.items():
+            entries = [getattr(row, name) for row in table.rows]
+            highest = max((e.frequency for e in entries if e is not None), default=0.0)
+            if highest > 0.0:
+                try:
+                    full[name] = model_modes(model, highest * (1.0 + _SAME))
+                except (UpdynError, np.linalg.LinAlgError):  # the section on modes says why
+                    continue
+        if not full:
+            return None
+        most = max(_MOST_DISPLACEMENTS // (6 * result.start.n_dofs), _FEWEST_ROWS)
+        kept = table.rows[:most]
+        return cls(kept, len(table.rows) - len(kept), models, full, table.test)
+
+    def member(self, name: str, row: ModalRow) -> int:
+        """Return the number of a mode of the row among the shapes of a layer; -1: none."""
+        entry = getattr(row, name)
+        if entry is None:
+            return -1
+        if name == "test":
+            return int(entry.number)
+        if name not in self.full:
+            return -1
+        away = np.abs(self.full[name].frequency - entry.frequency)
+        at = int(np.argmin(away))
+        return at if away[at] <= _SAME * entry.frequency else -1
+
+    def shown(self, body: Body, measured: Body) -> ModeShapes:
+        """Return the layers; those of a row are turned and scaled onto the first of them."""
+        geometry = self.models["start"].geometry
+        assert geometry is not None
+        found: dict[str, list[NDArray[Any]]] = {name: [] for name in _LOOKS}
+        rows = []
+        for number, row in enumerate(self.rows, 1):
+            members = []
+            for name, shape in self._aligned(row).items():
+                if shape is None:
+                    members.append(-1)
+                    continue
+                found[name].append(shape)
+                members.append(len(found[name]) - 1)
+            rows.append(ModeRow(f"{number}: {_row_text(row)}", tuple(members)))
+        layers = []
+        for name, (role, style) in _LOOKS.items():
+            moved, at = (measured, 1) if name == "test" else (body, 0)
+            dofs = self.test.dofs if name == "test" else self.models[name].dofs
+            shapes = np.array(found[name]).reshape(-1, len(dofs)).T
+            entries = entries_of(moved, geometry, dofs)
+            layers.append(Layer(name, role, style, at, motions(moved, entries, shapes)))
+        return ModeShapes(layers, rows)
+
+    def _aligned(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
+        """Return the shapes of a row; those of the test are turned and scaled onto a model's."""
+        out: dict[str, NDArray[Any] | None] = dict.fromkeys(_LOOKS)
+        first: NDArray[Any] | None = None
+        seen: NDArray[Any] | None = None
+        for name in ("updated", "start"):
+            at = self.member(name, row)
+            if at < 0:
+                continue
+            shape = self.full[name].shapes[:, at]
+            out[name] = shape if first is None else _onto(shape, first)
+            if first is None:
+                first, seen = shape, self.full[name].select([at]).at(self.test.dofs)[:, 0]
+        at = self.member("test", row)
+        if at >= 0:
+            shape = self.test.shapes[:, at]
+            out["test"] = shape if seen is None else _onto(shape, seen)
+        return out
+
+    def strain_energy(self) -> NDArray[np.float64]:
+        """Return the share of each group in the strain energy of each row, shape (r, g)."""
+        groups = list(self.models["updated"].groups.values())
+        out = np.full((len(self.rows), len(groups)), np.nan)
+        for number, row in enumerate(self.rows):
+            name = "updated" if self.member("updated", row) >= 0 else "start"
+            at = self.member(name, row)
+            if at < 0:
+                continue
+            shape = self.full[name].shapes[:, at]
+            stiffness = [group.stiffness for group in self.models[name].groups.values()]
+            energy = [0.0 if K is None else np.vdot(shape, K @ shape).real for K in stiffness]
+            total = float(np.sum(energy))
+            if total > 0.0:
+                out[number] = np.maximum(np.array(energy) / total, 0.0)
+        return out
+
+
+def _onto(shape: NDArray[Any], target: NDArray[Any]) -> NDArray[Any]:
+    """Return a shape times the factor that brings it nearest to another (modal scale factor)."""
+    size = np.vdot(shape, shape).real
+    factor = np.vdot(shape, target) / size if size > 0.0 else 0.0
+    return np.asarray(shape * (factor if factor != 0.0 else 1.0))
+
+
+def _row_text(row: ModalRow) -> str:
+    parts = []
+    for name in ("test", "start", "updated"):
+        entry = getattr(row, name)
+        if entry is not None:
+            parts.append(f"{name} {entry.frequency:.5g} Hz")
+    mac = getattr(row.updated or row.start, "mac", None)
+    if mac is not None and np.isfinite(mac):
+        parts.append(f"MAC {mac:.3f}")
+    return ", ".join(parts)
+
+
+# -- operating shapes ----------------------------------------------------------------------------
+def _operating(
+    data: ReportData, geometry: Geometry, measured: Body
+) -> tuple[OperatingShapes | None, list[str]]:
+    """Return the shapes of the FRFs, and what is left out of them."""
+    if not len(data.freq):
+        return None, []
+    states = {"measured": data.measured, "start": data.before, "updated": data.after}
+    looks = {
+        "measured": ("test", "dots"),
+        "start": ("before", "wire"),
+        "updated": ("after", "wire"),
+    }
+    present = {name: values for name, values in states.items() if values is not None}
+    notes = []
+    shown = min(len(data.references), _MOST_REFERENCES)
+    if shown < len(data.references):
+        notes.append(
+            f"Operating shapes are shown for the first {shown} of {len(data.references)} forces."
+        )
+    per_line = shown * len(data.responses) * len(present)
+    limit = max(_MOST_VALUES // per_line, _FEWEST_LINES)
+    at = keep_lines(data.measured, data.used, limit)
+    if len(at) < len(data.freq):
+        notes.append(f"Operating shapes are shown at {len(at)} of {len(data.freq)} lines.")
+    references = []
+    for number, name in enumerate(data.references[:shown]):
+        layers = [
+            OperatingLayer(state, *looks[state], values[at, :, number])
+            for state, values in present.items()
+        ]
+        references.append(Reference(name, layers))
+    entries = entries_of(measured, geometry, data.responses)
+    of = unit(data.quantity, data.responses[0], data.references[0])
+    freq = data.freq[at]
+    return OperatingShapes(freq, data.quantity, of, 1, entries, references), notes

@@ -1,0 +1,314 @@
+"""Bodies of a scene from models and from measured DOFs, and how they move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.errors import InputError
+from updyn.geometry import Geometry
+from updyn.model import Model
+from updyn.viewer.groups import (
+    face_corners,
+    groups_of_faces,
+    groups_of_lines,
+    line_ends,
+    nodes_of_groups,
+)
+from updyn.viewer.scene import Arrow, Body, Entries
+
+__all__ = ["arrows_at", "entries_of", "model_body", "motions", "sensor_body"]
+
+#: Points on the rim of a disc, how many of them have a spoke, and its radius as a share of the
+#: diagonal of the structure.
+_RIM = 16
+_SPOKE_EVERY = 4
+_DISC = 0.03
+#: Nodes that a group without lines and faces may have to be marked.
+_LUMPED = 4
+
+
+def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
+    """Return the body of a model: lines, faces, lumped parts, discs where nodes only rotate.
+
+    Parameters
+    ----------
+    model : Model
+        With a geometry.
+    dofs : iterable of str or Dof
+        Those of sensors and forces, the nodes of which are kept although nothing is drawn there.
+
+    Returns
+    -------
+    Body
+        Without the nodes within solids.
+
+    Raises
+    ------
+    InputError
+        If the model has no geometry.
+    """
+    geometry = model.geometry
+    if geometry is None or not len(geometry.nodes):
+        raise InputError("viewer: the model has no geometry; expected positions of its nodes")
+    lines, line_group = line_ends(geometry), groups_of_lines(model)
+    faces, face_group = _triangles(face_corners(geometry), groups_of_faces(model))
+    seen = _is_seen(lines, line_group, faces, face_group)
+    lines, line_group = lines[seen], line_group[seen]
+    drawn = {*line_group.tolist(), *face_group.tolist()}
+    bare = [number for number in range(len(model.groups)) if number not in drawn]
+    points, point_group = _squares(model, np.array(bare, dtype=np.intp))
+    named = np.isin(geometry.nodes, [Dof.parse(dof).node for dof in dofs])
+    turning = _only_turning(model.dofs, geometry)
+    kept = np.zeros(len(geometry.nodes), dtype=np.bool_)
+    for at in (lines, faces, points, np.flatnonzero(named), [node for node, _ in turning]):
+        kept[np.asarray(at, dtype=np.intp)] = True
+    if not lines.size and not faces.size:  # nodes are all that there is to see
+        loose = np.setdiff1d(np.arange(len(kept)), points)
+        points = np.concatenate([points, loose])
+        point_group = np.concatenate([point_group, np.full(len(loose), -1, dtype=np.intp)])
+        kept[:] = True
+    place = np.cumsum(kept) - 1
+    body = Body(
+        "model",
+        geometry.nodes[kept],
+        geometry.xyz[kept],
+        place[lines],
+        line_group,
+        place[faces],
+        face_group,
+        place[points],
+        point_group,
+        tuple(model.groups),
+        int(kept.sum()),
+    )
+    return _with_discs(body, [(int(place[node]), axis) for node, axis in turning])
+
+
+def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
+    """Return the body of measured nodes, with the lines of a geometry between them.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Of the test or of the model. Nodes without a position are left out.
+    dofs : iterable of str or Dof
+        The measured DOFs.
+
+    Returns
+    -------
+    Body
+
+    Raises
+    ------
+    InputError
+        If none of the nodes has a position.
+    """
+    measured = DofSet(dict.fromkeys(abs(Dof.parse(dof)) for dof in dofs))
+    kept = np.isin(geometry.nodes, measured.nodes)
+    if not kept.any():
+        raise InputError("viewer: no measured node has a position in the geometry")
+    place = np.cumsum(kept) - 1
+    ends = line_ends(geometry)
+    ends = ends[kept[ends].all(axis=1)]
+    none = np.empty(0, dtype=np.intp)
+    body = Body(
+        "test",
+        geometry.nodes[kept],
+        geometry.xyz[kept],
+        place[ends],
+        np.full(len(ends), -1, dtype=np.intp),
+        np.empty((0, 3), dtype=np.intp),
+        none,
+        none,
+        none,
+        (),
+        int(kept.sum()),
+    )
+    turning = _only_turning(measured, geometry)
+    return _with_discs(body, [(int(place[node]), axis) for node, axis in turning])
+
+
+def _triangles(
+    corners: NDArray[np.intp], group: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return quadrangles, shape (k, 4), as triangles with their groups."""
+    halves = corners[:, [[0, 1, 2], [0, 2, 3]]]
+    whole = np.ones((len(corners), 2), dtype=np.bool_)
+    whole[:, 1] = corners[:, 2] != corners[:, 3]
+    return halves[whole], np.repeat(group[:, None], 2, axis=1)[whole]
+
+
+def _is_seen(
+    lines: NDArray[np.intp],
+    line_group: NDArray[np.intp],
+    faces: NDArray[np.intp],
+    face_group: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Return which lines are seen: not those of solids that end at a node within them."""
+    on_face = np.isin(lines, faces).all(axis=1)
+    return np.asarray(on_face | ~np.isin(line_group, face_group[face_group >= 0]))
+
+
+def _squares(model: Model, groups: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    found = nodes_of_groups(model, groups, _LUMPED)
+    nodes = [np.empty(0, dtype=np.intp), *found.values()]
+    of = [np.full(len(at), number, dtype=np.intp) for number, at in found.items()]
+    return np.concatenate(nodes), np.concatenate([np.empty(0, dtype=np.intp), *of])
+
+
+# -- discs ---------------------------------------------------------------------------------------
+def _only_turning(dofs: DofSet, geometry: Geometry) -> list[tuple[int, NDArray[np.float64]]]:
+    """Return node and axis of each rotation at nodes that have no translation."""
+    moving = set(dofs.nodes[dofs.axes < 3].tolist())
+    place = {int(node): at for at, node in enumerate(geometry.nodes)}
+    out = []
+    for node, axis in zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True):
+        if axis >= 3 and node not in moving and node in place:
+            out.append((place[node], _axes(geometry, place[node])[axis - 3]))
+    return out
+
+
+def _axes(geometry: Geometry, at: int) -> NDArray[np.float64]:
+    return np.eye(3) if geometry.axes is None else geometry.axes[at]
+
+
+def _with_discs(body: Body, turning: list[tuple[int, NDArray[np.float64]]]) -> Body:
+    """Return a body with a disc about each axis: a rim with spokes, which turns."""
+    if not turning:
+        return body
+    radius = _DISC * float(np.linalg.norm(np.ptp(body.xyz, axis=0))) or 1.0
+    angle = 2.0 * np.pi * np.arange(_RIM) / _RIM
+    rims, owners, lines = [], [], []
+    for number, (node, axis) in enumerate(turning):
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        across /= np.linalg.norm(across)
+        up = np.cross(axis, across)
+        rim = np.outer(np.cos(angle), across) + np.outer(np.sin(angle), up)
+        rims.append(body.xyz[node] + radius * rim)
+        owners += [int(body.nodes[node])] * _RIM
+        own = len(body.nodes) + number * _RIM + np.arange(_RIM)
+        lines += np.column_stack([own, np.roll(own, -1)]).tolist()
+        lines += [[node, int(end)] for end in own[::_SPOKE_EVERY]]
+    more = np.array(lines, dtype=np.intp)
+    return Body(
+        body.name,
+        np.concatenate([body.nodes, owners]),
+        np.concatenate([body.xyz, *rims]),
+        np.concatenate([body.lines, more]),
+        np.concatenate([body.line_group, np.full(len(more), -1, dtype=np.intp)]),
+        body.faces,
+        body.face_group,
+        body.points,
+        body.point_group,
+        body.groups,
+        body.real,
+        radius,
+    )
+
+
+# -- motion --------------------------------------------------------------------------------------
+def entries_of(body: Body, geometry: Geometry, dofs: Iterable[str | Dof]) -> Entries:
+    """Return how the nodes of a body move with DOFs.
+
+    Parameters
+    ----------
+    body : Body
+        From `model_body` or `sensor_body`.
+    geometry : Geometry
+        Where the directions of its nodes stand.
+    dofs : iterable of str or Dof
+        Signed DOFs; those at other nodes move nothing. A rotation moves the rim of a disc.
+
+    Returns
+    -------
+    Entries
+    """
+    rows = {int(node): at for at, node in enumerate(geometry.nodes)}
+    real = {int(node): at for at, node in enumerate(body.nodes[: body.real])}
+    rims: dict[int, list[int]] = {}
+    for at, node in enumerate(body.nodes[body.real :].tolist(), body.real):
+        rims.setdefault(node, []).append(at)
+    dof_of, moved, vectors = [], [], []
+    every = DofSet(dofs)
+    table = zip(every.nodes.tolist(), every.axes.tolist(), every.signs.tolist(), strict=True)
+    for number, (node, axis, sign) in enumerate(table):
+        if node not in real or node not in rows:
+            continue
+        direction = sign * _axes(geometry, rows[node])[axis % 3]
+        if axis < 3:
+            dof_of.append(number)
+            moved.append(real[node])
+            vectors.append(direction)
+        for at in rims.get(node, ()) if axis >= 3 else ():
+            dof_of.append(number)
+            moved.append(at)
+            vectors.append(np.cross(direction, body.xyz[at] - body.xyz[real[node]]))
+    return Entries(
+        np.array(dof_of, dtype=np.intp),
+        np.array(moved, dtype=np.intp),
+        np.array(vectors, dtype=np.float64).reshape(-1, 3),
+    )
+
+
+def motions(body: Body, entries: Entries, shapes: ArrayLike) -> NDArray[np.generic]:
+    """Return the displacements of the nodes of a body.
+
+    Parameters
+    ----------
+    body : Body
+        The body.
+    entries : Entries
+        From `entries_of`.
+    shapes : array_like of float or complex, shape (d, s)
+        Shapes as columns, DOF by DOF.
+
+    Returns
+    -------
+    ndarray of float or complex, shape (s, n, 3)
+        In global components.
+    """
+    given = np.asarray(shapes)
+    n = len(body.nodes)
+    rows = (3 * entries.node[:, None] + np.arange(3)).ravel()
+    columns = np.repeat(entries.dof, 3)
+    P = sp.csr_array((entries.vector.ravel(), (rows, columns)), shape=(3 * n, len(given)))
+    return np.asarray((P @ given).T.reshape(-1, n, 3))
+
+
+def arrows_at(
+    body: Body, geometry: Geometry, responses: Iterable[str | Dof], references: Iterable[str | Dof]
+) -> tuple[list[Arrow], list[str]]:
+    """Return arrows of sensors and forces, and the DOFs that have no position.
+
+    Parameters
+    ----------
+    body : Body
+        Where they stand.
+    geometry : Geometry
+        Where the directions of its nodes stand.
+    responses, references : iterable of str or Dof
+        Signed DOFs of sensors and forces.
+
+    Returns
+    -------
+    (list of Arrow, list of str)
+    """
+    rows = {int(node): at for at, node in enumerate(geometry.nodes)}
+    real = {int(node): at for at, node in enumerate(body.nodes[: body.real])}
+    out: list[Arrow] = []
+    missing: dict[str, None] = {}
+    for kind, dofs in (("sensor", responses), ("force", references)):
+        # A DOF stands once, however many references share a sensor.
+        for dof in dict.fromkeys(Dof.parse(dof) for dof in dofs):
+            axis = DIRECTIONS.index(dof.direction)
+            if dof.node not in real or dof.node not in rows:
+                missing[str(dof)] = None
+                continue
+            vector = dof.sign * _axes(geometry, rows[dof.node])[axis % 3]
+            out.append(Arrow(kind, real[dof.node], vector, axis >= 3, str(dof)))
+    return out, list(missing)

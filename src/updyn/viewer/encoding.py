@@ -1,0 +1,179 @@
+"""A scene as JSON: arrays as base64 of little-endian numbers, shapes in 16 bits."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes, Reference, Scene
+
+__all__ = ["FORMAT", "as_json", "encoded"]
+
+#: Version of the JSON; the script refuses another.
+FORMAT = 1
+#: Largest whole number that a displacement is written as: 1/32767 of the largest is finer than a
+#: pixel.
+_FINEST = 32767
+
+
+def as_json(scene: Scene) -> str:
+    """Return a scene as JSON that cannot end the script element that holds it.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    str
+    """
+    text = json.dumps(encoded(scene), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+def encoded(scene: Scene) -> dict[str, Any]:
+    """Return a scene as what JSON holds.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+
+    Returns
+    -------
+    dict of str to object
+        Real arrays as base64 of float32, whole ones of int32. Shapes as ``data``, base64 of int16,
+        and ``scale``, which 32767 stands for.
+    """
+    return {
+        "format": FORMAT,
+        "title": scene.title,
+        "bodies": [_body(body) for body in scene.bodies],
+        "colourings": [
+            {
+                "name": c.name,
+                "unit": c.unit,
+                "steps": [{"colour": colour, "text": text} for colour, text in c.steps],
+                "step_of_group": list(c.step_of_group),
+                "texts": list(c.texts),
+                "by_row": [[list(steps), list(texts)] for steps, texts in c.by_row],
+            }
+            for c in scene.colourings
+        ],
+        "arrows": [
+            {
+                "kind": a.kind,
+                "node": a.node,
+                "vector": [round(float(part), 6) for part in a.vector],
+                "rotation": a.rotation,
+                "label": a.label,
+            }
+            for a in scene.arrows
+        ],
+        "modes": None if scene.modes is None else _modes(scene.modes),
+        "operating": None if scene.operating is None else _operating(scene.operating),
+    }
+
+
+def _real(values: ArrayLike) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode()
+
+
+def _whole(values: ArrayLike) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, dtype="<i4").tobytes()).decode()
+
+
+def _scaled(values: NDArray[np.float64]) -> dict[str, Any]:
+    """Return values as whole numbers of 16 bits with the size of the largest."""
+    scale = float(np.abs(values).max(initial=0.0))
+    finest = np.zeros(values.shape, dtype="<i2")
+    if scale > 0.0:
+        finest = np.rint(values / scale * _FINEST).astype("<i2")
+    return {"data": base64.b64encode(finest.tobytes()).decode(), "scale": scale}
+
+
+def _body(body: Body) -> dict[str, Any]:
+    return {
+        "name": body.name,
+        "labels": _whole(body.nodes),
+        "xyz": _real(body.xyz),
+        "real": body.real,
+        "disc": body.disc,
+        "lines": _whole(body.lines),
+        "line_group": _whole(body.line_group),
+        "faces": _whole(body.faces),
+        "face_group": _whole(body.face_group),
+        "points": _whole(body.points),
+        "point_group": _whole(body.point_group),
+        "groups": list(body.groups),
+    }
+
+
+def _modes(modes: ModeShapes) -> dict[str, Any]:
+    return {
+        "layers": [_layer(layer) for layer in modes.layers],
+        "rows": [{"label": row.label, "members": list(row.members)} for row in modes.rows],
+    }
+
+
+def _layer(layer: Layer) -> dict[str, Any]:
+    shapes = []
+    for shape in layer.shapes:
+        imaginary = np.imag(shape)
+        shapes.append(
+            {
+                "re": _scaled(np.real(shape)),
+                "im": _scaled(imaginary) if imaginary.any() else None,
+            }
+        )
+    look = {"name": layer.name, "role": layer.role, "style": layer.style, "body": layer.body}
+    return {**look, "shapes": shapes}
+
+
+def _operating(operating: OperatingShapes) -> dict[str, Any]:
+    first = operating.references[0].layers[0].values
+    return {
+        "freq": _real(operating.freq),
+        "quantity": operating.quantity,
+        "unit": operating.unit,
+        "body": operating.body,
+        "channels": first.shape[1],
+        "entries": _entries(operating.entries),
+        "references": [_reference(reference) for reference in operating.references],
+    }
+
+
+def _entries(entries: Entries) -> dict[str, Any]:
+    return {
+        "dof": _whole(entries.dof),
+        "node": _whole(entries.node),
+        "vector": _real(entries.vector),
+    }
+
+
+def _reference(reference: Reference) -> dict[str, Any]:
+    """Return the layers of a reference; each line is scaled by its largest value in any of them.
+
+    A shape is drawn at one size whatever its level, which the curve tells: the root mean square
+    over the channels.
+    """
+    values = [layer.values for layer in reference.layers]
+    largest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in values], axis=0)
+    level = np.where(largest > 0.0, largest, 1.0)[:, None]
+    layers = []
+    for layer in reference.layers:
+        curve = np.sqrt(np.mean(np.abs(layer.values) ** 2, axis=1))
+        parts = {
+            "re": _scaled((layer.values / level).real),
+            "im": _scaled((layer.values / level).imag),
+        }
+        look = {"name": layer.name, "role": layer.role, "style": layer.style}
+        layers.append({**look, "curve": _real(curve), **parts})
+    return {"name": reference.name, "layers": layers}

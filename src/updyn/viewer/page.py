@@ -1,0 +1,103 @@
+"""A scene as HTML: a fragment for a page that holds the script, a page, a frame for a notebook."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from html import escape
+from importlib import resources
+
+from updyn.viewer.encoding import as_json
+from updyn.viewer.scene import Scene
+
+__all__ = ["POLICY", "fragment", "html", "page", "script"]
+
+#: Content security policy: the page loads nothing but itself.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
+    " font-src data:; base-uri 'none'; form-action 'none'"
+)
+_WITHOUT_SCRIPTS = "The viewer is drawn by a script, and scripts are switched off here."
+
+
+@lru_cache(maxsize=1)
+def script() -> str:
+    """Return the viewer as JavaScript, safe inside a script element; ``updynViewer.start()`` draws.
+
+    Returns
+    -------
+    str
+    """
+    text = (resources.files("updyn.viewer") / "assets" / "viewer.min.js").read_text(
+        encoding="utf-8"
+    )
+    return text.replace("</script", "<\\/script").replace("<!--", "<\\!--")
+
+
+def fragment(scene: Scene, name: str = "updyn-scene") -> str:
+    """Return a scene for a page that holds `script` once.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    name : str
+        Id of the element that holds the data, unique in the page.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    at = escape(name)
+    return (
+        f'<div data-scene="{at}"><noscript>{_WITHOUT_SCRIPTS}</noscript></div>\n'
+        f'<script type="application/json" id="{at}">{as_json(scene)}</script>'
+    )
+
+
+def page(scene: Scene) -> str:
+    """Return a scene as a page of its own, which needs no network and no other file.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    title = escape(scene.title or "Structure")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<title>{title}</title><link rel="icon" href="data:,">'
+        "<style>:root { color-scheme: light dark; } body { margin: 8px; font-family: system-ui,"
+        " sans-serif; }</style></head>\n"
+        f"<body>{fragment(scene)}\n<script>{script()}\nupdynViewer.start();</script></body></html>\n"
+    )
+
+
+def html(scene: Scene, *, height: int = 640) -> str:
+    """Return a scene as a frame for a notebook: sandboxed, and whole when the notebook is exported.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is shown.
+    height : int
+        Of the frame, in px.
+
+    Returns
+    -------
+    str
+        HTML, 0.7 MB and the data of the scene.
+    """
+    title = escape(scene.title or "Structure", quote=True)
+    return (
+        f'<iframe title="{title}" sandbox="allow-scripts allow-downloads" loading="lazy"'
+        f' style="width: 100%; height: {int(height)}px; border: 0"'
+        f' srcdoc="{escape(page(scene), quote=True)}"></iframe>'
+    )

@@ -1,0 +1,127 @@
+"""The viewer in a real browser, drawn by software: it draws, moves, picks, saves, and asks nothing of anyone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from pages_read import attributes, dump
+from updyn.report.templates import asset
+from updyn.viewer import Colouring, page
+from viewer_case import block_scene
+
+pytestmark = pytest.mark.needs("browser")
+
+# What a user does. Pixels are counted on a copy of the canvas, right after a frame.
+ACTIONS = """<script>
+(async () => {
+  const root = document.documentElement, place = document.querySelector("[data-scene]");
+  const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
+  const later = (ms) => new Promise((done) => setTimeout(done, ms));
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  const viewer = place.updynViewer, { stage, panel } = viewer;
+  note("playing", viewer.clock.playing);
+  viewer.clock.play(false);
+  const pixels = () => {
+    stage.draw();
+    const copy = Object.assign(document.createElement("canvas"), { width: stage.canvas.width, height: stage.canvas.height });
+    const context = copy.getContext("2d");
+    context.drawImage(stage.canvas, 0, 0);
+    return context.getImageData(0, 0, copy.width, copy.height).data;
+  };
+  const differing = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return n; };
+  viewer.phase(Math.PI / 2);
+  const still = pixels(), ground = new Uint8ClampedArray(still.length);
+  for (let i = 0; i < ground.length; i++) ground[i] = still[i % 4];
+  note("drawn", differing(still, ground) / (still.length / 4));
+  viewer.phase(0);
+  note("moved", differing(still, pixels()) / (still.length / 4));
+  viewer.set({ show: "rest" });
+  const heard = [];
+  document.addEventListener("updyn-pick", (event) => heard.push(event.detail));
+  const node = viewer.bodies[0].labels.indexOf(45), [x, y] = stage.project(viewer.base.placeOf(node));
+  const box = stage.canvas.getBoundingClientRect();
+  for (const type of ["pointerdown", "pointerup"]) {
+    stage.canvas.dispatchEvent(new PointerEvent(type, { clientX: box.left + x + 3, clientY: box.top + y, bubbles: true, pointerId: 1 }));
+  }
+  note("picked", heard);
+  note("said", panel.said.textContent);
+  const key = (name, more) => stage.canvas.dispatchEvent(new KeyboardEvent("keydown", { key: name, ...more }));
+  const eye = () => stage.camera.position.toArray().map((value) => value.toFixed(4)).join();
+  const before = eye();
+  key("ArrowRight"); note("turned", eye() !== before);
+  key("+"); note("zoomed", stage.camera.zoom);
+  key("f"); note("fitted", stage.camera.zoom);
+  key("n"); note("next", heard.at(-1).label);
+  note("options", [...panel.row.options].map((option) => option.textContent));
+  note("legend", panel.legend.innerText);
+  viewer.set({ show: "modes", row: 1, colouring: "displacement" });
+  note("relative", panel.legend.innerText);
+  const bytes = async (blob) => [...new Uint8Array(await blob.arrayBuffer()).slice(0, 6)];
+  note("png", await bytes(await viewer.screenshot()));
+  note("gif", await bytes(await viewer.animation()));
+  note("requests", performance.getEntriesByType("resource").map((entry) => entry.name));
+  note("done", true);
+})();
+</script></body>"""
+
+
+def opened(scene, tmp_path, *switches, actions=ACTIONS):
+    text = page(scene).replace("</head>", f"<script>{asset('watch.js')}</script></head>")
+    path = tmp_path / "viewer.html"
+    path.write_text(actions.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    return attributes(dump(path, tmp_path / "profile", *switches))
+
+
+def told(found, name):
+    return json.loads(found[name].replace("&quot;", '"'))
+
+
+def test_it_draws_moves_and_picks(tmp_path):
+    change = Colouring(
+        "Change of stiffness",
+        "%",
+        [("less-4", "−20"), ("more-4", "+12")],
+        [0, 1],
+        ["left: −20 %", "right: +12 %"],
+    )
+    scene = block_scene(colourings=[change])
+    found = opened(scene, tmp_path)
+    assert "errors" not in found, found["errors"]
+    assert found["done"] == "true"
+    assert found["playing"] == "true"
+    assert float(found["drawn"]) > 0.05
+    assert float(found["moved"]) > 0.01
+    (picked,) = told(found, "picked")
+    assert picked["label"] == 45
+    at = scene.bodies[0].nodes.tolist().index(45)
+    np.testing.assert_allclose(picked["position"], scene.bodies[0].xyz[at], rtol=1e-6)
+    assert picked["groups"] == ["right"]
+    assert picked["sensors"] == ["45:-Y"]
+    assert found["said"] == "Node 45 · (0.4, 0.1, 0.1) m · right: +12 % · sensors 45:-Y"
+    assert found["turned"] == "true"
+    assert float(found["zoomed"]) > 1.0
+    assert float(found["fitted"]) == 1.0
+    assert found["next"] == "15"
+    assert len(told(found, "options")) == 3
+    assert found["legend"].startswith("Change of stiffness (%)")
+    assert "Displacement (relative)" in found["relative"]
+    assert told(found, "png") == [137, 80, 78, 71, 13, 10]
+    assert bytes(told(found, "gif")) == b"GIF89a"
+    assert told(found, "requests") == []
+
+
+def test_less_motion_starts_at_rest(tmp_path):
+    found = opened(block_scene(), tmp_path, "--force-prefers-reduced-motion")
+    assert "errors" not in found, found["errors"]
+    assert found["playing"] == "false"
+
+
+def test_without_webgl_a_line_says_so(tmp_path):
+    look = """<script>setTimeout(() => {
+      document.documentElement.dataset.said = document.querySelector("[data-scene]").innerText; }, 1500);</script></body>"""
+    found = opened(block_scene(), tmp_path, "--disable-3d-apis", actions=look)
+    assert "errors" not in found, found["errors"]
+    assert "WebGL 2 is missing" in found["said"]
