@@ -25,7 +25,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
             if block.language == "python":
                 run_python(block, "docs/plant.md", namespace)
                 ran += 1
-        assert ran == 9
+        assert ran == 10
         yield namespace
 
 

@@ -17,6 +17,7 @@ from updyn.control.complex_modes import (
     fitted,
     slow_motion,
 )
+from updyn.control.measured import measured
 from updyn.control.passivity import collocated
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
@@ -27,7 +28,7 @@ from updyn.control.space import Conversion, ModalSpace, modal_space
 from updyn.control.target import Kept, Target, fewest, target_lines
 from updyn.dofs import Dof
 from updyn.errors import ModelError, OptionError, SolverError, ToleranceError, suggest
-from updyn.frf import QUANTITIES, check_quantity
+from updyn.frf import FRF, QUANTITIES, check_quantity
 from updyn.group import is_number
 from updyn.model import Model
 from updyn.updating.result import JointResult, UpdateResult
@@ -48,6 +49,8 @@ _REFUSED = {
 }
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
+#: Standard deviations of a measured value within which a plant may lie.
+_DEVIATIONS = 3.0
 
 Ports = Iterable[str | Dof | Port] | str | Dof | Port
 
@@ -129,7 +132,7 @@ class _Task:
 
 
 def plant(
-    model: Model | UpdateResult,
+    model: Model | UpdateResult | FRF,
     inputs: Ports,
     outputs: Ports,
     band: Sequence[float],
@@ -148,8 +151,9 @@ def plant(
 
     Parameters
     ----------
-    model : Model or UpdateResult
-        The structure, or the update that found it: its updated model.
+    model : Model or UpdateResult or FRF
+        The structure, or the update that found it: its updated model; or measured FRFs of all DOFs
+        of the ports, with variance or coherence where the measurement has them.
     inputs, outputs : iterable of str, Dof or Port
         Forces and motions: signed DOFs, or ports (several DOFs, gear ratio, names).
     band : (float, float)
@@ -199,16 +203,26 @@ def plant(
 
     Notes
     -----
+    Of measured FRFs the plant is a rational approximation of the data, poles from those of the
+    modes identified in the band. What lies within three standard deviations of a value counts as
+    within the tolerance, and errors are of that measure. Rigid-body motion is as the data have it.
+
     Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see
     `updyn.control.real_modes`, `complex_modes` and `biot` for the routes.
     """
-    own = _model(model)
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
+    if isinstance(model, FRF):
+        if route not in ("auto", "rational") or error != "relative":
+            raise OptionError(
+                f"plant: route {route!r}, error {error!r}; of a measurement there is route"
+                " 'rational' with error 'relative' only"
+            )
+        return _measured(model, ports, band, tolerance, quantity)
+    own = _model(model)
     if error not in ERRORS:
         raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
     task, quantities = _task(own, *ports, band, quantity, tier, backend, error)
-    if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
-        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
+    _check_tolerance(tolerance)
     found = _chosen(task, _check_route(route, task, error), tolerance)
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
@@ -251,6 +265,77 @@ def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) 
     pairs = np.stack([left.real, left.imag], axis=2).reshape(len(left), -1)
     displacements = np.hstack([slow.displacements, pairs])
     return SlowMotion(A, B, displacements, slow.velocities, modes.frequency[kept])
+
+
+def _measured(
+    frf: FRF,
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
+    band: Sequence[float],
+    tolerance: float,
+    quantity: str | Sequence[str],
+) -> Plant:
+    """Return the plant of measured FRFs."""
+    limits = _check_band(band)
+    inputs, outputs = ports
+    quantities = _quantities(quantity, len(outputs))
+    _check_tolerance(tolerance)
+    data = measured(frf, inputs, outputs, quantities, limits)
+    reference = np.maximum(data.reference, _DEVIATIONS * data.deviation / tolerance)
+    target = replace(data.target, reference=reference)
+    powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
+    slow = SlowMotion.none(len(outputs), len(inputs))
+    pairs = collocated(outputs, inputs)
+    approximation = Approximation(target, slow, powers, data.poles, pairs)
+    found = fewest_states(approximation, tolerance)
+    if not found.holds:
+        raise ToleranceError(
+            f"plant: no order holds a tolerance of {tolerance:g} from {limits[0]:g} to"
+            f" {limits[1]:g} Hz of the measurement; reached: {found.error:.3g}. Allow a larger"
+            " tolerance, or narrow the band"
+        )
+    facts = {
+        "title": frf.source,
+        "source": "measurement",
+        "lines": len(target.freq),
+        "error": "relative",
+        "noise": data.noise,
+    }
+    A, B, C, D = found.conversion.matrices(found.mask)
+    errors = float(found.errors[1]), float(found.errors[2])
+    modes = np.sort(found.conversion.frequency)
+    made = Plant(
+        A,
+        B,
+        C,
+        D,
+        inputs,
+        outputs,
+        quantities,
+        limits,
+        float(tolerance),
+        *errors,
+        found.conversion.name,
+        0,
+        modes,
+        facts=facts,
+    )
+    return _checked(made, target)
+
+
+def _check_tolerance(tolerance: float) -> None:
+    if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
+        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
+
+
+def _quantities(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
+    """Return the quantity of each output."""
+    named = [quantity] * count if isinstance(quantity, str) else list(quantity)
+    quantities = tuple(check_quantity(q) for q in named)
+    if len(quantities) != count:
+        raise OptionError(
+            f"plant: {len(quantities)} quantities for {count} outputs; expected one, or one each"
+        )
+    return quantities
 
 
 def _flexible(found: Kept) -> NDArray[np.bool_]:
@@ -449,13 +534,7 @@ def _task(
     measure: str = "relative",
 ) -> tuple[_Task, tuple[str, ...]]:
     low, high = _check_band(band)
-    named = [quantity] * len(outputs) if isinstance(quantity, str) else list(quantity)
-    quantities = tuple(check_quantity(q) for q in named)
-    if len(quantities) != len(outputs):
-        raise OptionError(
-            f"plant: {len(quantities)} quantities for {len(outputs)} outputs; expected one, or one"
-            " each"
-        )
+    quantities = _quantities(quantity, len(outputs))
     space = modal_space(model, inputs, outputs, (low, high), backend=backend)
     if space.rigid and low == 0.0:
         raise OptionError(

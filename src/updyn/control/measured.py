@@ -1,0 +1,125 @@
+"""Measured FRFs that a plant approximates: channels of ports, their noise, poles to begin with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.ports import Port
+from updyn.control.target import Target
+from updyn.dofs import DofSet
+from updyn.errors import DataError, DofError
+from updyn.frf import FRF, QUANTITIES
+from updyn.modal.identify import identify_modes
+from updyn.updating.problem.noise.known import Coherence
+
+__all__ = ["Measured", "measured"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Fewest lines of a fit.
+_LINES = 8
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """A measurement between ports.
+
+    Attributes
+    ----------
+    target : Target
+        Its values.
+    deviation : ndarray of float, shape (n_f, n_y, n_u)
+        Their standard deviations; 0 where nothing is known.
+    poles : ndarray of complex, shape (n,)
+        Of the modes identified in the band, in rad/s.
+    noise : str
+        Where the deviations are from.
+    """
+
+    target: Target
+    deviation: _Real
+    poles: _Complex
+    noise: str
+
+    @property
+    def reference(self) -> _Real:
+        """Of what a relative error is a share."""
+        return self.target.reference
+
+
+def measured(
+    frf: FRF,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    quantities: tuple[str, ...],
+    band: tuple[float, float],
+) -> Measured:
+    """Return the measurement between ports.
+
+    Parameters
+    ----------
+    frf : FRF
+        The data.
+    inputs, outputs : tuple of Port
+        All of their DOFs have to be measured.
+    quantities : tuple of str
+        Of each output.
+    band : (float, float)
+        In Hz.
+
+    Raises
+    ------
+    DofError
+        If a DOF of a port was not measured; the port is named.
+    DataError
+        If the band has fewer than eight lines above 0 Hz.
+    """
+    inside = (frf.freq >= band[0]) & (frf.freq <= band[1]) & (frf.freq > 0.0)
+    if int(inside.sum()) < _LINES:
+        raise DataError(
+            f"plant: {int(inside.sum())} lines of the measurement lie from {band[0]:g} to"
+            f" {band[1]:g} Hz; it has {len(frf.freq)} from {frf.freq[0]:g} to {frf.freq[-1]:g} Hz,"
+            f" and a plant needs at least {_LINES}"
+        )
+    data = frf.select(lines=frf.freq[inside])
+    out, into = (
+        _weights(outputs, data.responses, "output"),
+        _weights(inputs, data.references, "input"),
+    )
+    s = 2j * np.pi * data.freq
+    power = np.array([QUANTITIES[q] for q in quantities]) - QUANTITIES[data.quantity]
+    rate = (s[:, None] ** power)[:, :, None]
+    values = (out @ data.values @ into.T) * rate
+    variance, noise = _variance(data)
+    deviation = np.sqrt(out**2 @ variance @ into.T**2) * np.abs(rate)
+    nothing = np.zeros(values.shape)
+    target = Target.at(data.freq, values, quantities, nothing, slow=False)
+    modes = identify_modes(data)
+    damping = 0.5 * np.nan_to_num(modes.loss_factor, nan=0.01)
+    poles = _TWO_PI * modes.frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
+    return Measured(target, deviation, np.asarray(poles), noise)
+
+
+def _weights(ports: tuple[Port, ...], dofs: DofSet, what: str) -> _Real:
+    weights = np.zeros((len(ports), len(dofs)))
+    for row, port in enumerate(ports):
+        try:
+            match = dofs.match(DofSet(port.weights), what)
+        except DofError as error:
+            raise DofError(f"port {port.name!r} of the measurement: {error}") from error
+        weights[row, match.index] = match.sign * np.array(list(port.weights.values()))
+    return weights
+
+
+def _variance(frf: FRF) -> tuple[_Real, str]:
+    """Return the variance of the values, and where it is from."""
+    if frf.variance is not None:
+        return frf.variance, "variance"
+    if frf.coherence is not None and frf.averages not in (None, 1):
+        return Coherence.of_data(frf).variance(frf.values, frf), "coherence"
+    return np.zeros(frf.values.shape), "not known"
