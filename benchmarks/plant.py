@@ -137,6 +137,24 @@ def benches() -> Iterator[Bench]:
     )
 
 
+def of(bench: Bench, tolerance: float, quantity: str, **options: str) -> Plant:
+    ports = [bench.force], bench.motions
+    return updyn.plant(bench.model, *ports, bench.band, tolerance, quantity=quantity, **options)
+
+
+def relative(bench: Bench) -> None:
+    """States by tolerance on the relative error, by route; "-" where none holds it."""
+    for quantity, word in QUANTITIES.items():
+        for route in ("modal", "complex", "rational", "auto"):
+            cells = []
+            for tolerance in (0.1, 0.05, 0.03, 0.02, 0.01):
+                try:
+                    cells.append(str(of(bench, tolerance, quantity, route=route).n_states))
+                except updyn.UpdynError:
+                    cells.append("-")
+            print(f"| {bench.name}, {word}, {route} | {' | '.join(cells)} |", flush=True)
+
+
 def route_of(plant: Plant) -> str:
     return f"{plant.route}, fitted" if "fitted" in plant.facts else plant.route
 
@@ -144,7 +162,7 @@ def route_of(plant: Plant) -> str:
 # -- error of the plants ---------------------------------------------------------------------------
 def plants(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
-        made = updyn.plant(bench.model, [bench.force], bench.motions, bench.band, quantity=quantity)
+        made = of(bench, 0.02, quantity, error="peak")
         G = made.response(bench.lines[0]).values[:, :, 0]
         moving = made.poles[np.abs(made.poles) > 1e-6 * np.abs(made.poles).max()]
         print(
@@ -166,7 +184,7 @@ def rigid_body(bench: Bench) -> None:
     R[free] = -spla.spsolve(K[free][:, free], K[free][:, held].toarray())
     at = R[model_rows(model, [bench.force])[0]]
     exact = [float(1.0 / (at @ np.linalg.solve(R.T @ (X @ R), at))) for X in (M, C)]
-    made = updyn.plant(bench.model, [bench.force], [bench.force], bench.band)
+    made = updyn.plant(bench.model, [bench.force], [bench.force], bench.band, error="peak")
     s = 2j * np.pi * np.array([1e-4, 1e-3])
     G = made.at(s)[:, 0, 0]
     answer = 1.0 / (s * G)
@@ -315,10 +333,10 @@ def order_needed(
     rigid, cut = respond(still, freq), balanced(rest)
     # Within the tolerance; where that cannot be held, beside very sharp peaks, as good as the plant
     # or all modes.
-    whole = target.judged(conversion.response(all_modes, freq))
+    whole = target.judged(conversion.response(all_modes, freq))[1:]
     limits = []
     for p in made:
-        own = target.judged(p.response(freq).values)
+        own = target.judged(p.response(freq).values)[1:]
         limits.append(np.maximum(np.maximum(p.tolerance, whole), own))
     needed: list[int | None] = [None] * len(made)
     for r in range(min(len(rest[0]), 60) + 1):
@@ -327,7 +345,7 @@ def order_needed(
             if len(reduced[0]) < r:
                 continue
             G = rigid + respond(reduced, freq)
-            errors = target.judged(G)
+            errors = target.judged(G)[1:]
             for k, limit in enumerate(limits):
                 if needed[k] is None and (errors <= 1.01 * limit).all():
                     needed[k] = r + len(still[0])
@@ -345,10 +363,7 @@ def fit_of(conversion: Conversion) -> str | None:
 
 def orders(bench: Bench) -> None:
     for quantity, word in QUANTITIES.items():
-        made = [
-            updyn.plant(bench.model, [bench.force], bench.motions, bench.band, t, quantity=quantity)
-            for t in TOLERANCES
-        ]
+        made = [of(bench, t, quantity, error="peak") for t in TOLERANCES]
         needed: dict[int, int | None] = {}
         for kind in {(p.route, p.facts.get("fitted")) for p in made}:
             alike = [k for k, p in enumerate(made) if (p.route, p.facts.get("fitted")) == kind]
@@ -392,6 +407,11 @@ def main() -> None:
     print("|---|" + "---|" * len(TOLERANCES))
     for bench in some:
         orders(bench)
+    print("\nstates by tolerance on the relative error, by route")
+    print("| | 10 % | 5 % | 3 % | 2 % | 1 % |")
+    print("|---|---|---|---|---|---|")
+    for bench in some:
+        relative(bench)
 
 
 if __name__ == "__main__":

@@ -134,7 +134,7 @@ def routes(truth: Model, controller: Controller) -> None:
     print(f"\nphase margin of the velocity loop on the truth: {right:.2f} deg line by line")
     for route in ("modal", "complex", "biot"):
         made = updyn.plant(
-            truth, INPUTS[:1], OUTPUTS[:1], BAND, quantity=QUANTITIES[0], route=route
+            truth, INPUTS[:1], OUTPUTS[:1], BAND, quantity=QUANTITIES[0], route=route, error="peak"
         )
         found = updyn.servo(
             made,
