@@ -91,7 +91,7 @@ export class Stage {
     this.uniforms.uScreen.value.set(clientWidth, clientHeight);
     if (first) this.fit();
     this.frustum();
-    this.invalidate();
+    this.draw(); // at once: another size empties the canvas
   }
 
   ground(colour) {
