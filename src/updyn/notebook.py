@@ -20,8 +20,13 @@ from updyn.style import FIGURE_TEXT, PAPER, SPACES, category
 
 __all__ = ["VIEWERS", "Curve", "badge", "card", "curves", "spans", "structure", "table", "viewed"]
 
-#: Interactive views by class of object, such as ``"Model"``: functions from the object to HTML.
-VIEWERS: Registry[Callable[[Any], str]] = Registry("notebook viewer", "updyn.notebook_viewers", {})
+#: Interactive views by class of object, such as ``"Model"``: functions from the object to HTML, or
+#: None where it cannot be shown so.
+VIEWERS: Registry[Callable[[Any], str | None]] = Registry(
+    "notebook viewer",
+    "updyn.notebook_viewers",
+    {"Model": "updyn.viewer.notebook:model_frame"},
+)
 
 _Real = NDArray[np.float64]
 
@@ -142,9 +147,8 @@ def viewed(shown: object, otherwise: Callable[[], str]) -> str:
         HTML.
     """
     name = type(shown).__name__
-    if name in VIEWERS:
-        return VIEWERS[name](shown)
-    return otherwise()
+    view = VIEWERS[name](shown) if name in VIEWERS else None
+    return otherwise() if view is None else view
 
 
 # -- curves ----------------------------------------------------------------------------------------

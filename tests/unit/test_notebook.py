@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 from xml.etree import ElementTree
 
@@ -16,6 +17,7 @@ from servo_cases import two_masses
 from updyn import notebook
 from updyn.geometry import Geometry
 from updyn.style import PAPER
+from updyn.viewer import notebook as in_notebooks
 
 HOSTILE = '<script>alert("1")</script> & <img src=x onerror=y>'
 
@@ -38,7 +40,6 @@ def objects(data):
     return {
         "FRF": data,
         "channel": data["4:Z", "12:Z"],
-        "Model": placed(chain(), 12),
         "ModeSet": modes,
         "result": result,
         "joint": updyn.JointResult({"a": result, "b": result}, "Both"),
@@ -131,7 +132,8 @@ def test_a_curve_has_gaps_and_an_empty_one_is_none():
     assert notebook.curves(x, [], titles) == ""
 
 
-def test_a_model_shows_its_groups_and_its_lines():
+def test_a_model_shows_its_groups_and_its_lines(monkeypatch):
+    monkeypatch.setattr(notebook.VIEWERS, "_entries", {})
     model = placed(chain(n=3), 3)
     header, rows = cells(model)
     assert header == ["group", "has", "damping"]
@@ -226,6 +228,27 @@ def test_a_plant_shows_ports_error_and_response():
 
 
 # -- viewer ----------------------------------------------------------------------------------------
+def test_a_model_with_a_geometry_is_shown_in_the_viewer():
+    """In a frame without rights, which is all there: the data of the page are those of the model."""
+    model = placed(dataclasses.replace(chain(n=3), title=HOSTILE), 3)
+    (frame,) = tree(model).iter("iframe")
+    assert frame.get("sandbox") == "allow-scripts allow-downloads"
+    page = frame.get("srcdoc")
+    assert "default-src 'none'" in page
+    assert "updynViewer.start()" in page
+    assert HOSTILE not in page
+    scene = json.loads(re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page)[1])
+    assert scene["bodies"][0]["groups"] == list(model.groups)
+    assert cells(model)[1][0][0] == "bay 1"
+
+
+def test_a_very_large_model_keeps_its_still_picture(monkeypatch):
+    monkeypatch.setattr(in_notebooks, "_MOST_NODES", 2)
+    page = placed(chain(n=3), 3)._repr_html_()
+    assert "<svg" in page
+    assert "<iframe" not in page
+
+
 def test_a_registered_viewer_takes_the_place_of_the_picture(monkeypatch):
     monkeypatch.setattr(notebook.VIEWERS, "_entries", {"Model": lambda m: f"<p>{m.n_dofs}</p>"})
     page = placed(chain(n=3), 3)._repr_html_()
