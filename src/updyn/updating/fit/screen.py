@@ -23,7 +23,7 @@ __all__ = ["Screen"]
 
 _Vector = NDArray[np.float64]
 
-#: Fewest lines of a part that are looked at together, with as many values as there are unknowns.
+#: Fewest lines of a part that are looked at first, with as many values as there are unknowns.
 _TOGETHER = 4
 #: A point is far off that leaves this many times what the answer does. Where the size of the noise
 #: is not known, its log-likelihood is then lower by a half for each measured number.
@@ -74,7 +74,7 @@ class Screen:
     Attributes
     ----------
     pieces : tuple
-        The lines, a few at a time, each few spread over the band.
+        The lines: a few, twice as many others, and so on, each of them spread over the band.
     most : float
         Sum of squares beyond which a point is far off.
     """
@@ -113,7 +113,7 @@ class Screen:
     def promising(self, points: Sequence[_Vector], number: int) -> list[_Vector]:
         """Return the points that leave least, best first, without those that are far off.
 
-        After each few lines the worse half of the points is left out, until so many are left.
+        After each piece the worse half of the points is left out, until so many are left.
 
         Parameters
         ----------
@@ -134,11 +134,21 @@ class Screen:
 
 
 def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:
-    """Yield the lines of a part a few at a time, every k-th."""
+    """Yield the lines of a part: a few of them, twice as many others, and so on."""
     H, freq = part.responses(x), part.frf.freq
-    together = max(_TOGETHER, -(-part.n // H[0].size))
-    number = -(-len(freq) // together)
-    for first in range(number):
-        own = slice(first, None, number)
-        few = replace(part, frf=part.frf.select(lines=freq[own]))
-        yield _Piece(few, H[own], weight[own])
+    few = max(_TOGETHER, -(-part.n // H[0].size))
+    # As points are left out, the work stays about the same.
+    ends = few * (2 ** np.arange(1, int(np.log2(len(freq) / few + 1.0)) + 1) - 1)
+    for some in np.split(_spread(len(freq)), ends):
+        if len(some):
+            own = np.sort(some)
+            yield _Piece(replace(part, frf=part.frf.select(lines=freq[own])), H[own], weight[own])
+
+
+def _spread(number: int) -> NDArray[np.intp]:
+    """Return 0 ... number - 1 in an order of which every run is spread over them: bits reversed."""
+    bits = int(number - 1).bit_length()
+    order = np.zeros(1, dtype=np.intp)
+    for bit in range(bits):
+        order = np.concatenate([order, order + (1 << (bits - 1 - bit))])
+    return order[order < number]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,8 +66,19 @@ def test_its_lines_are_all_lines_once_and_each_few_are_spread_over_the_band(prob
     screen = screen_of(problem)
     freq = [piece.part.frf.freq for piece in screen.pieces]
     np.testing.assert_array_equal(np.sort(np.concatenate(freq)), FREQ)
-    step = len(freq) * (FREQ[1] - FREQ[0])
-    assert all(np.allclose(np.diff(f), step) for f in freq)
+    assert [len(f) for f in freq] == [4, 8, 16, 32, 1]
+    assert all(np.diff(f).max() <= 2 * (FREQ[-1] - FREQ[0]) / len(f) for f in freq[:-1])
+
+
+def test_many_lines_make_few_pieces(problem: Problem):
+    """Each is twice as long as the one before: a million lines would be eighteen."""
+    part = problem.parts[0]
+    many = np.linspace(1.0, 40.0, 20_001)
+    frf = updyn.response(chain(), many, ["1:X", "3:X"], ["1:X"])
+    whole = Problem.of([replace(part, frf=frf)])
+    screen = screen_of(whole)
+    assert len(screen.pieces) == 13
+    assert sum(len(piece.part.frf.freq) for piece in screen.pieces) == len(many)
 
 
 def test_what_all_pieces_leave_is_what_the_whole_leaves(problem: Problem):
