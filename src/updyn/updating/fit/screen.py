@@ -6,6 +6,7 @@ that are looked at beside an answer are, by so much that one line in ten is enou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, zip_longest
@@ -27,7 +28,7 @@ _Vector = NDArray[np.float64]
 _TOGETHER = 4
 #: A point is far off that leaves this many times what the answer does. Where the size of the noise
 #: is not known, its log-likelihood is then lower by a half for each measured number.
-_FAR = float(np.e)
+_FAR = math.e
 #: Few data count as so many values.
 _FEWEST = 50
 
