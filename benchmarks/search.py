@@ -1,9 +1,9 @@
 """What the search costs where a descent from the start would do: an update by default, and without.
 
 A frame of 2,037 DOFs (the footbridge of `models.py` in twelve pieces) with 12 unknown stiffnesses
-off by up to 30 %, FRFs of two forces at twelve sensors on 80 lines over nine modes, 1 % noise. By
-default tries are made until two agree, and other answers are looked for; `starts=0` descends once,
-and does not always arrive.
+off by up to a factor of 1.4, FRFs of two forces at twelve sensors on 80 lines over nine modes, 1 %
+noise. By default tries are made until two agree, and other answers are looked for; `starts=0`
+descends once, and does not always arrive.
 
     OMP_NUM_THREADS=1 python benchmarks/search.py [--draws 4]
 """
