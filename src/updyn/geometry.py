@@ -94,6 +94,20 @@ class Geometry:
     def __reduce__(self) -> tuple[Any, ...]:
         return Geometry, (self.nodes, self.xyz, self.lines, self.axes, self.faces)
 
+    @property
+    def line_ends(self) -> NDArray[np.intp]:
+        """The ends of each line as places among `nodes`, shape (m, 2)."""
+        return self._places(self.lines)
+
+    @property
+    def face_corners(self) -> NDArray[np.intp]:
+        """The corners of each face as places among `nodes`, shape (k, 4)."""
+        return self._places(self.faces)
+
+    def _places(self, numbers: NDArray[np.int64]) -> NDArray[np.intp]:
+        order = np.argsort(self.nodes)
+        return np.asarray(order[np.searchsorted(self.nodes, numbers, sorter=order)])
+
     def position(self, nodes: ArrayLike) -> NDArray[np.float64]:
         """Return the positions of nodes.
 

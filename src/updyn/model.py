@@ -183,10 +183,7 @@ class Model:
         """Return the lines of the geometry as a picture; empty without one."""
         if self.geometry is None:
             return ""
-        nodes = self.geometry.nodes
-        order = np.argsort(nodes)
-        ends = order[np.searchsorted(nodes[order], self.geometry.lines)]
-        return structure(self.geometry.xyz, ends)
+        return structure(self.geometry.xyz, self.geometry.line_ends)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Model, (dict(self.groups), self.dofs, self.geometry, self.title)

@@ -26,7 +26,6 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.updating.judge.modal_table import ModalTable, ModeEntry
-from updyn.viewer.groups import line_ends
 
 __all__ = ["MODES", "comac_bars", "comac_maps", "modal_rows", "mode_map"]
 
@@ -170,7 +169,7 @@ def comac_maps(table: ModalTable, geometry: Geometry | None) -> dict[str, Figure
     if geometry is None or not len(geometry.nodes):
         return made
     flat = geometry.xyz @ camera(*VIEWS["front"])[:2].T
-    ends = line_ends(geometry)
+    ends = geometry.line_ends
     if len(ends) > _MOST_LINES:
         ends = ends[np.linspace(0, len(ends) - 1, _MOST_LINES).round().astype(np.intp)]
     gap = np.full((len(ends), 1, 2), np.nan)

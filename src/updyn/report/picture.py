@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.model import Model
 from updyn.report.templates import render_template
-from updyn.viewer.groups import groups_of_lines, line_ends, nodes_of_groups
+from updyn.viewer.groups import groups_of_lines, nodes_of_groups
 
 __all__ = [
     "VIEWS",
@@ -146,7 +146,7 @@ class Scene:
         """Return the scene of a model with a geometry."""
         assert model.geometry is not None
         notes: tuple[str, ...] = ()
-        lines = line_ends(model.geometry)
+        lines = model.geometry.line_ends
         group = groups_of_lines(model)
         if len(lines) > _MOST_LINES:
             kept = np.linspace(0, len(lines) - 1, _MOST_LINES).round().astype(np.intp)

@@ -13,10 +13,8 @@ from updyn.errors import InputError
 from updyn.geometry import Geometry
 from updyn.model import Model
 from updyn.viewer.groups import (
-    face_corners,
     groups_of_faces,
     groups_of_lines,
-    line_ends,
     nodes_of_groups,
 )
 from updyn.viewer.scene import Arrow, Body, Entries
@@ -55,8 +53,8 @@ def model_body(model: Model, dofs: Iterable[str | Dof] = ()) -> Body:
     geometry = model.geometry
     if geometry is None or not len(geometry.nodes):
         raise InputError("viewer: the model has no geometry; expected positions of its nodes")
-    lines, line_group = line_ends(geometry), groups_of_lines(model)
-    faces, face_group = _triangles(face_corners(geometry), groups_of_faces(model))
+    lines, line_group = geometry.line_ends, groups_of_lines(model)
+    faces, face_group = _triangles(geometry.face_corners, groups_of_faces(model))
     seen = _is_seen(lines, line_group, faces, face_group)
     lines, line_group = lines[seen], line_group[seen]
     drawn = {*line_group.tolist(), *face_group.tolist()}
@@ -113,7 +111,7 @@ def sensor_body(geometry: Geometry, dofs: Iterable[str | Dof]) -> Body:
     if not kept.any():
         raise InputError("viewer: no measured node has a position in the geometry")
     place = np.cumsum(kept) - 1
-    ends = line_ends(geometry)
+    ends = geometry.line_ends
     ends = ends[kept[ends].all(axis=1)]
     none = np.empty(0, dtype=np.intp)
     body = Body(

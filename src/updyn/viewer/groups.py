@@ -7,11 +7,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.geometry import Geometry
 from updyn.group import Group
 from updyn.model import Model
 
-__all__ = ["face_corners", "groups_of_faces", "groups_of_lines", "line_ends", "nodes_of_groups"]
+__all__ = ["groups_of_faces", "groups_of_lines", "nodes_of_groups"]
 
 
 def groups_of_lines(model: Model) -> NDArray[np.intp]:
@@ -33,7 +32,7 @@ def groups_of_lines(model: Model) -> NDArray[np.intp]:
         Positions among the model's groups; -1: not known.
     """
     assert model.geometry is not None
-    return _groups_of_cells(model, line_ends(model.geometry))
+    return _groups_of_cells(model, model.geometry.line_ends)
 
 
 def groups_of_faces(model: Model) -> NDArray[np.intp]:
@@ -54,7 +53,7 @@ def groups_of_faces(model: Model) -> NDArray[np.intp]:
         Positions among the model's groups; -1: not known.
     """
     assert model.geometry is not None
-    return _groups_of_cells(model, face_corners(model.geometry))
+    return _groups_of_cells(model, model.geometry.face_corners)
 
 
 def _groups_of_cells(model: Model, cells: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -152,42 +151,6 @@ def _used_dofs(group: Group) -> NDArray[np.intp]:
     if not used and group.viscous is not None:
         used = [group.viscous.indices]
     return np.concatenate([np.empty(0, dtype=np.intp), *used])
-
-
-def line_ends(geometry: Geometry) -> NDArray[np.intp]:
-    """Return the ends of each line of a geometry as positions among its nodes.
-
-    Parameters
-    ----------
-    geometry : Geometry
-        The geometry.
-
-    Returns
-    -------
-    ndarray of int, shape (m, 2)
-    """
-    return _positions(geometry, geometry.lines).reshape(-1, 2)
-
-
-def face_corners(geometry: Geometry) -> NDArray[np.intp]:
-    """Return the corners of each face of a geometry as positions among its nodes.
-
-    Parameters
-    ----------
-    geometry : Geometry
-        The geometry.
-
-    Returns
-    -------
-    ndarray of int, shape (k, 4)
-    """
-    return _positions(geometry, geometry.faces).reshape(-1, 4)
-
-
-def _positions(geometry: Geometry, numbers: NDArray[np.int64]) -> NDArray[np.intp]:
-    nodes = geometry.nodes
-    order = np.argsort(nodes)
-    return np.asarray(order[np.searchsorted(nodes[order], numbers)])
 
 
 def _places(model: Model) -> NDArray[np.intp]:
