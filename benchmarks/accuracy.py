@@ -20,7 +20,7 @@ study can be stopped and gone on with, and its tables printed anew. `tables.py` 
 columns are.
 
 `--tier reduced` solves the space frame and the solid by reduced models, as is done by default above
-20,000 DOFs; `--off 0.43` takes starts that are off by up to 30 % and 13 %.
+600 DOFs; `--off 0.43` takes starts that are off by up to 30 % and 13 %.
 
     python benchmarks/accuracy.py [--cases chain,...] [--methods maximum-likelihood,scipy,...|all]
     [--noise 0.01] [--floor 0,1e-4,1e-3,1e-2] [--from-truth] [--draws 200] [--slow-draws 4]

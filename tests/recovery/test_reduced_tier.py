@@ -181,7 +181,10 @@ def test_stopped_while_the_reduced_model_is_made() -> None:
 def test_which_models_are_reduced() -> None:
     assert is_reduced(None, 150_000, 200)
     assert not is_reduced(None, 150_000, 10)
-    assert not is_reduced(None, 3_000, 200)
+    assert is_reduced(None, 3_000, 200)
+    assert not is_reduced(None, 500, 200)
+    assert is_reduced(None, 3_000, 200, regularise="gcv")
+    assert not is_reduced(None, 3_000, 200, regularise="tsvd:3")
     assert not is_reduced("sparse", 150_000, 200)
     assert not is_reduced(None, 150_000, 200, "equation-error")
     assert is_reduced("reduced", 30, 2, "log")

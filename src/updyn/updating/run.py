@@ -154,7 +154,9 @@ def run(
         session = Session(ending.enter_context(opened_engine(options.engine)), Recent())
         largest = max((test.model.n_dofs for test in of_frfs), default=0)
         n_lines = sum(len(test.frf.freq) for test in of_frfs)
-        reducing = bool(of_frfs) and is_reduced(options.tier, largest, n_lines, options.method)
+        reducing = bool(of_frfs) and is_reduced(
+            options.tier, largest, n_lines, options.method, options.regularise
+        )
         check_regularise(options.regularise, options.method, reducing=reducing)
         parts = [
             Part.build(

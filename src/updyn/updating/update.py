@@ -95,7 +95,7 @@ def update(
     title : str
         For the record.
     tier : {"dense", "sparse", "reduced"}, optional
-        How the model is solved; by default chosen by size. ``"reduced"`` (above 20,000 DOFs) fits
+        How the model is solved; by default chosen by size. ``"reduced"`` (above 600 DOFs) fits
         inside a reduced model whose error is bounded where the fit ends.
     backend : str, optional
         Sparse factorisation.

@@ -27,6 +27,7 @@ from updyn.frf import FRF
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.regularisation import keeps_to_directions
 from updyn.updating.fit.search import coarse, scattered
 from updyn.updating.problem.noise import Approximate, NoiseModel
 from updyn.updating.problem.problem import Part, Problem, shares_of
@@ -37,8 +38,9 @@ __all__ = ["FINEST", "Reducing", "fallback", "is_reduced", "reduction_of"]
 
 _Vector = NDArray[np.float64]
 
-#: Larger models than this are reduced where no tier is forced, if there are at least so many lines.
-_DOFS = 20_000
+#: Larger models than this are reduced where no tier is forced, if there are at least so many lines:
+#: from about here on it takes less time (`benchmarks/tiers.py`).
+_DOFS = 600
 _LINES = 40
 #: Trust radius of a basis for logarithms of factors.
 _TRUST_RADIUS = 0.2
@@ -72,7 +74,13 @@ _FAINT, FINEST = 1e-3, 1e-9
 _ELSEWHERE = 200
 
 
-def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None) -> bool:
+def is_reduced(
+    tier: str | None,
+    n: int,
+    n_lines: int,
+    method: str | None = None,
+    regularise: str | float | None = None,
+) -> bool:
     """Return whether a model is to be reduced.
 
     Parameters
@@ -83,18 +91,25 @@ def is_reduced(tier: str | None, n: int, n_lines: int, method: str | None = None
         Degrees of freedom and lines.
     method : str, optional
         Of the update.
+    regularise : str or float, optional
+        How it is regularised.
 
     Raises
     ------
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
+    if tier is not None and tier != "reduced":
+        return False
     refused = ""
     if method is not None:
         refused = METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
         raise OptionError(refused, key=("tier",))
-    return tier == "reduced" or (tier is None and not refused and n > _DOFS and n_lines >= _LINES)
+    if tier == "reduced":
+        return True
+    exact = bool(refused) or keeps_to_directions(regularise)
+    return not exact and n > _DOFS and n_lines >= _LINES
 
 
 def reduction_of(part: Part, accuracy: float, others: NDArray[np.intp] | None = None) -> Reduction:

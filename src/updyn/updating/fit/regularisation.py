@@ -36,6 +36,7 @@ __all__ = [
     "check_regularise",
     "corner",
     "discrepancy",
+    "keeps_to_directions",
     "minimum",
     "regularised",
 ]
@@ -317,7 +318,7 @@ def check_regularise(
             f" {', '.join(CHOICES)}",
             key=("regularise",),
         )
-    if reducing and isinstance(regularise, str) and regularise.startswith("tsvd"):
+    if reducing and keeps_to_directions(regularise):
         raise OptionError(
             f"regularise {regularise!r} keeps to directions from the start, a reduced model to"
             " where its basis was made; use tier 'sparse', or 'gcv'",
@@ -329,6 +330,11 @@ def check_regularise(
             f"regularise: method {method!r} cannot be regularised; use one of {able}",
             key=("regularise",),
         )
+
+
+def keeps_to_directions(regularise: str | float | None) -> bool:
+    """Return whether a fit is kept to directions found at its start, by an option as given."""
+    return isinstance(regularise, str) and regularise.startswith("tsvd")
 
 
 def regularised(strategy: Method, method: str, regularise: str | float | None) -> Method:
