@@ -208,6 +208,31 @@ def test_ends_of_exact_data_are_one():
     assert [tuple(one.x) for one in _distinct(ends)] == [(0.0, 0.0)]
 
 
+def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise(
+    chain12, monkeypatch
+):
+    """A beam with light boxes: three tries agreed on few lines, with 29 times the noise left."""
+    data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
+    part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    rough = coarse(Problem.of([part]), [Stated(0.01, 0.0)])
+    elsewhere, answer = rough.coordinates.home, rough.coordinates.home + 0.1
+    seen = []
+
+    def made(self, problem, way, starts, belief, monitor, ends):
+        seen.append(way is problem)
+        ends.append(end(2.0, elsewhere) if way is not problem else end(1.0, answer))
+        return True
+
+    monkeypatch.setattr(Search, "_tried", made)
+    monkeypatch.setattr(Belief, "exact", lambda self, end: False)
+    for enough, tries, expected in ((1.5, [False, True], answer), (3.0, [False], elsewhere)):
+        seen.clear()
+        monkeypatch.setattr(Belief, "plausible", lambda self, end, e=enough: end.local.cost < e)
+        found = Search().run(rough, [Stated(0.01, 0.0)], Monitor(rough))
+        assert seen == tries
+        assert np.array_equal(found.points[0], np.clip(expected, *rough.coordinates.bounds))
+
+
 def test_end_points_are_distinct_and_within_bounds(problem):
     whole = Problem.of([problem])
     noises = [Stated(0.01, 0.0)]
@@ -257,7 +282,7 @@ def test_all_resonances_off_by_many_times_their_width(chain12, factor):
     data = updyn.response(chain12, np.linspace(0.5, 20.0, 200), ["2:X", "12:X"], ["12:X"])
     noises = [Stated(0.001, 0.0)]
     rough = coarse(Problem.of([Part.build(start, data, unknowns)]), noises)
-    alone = Search()._try_from(rough, np.zeros(4), Monitor(rough))
+    alone = Search()._try_from(rough, rough, np.zeros(4), Monitor(rough))
     assert alone.local.cost > 10.0
     found = Search().run(rough, noises, Monitor(rough)).points[0]
     assert found == pytest.approx(np.full(4, -np.log(factor)), abs=1e-6)
