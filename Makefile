@@ -4,6 +4,7 @@
 #   make test-kernels   run those that hang on rounding under other kernels of OpenBLAS
 #   make torture    damage files and runs in many ways, and count how that ends (TRIALS=20000 CUTS=20000 for more)
 #   make lint    style and types
+#   make docs    the manual, into build/docs; warnings are errors
 #   make viewer  bundle the 3D viewer anew from viewer/ (needs node and npm; only to change the viewer)
 #   make clean   remove what these made
 
@@ -17,8 +18,9 @@ PYTEST_ARGS ?=
 KERNELS ?= Haswell Prescott SkylakeX
 TRIALS ?= 1000
 CUTS ?= 2000
+DOCTESTS = $(shell grep -rlE '^ *>>> ' src --include=*.py)
 
-.PHONY: demo test test-kernels torture lint viewer clean
+.PHONY: demo test test-kernels torture lint docs viewer clean
 .DEFAULT_GOAL := demo
 
 demo: $(VENV)/.installed
@@ -37,6 +39,12 @@ lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+# -E: pages are read anew, so that every warning comes.
+docs: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -q -E -W --keep-going -b html -c docs/site docs build/docs
+	$(BIN)/python -m doctest $(DOCTESTS)
+	@echo "build/docs/site/index.html"
 
 viewer:
 	cd viewer && npm ci --no-audit --no-fund && node build.mjs
@@ -57,4 +65,4 @@ $(VENV)/.made:
 	@touch $@
 
 clean:
-	rm -rf $(VENV) demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) demo build docs/site/api .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,64 @@
+"""Settings of the manual: `make docs` builds it from the pages in docs/ and from the package."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import updyn
+
+SITE = Path(__file__).parent
+sys.path.insert(0, str(SITE))
+
+import reference  # noqa: E402
+
+import pages  # noqa: E402
+
+project = "updyn"
+author = "The updyn developers"
+copyright = author
+version = release = updyn.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+]
+root_doc = "site/index"
+myst_heading_anchors = 6
+
+autosummary_generate = False
+autodoc_typehints = "none"  # numpydoc's sections hold them, with shape and unit
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+
+html_theme = "furo"
+html_title = "updyn"
+html_show_sourcelink = False
+html_copy_source = False
+
+reference.write(SITE / "api")
+pages.write(SITE / "api")
+
+
+def setup(app: Any) -> None:
+    """Register what turns texts written for a code host and a terminal into those of the site."""
+    app.connect("source-read", _to_site)
+    app.connect("autodoc-process-docstring", _escaped, priority=400)
+
+
+def _to_site(app: Any, name: str, source: list[str]) -> None:
+    source[0] = pages.to_site(source[0], pages.DOCS / f"{name}.md")
+
+
+def _escaped(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Magnitudes such as |H| are no substitutions."""
+    lines[:] = [
+        "".join(
+            p if p.startswith("`") else p.replace("|", r"\|") for p in re.split("(``?[^`]*``?)", x)
+        )
+        for x in lines
+    ]

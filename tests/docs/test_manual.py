@@ -1,0 +1,133 @@
+"""The manual: its pages are all in it, its tutorials run, its lists are those of the package."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+import tomllib
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import updyn
+from pages import ROOT, blocks, run_python
+from updyn.job.job_table import JOB_TABLES
+from updyn.job.schema import Job
+from updyn.registry import Registry, load_object
+
+DOCS = ROOT / "docs"
+SITE = DOCS / "site"
+
+
+def script(path: Path) -> ModuleType:
+    """Return a script of the repository as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["tutorial-records", "tutorial-servo"])
+def test_tutorial_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    namespace: dict[str, Any] = {"__name__": "page"}
+    ran = 0
+    for block in blocks(DOCS / f"{name}.md"):
+        run_python(block, name, namespace)
+        ran += 1
+    assert ran >= 5
+
+
+def test_every_page_is_in_the_manual() -> None:
+    """Each once, in one of the sections."""
+    named: list[str] = []
+    for page in SITE.glob("*.md"):
+        for block in re.findall(r"^```{toctree}\n(.*?)^```$", page.read_text(), re.M | re.S):
+            named += re.findall(r"^/(\S+)$", block, re.MULTILINE)
+    pages = {p.relative_to(DOCS).with_suffix("").as_posix() for p in DOCS.glob("*.md")}
+    assert sorted(named) == sorted(pages | {"benchmarks/README"})
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
+
+
+def test_public_names_are_those_of_the_package() -> None:
+    listed = (DOCS / "public-names.txt").read_text(encoding="utf-8").split()
+    assert listed == script(ROOT / "tools" / "public_names.py").public_names()
+
+
+def test_licences_list_every_dependency() -> None:
+    text = (DOCS / "licences.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| ([\w-]+) \| (?!with)", text, re.MULTILINE)
+    assert listed == list(script(ROOT / "tools" / "licences.py").named())
+    assert "not installed" not in text
+
+
+def test_versions_agree() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert cited is not None
+    assert updyn.__version__ == project["version"] == cited[1]
+
+
+def test_what_contributing_says_exists() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| \w+ [^|]*\| `[^`]*NAME[^`]*` \| `(\w+)` in `src/([^`]+)` \|", text, re.M
+    )
+    assert len(rows) == 9
+    for name, path in rows:
+        module = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        assert isinstance(load_object(f"{module}:{name}"), Registry), name
+    for path in re.findall(r"`((?:src|tests|docs|benchmarks|tools)/[^`]*)`", text):
+        assert "NAME" in path or (ROOT / path).exists(), path
+
+
+def test_every_key_of_a_job_is_in_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = script(SITE / "reference.py").job_keys()
+    for schema in (Job, *(JOB_TABLES[name].schema for name in JOB_TABLES)):
+        for key in schema.model_fields:
+            assert f"| `{key}` |" in text, key
+    assert '| `quantity` | `"stiffness"`, `"mass"`' in text
+    assert "| `prior_std` | number, above 0 |  |" in text
+
+
+def test_pages_for_a_code_host_become_pages_of_the_site() -> None:
+    pages = script(SITE / "pages.py")
+    page = DOCS / "noise.md"
+    text = "```python\n[a](b.md#c)\n```\n[x](damping.md#calibration) [y](../src/updyn/frf.py)\n"
+    assert pages.to_site(text, page) == (
+        "```python\n[a](b.md#c)\n```\n[x](#damping--calibration) y\n"
+    )
+    linked = pages.to_site("[t](../benchmarks/README.md#noise)", page)
+    assert linked == "[t](site/api/measured.md#noise)"
+    assert pages.to_site('<a id="digest"></a>', DOCS / "formats.md") == "(formats--digest)="
+
+
+def test_a_problem_of_the_field_is_written_and_scored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    kept = set(sys.modules)
+    field = script(ROOT / "benchmarks" / "field.py")
+    there = field.write(tmp_path, "chain")
+    exact = field.score(there, there / "truth.csv")
+    assert exact["unknowns"] == 12
+    assert exact["within 1 %"] == 1.0
+    assert exact["largest error"] == 0.0
+    rows = (there / "truth.csv").read_text().splitlines()
+    name, value = rows[0].split(",")
+    off = tmp_path / "off.csv"
+    off.write_text("\n".join([f"{name},{float(value) * 1.2},0.1", *rows[1:-1]]))
+    found = field.score(there, off)
+    assert found["within 1 %"] == pytest.approx(10 / 12)
+    assert found["largest error"] == float("inf")
+    assert found["covered"] in (0.0, 1.0)
+    for module in set(sys.modules) - kept:
+        sys.modules.pop(module, None)

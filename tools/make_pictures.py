@@ -1,0 +1,60 @@
+"""Draw the pictures of README and manual anew, into docs/pictures.
+
+python tools/make_pictures.py
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+import updyn
+from updyn.demos import find_demo
+from updyn.style import category
+
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
+
+
+def chain() -> Figure:
+    """Return the channel of the chain that was held out: measured, at the start and updated.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        find_demo("chain").write_inputs(Path(folder))
+        model = updyn.read_model(Path(folder) / "chain.h5")
+        test = updyn.read_frf(Path(folder) / "chain.uff")
+    unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    result = updyn.update(model, test, unknowns, validation=["7:X"])
+    lines = np.linspace(test.freq[0], test.freq[-1], 1200)
+    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    axes = figure.add_subplot()
+    measured = np.abs(test.values[:, test.responses.labels.index("7:X"), 0])
+    axes.semilogy(test.freq, measured, ".", color="0.45", label="measured, held out of the fit")
+    reference = test.references.labels[:1]
+    for number, (name, one) in enumerate((("start", model), ("updated", result.model))):
+        frf = updyn.response(one, lines, ["7:X"], reference, quantity=test.quantity)
+        look = {"color": category(number)[0], "linestyle": ("--", "-")[number], "label": name}
+        axes.semilogy(lines, np.abs(frf.values[:, 0, 0]), **look)
+    axes.set(xlabel="Frequency (Hz)", ylabel=f"{test.quantity} 7:X / {reference[0]}")
+    axes.margins(x=0)
+    axes.legend(frameon=False)
+    figure.patch.set_facecolor("white")
+    return figure
+
+
+def main() -> None:
+    """Draw all of them."""
+    mpl.rcParams["svg.hashsalt"] = "updyn"  # the same file every time
+    PICTURES.mkdir(exist_ok=True)
+    chain().savefig(PICTURES / "chain.svg", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()
