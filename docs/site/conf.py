@@ -51,7 +51,13 @@ def setup(app: Any) -> None:
 
 
 def _to_site(app: Any, name: str, source: list[str]) -> None:
-    source[0] = pages.to_site(source[0], pages.DOCS / f"{name}.md")
+    text = pages.to_site(source[0], pages.DOCS / f"{name}.md")
+    source[0] = re.sub(r"^/(\S*\*\S*)\n", _where_any, text, flags=re.MULTILINE)
+
+
+def _where_any(found: re.Match[str]) -> str:
+    """Sections name kinds of pages of which there may be none."""
+    return found[0] if any(pages.DOCS.glob(f"{found[1]}.md")) else ""
 
 
 def _escaped(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
