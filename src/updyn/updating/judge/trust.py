@@ -17,6 +17,8 @@ from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, m
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
 #: How a message begins where not all unknowns are determined.
+#: Where a sentence ends and the next begins.
+_SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
 PARTS = ("converged", "determined", "validated", "plausible")
 
@@ -93,7 +95,8 @@ class Trust(Mapping[str, Claim]):
         """
         rest = message
         for claim in self.values():
-            rest = rest.replace(claim.why, "")
+            for sentence in _SENTENCE.split(claim.why):
+                rest = rest.replace(sentence, "")
         if status in ("converged", "not-credible"):  # the first sentence is the verdict
             rest = rest.partition(". ")[2]
         # The part `determined` has the figure; which unknowns they are is said here.

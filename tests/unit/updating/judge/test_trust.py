@@ -1,5 +1,7 @@
 """The verdict in four parts: each rule by an example."""
 
+from dataclasses import replace
+
 import pytest
 
 from updyn.updating.judge.causes.finding import Finding
@@ -136,6 +138,10 @@ def test_what_a_message_says_beyond_the_four_parts():
     found = judged()
     message = f"The fit converged and the data determine all unknowns. {found.plausible.why} More."
     assert found.beyond("converged", message) == "More."
+    mode = "A mode at 1377 Hz is measured and is not in the model."
+    missing = replace(found, plausible=replace(found.plausible, why=f"Off by 5.3 %. {mode}"))
+    message = f"The fit converged and the data determine all unknowns. More. {mode}"
+    assert missing.beyond("converged", message) == "More."
     open_ = judged("not-identifiable", rank=(2, 4))
     message = "The fit ended, but the data determine only 2 of 4 unknowns: a, b can change."
     assert open_.beyond("not-identifiable", message) == "Not determined: a, b can change."
