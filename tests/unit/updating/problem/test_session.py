@@ -249,7 +249,8 @@ def test_spreading_lines_changes_no_bit_of_a_run(chain12, data, unknowns, in_blo
 
 
 @pytest.mark.parametrize(
-    ("method", "spread"), [("maximum-likelihood", {"_try"}), ("log", {"_try", "_descend"})]
+    ("method", "spread"),
+    [("maximum-likelihood", {"_try_on_all"}), ("log", {"_try_on_all", "_descend"})],
 )
 def test_spreading_tries_changes_no_bit_of_a_run(
     chain12, chain12_frf, add_noise, unknowns, method, spread
