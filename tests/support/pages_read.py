@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 
@@ -46,13 +48,52 @@ class Page(HTMLParser):
 
 def dump(path, profile, *switches):
     """Return the document as a browser leaves it; further switches of its command line may be given."""
+    return browse(path, profile, *switches).stdout
+
+
+def browse(path, profile, *switches):
+    """Open a page until it rests; its document is the standard output of the browser."""
     command = [
         program("browser"), "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={profile}", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
         "--window-size=1400,1000", "--virtual-time-budget=20000", *switches, "--dump-dom", path.as_uri(),
     ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-    return done.stdout
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+
+
+def settled(path, profile, last, *switches):
+    """Return what a page noted, `last` at its end.
+
+    On a busy machine the browser may let its virtual time run out before it draws a first frame, in
+    which nothing is mounted yet: the page is opened again then.
+    """
+    found = {}
+    for number in range(5):
+        found = attributes(dump(path, f"{profile}{number}", *switches))
+        if found.get(last) or "errors" in found:
+            break
+    return found
+
+
+def told(found, name):
+    """Return what a page noted as JSON."""
+    return json.loads(found[name].replace("&quot;", '"'))
+
+
+def overheard(path, profile):
+    """Return what a page wrote to the console, and the addresses that it asked for, as the browser logs them.
+
+    Left out is what is not of the page: what the graphics driver says of itself, and what the
+    browser asks for on its own account, which no page began ("not an origin").
+    """
+    log = Path(f"{profile}-net.json")
+    done = browse(path, profile, f"--log-net-log={log}", "--enable-logging=stderr")
+    driver = ("GL Driver Message", "fallback to software WebGL")
+    lines = [line for line in done.stderr.splitlines() if ":CONSOLE:" in line]
+    console = [line for line in lines if not any(words in line for words in driver)]
+    events = json.loads(log.read_text(encoding="utf-8"))["events"]
+    begun = [event["params"] for event in events if "initiator" in event.get("params", {})]
+    return console, {one["url"] for one in begun if one["initiator"] != "not an origin"}
 
 
 def attributes(dom):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from pages_read import attributes, dump
+from pages_read import settled, told
 from updyn.report.templates import asset
 from updyn.viewer import Colouring, page
 from viewer_case import block_scene
@@ -69,24 +67,11 @@ ACTIONS = """<script>
 
 
 def opened(scene, tmp_path, *switches, actions=ACTIONS, last="done"):
-    """Return what the page noted, `last` at its end.
-
-    On a busy machine the browser may let its virtual time run out before it draws a first frame, in
-    which nothing is mounted yet: the page is opened again then.
-    """
+    """Return what the page of a scene noted, `last` at its end."""
     text = page(scene).replace("</head>", f"<script>{asset('watch.js')}</script></head>")
     path = tmp_path / "viewer.html"
     path.write_text(actions.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    found = {}
-    for number in range(5):
-        found = attributes(dump(path, tmp_path / f"profile{number}", *switches))
-        if found.get(last) or "errors" in found:
-            break
-    return found
-
-
-def told(found, name):
-    return json.loads(found[name].replace("&quot;", '"'))
+    return settled(path, tmp_path / "profile", last, *switches)
 
 
 def test_it_draws_moves_and_picks(tmp_path):

@@ -1,0 +1,133 @@
+"""The viewer within the page of an update, in a real browser: it draws, moves, picks, and the page asks nothing of anyone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+
+import updyn
+from pages_read import overheard, settled, told
+from viewer_case import block
+
+pytestmark = pytest.mark.needs("browser")
+
+SENSORS = ["5:Z", "20:-Y", "10:Z"]
+
+# What a user does: the section of the structure opened, where it moves by itself; a node picked at rest; a mode; a
+# line of the operating shapes. Pixels are counted on a copy of the canvas, right after a frame.
+ACTIONS = """<script>
+(async () => {
+  const root = document.documentElement, place = document.querySelector("#structure [data-scene]");
+  const note = (name, value) => { root.dataset[name] = typeof value === "string" ? value : JSON.stringify(value); };
+  // The next frame. Messages keep the page from resting meanwhile: the virtual time of a page at rest runs out.
+  const frame = () => new Promise((done) => {
+    const { port1, port2 } = new MessageChannel();
+    let drawn = false;
+    requestAnimationFrame(() => { drawn = true; });
+    port1.onmessage = () => { if (drawn) done(); else port2.postMessage(0); };
+    port2.postMessage(0);
+  });
+  const later = async (ms) => { await frame(); await new Promise((done) => setTimeout(done, ms)); };
+  note("lazy", !place.updynViewer);
+  document.querySelector('a[href="#structure"]').click(); // the section is folded
+  place.scrollIntoView({ behavior: "instant" });
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  const viewer = place.updynViewer, { stage, panel } = viewer;
+  const began = viewer.clock.phase;
+  for (let i = 0; i < 100 && viewer.clock.phase === began; i++) await later(50);
+  note("animated", viewer.clock.phase !== began);
+  viewer.clock.play(false);
+  const pixels = () => {
+    stage.draw();
+    const copy = Object.assign(document.createElement("canvas"), { width: stage.canvas.width, height: stage.canvas.height });
+    const context = copy.getContext("2d");
+    context.drawImage(stage.canvas, 0, 0);
+    return context.getImageData(0, 0, copy.width, copy.height).data;
+  };
+  const share = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return (4 * n) / a.length; };
+  const ground = (data) => data.map((value, i) => data[i % 4]);
+  const options = (select) => [...select.options].map((option) => option.textContent);
+  note("shows", options(panel.show));
+  note("modes", options(panel.row));
+  for (const show of ["modes", "operating"]) {
+    viewer.set({ show });
+    viewer.phase(0);
+    const one = pixels();
+    viewer.phase(Math.PI);
+    note(`${show}drawn`, share(one, ground(one)));
+    note(`${show}moved`, share(one, pixels()));
+  }
+  viewer.set({ show: "rest" });
+  const heard = [];
+  document.addEventListener("updyn-pick", (event) => heard.push(event.detail));
+  const node = viewer.bodies[0].labels.indexOf(20), [x, y] = stage.project(viewer.base.placeOf(node));
+  const box = stage.canvas.getBoundingClientRect();
+  for (const type of ["pointerdown", "pointerup"]) {
+    stage.canvas.dispatchEvent(new PointerEvent(type, { clientX: box.left + x, clientY: box.top + y, bubbles: true, pointerId: 1 }));
+  }
+  note("picked", heard);
+  note("said", panel.said.textContent);
+  note("requests", performance.getEntriesByType("resource").map((entry) => entry.name));
+  note("done", true);
+})();
+</script></body>"""
+
+
+@pytest.fixture(scope="module")
+def result():
+    start = block((4, 1, 1))
+    start = start.scaled({name: {"loss_factor": 0.03} for name in start.groups})
+    stiff = start.scaled({"right": {"stiffness": 0.8}})
+    freq = np.linspace(200.0, 3000.0, 113)
+    frf = updyn.response(stiff, freq, SENSORS, ["5:Z"], "accelerance")
+    rng = np.random.default_rng(5)
+    noise = rng.standard_normal(frf.values.shape) + 1j * rng.standard_normal(frf.values.shape)
+    frf = replace(frf, values=frf.values * (1.0 + 1e-3 * noise))
+    return updyn.update(start, frf, updyn.parameters(start, stiffness="all"))
+
+
+def test_it_draws_moves_and_picks(result, tmp_path):
+    path = updyn.write_report(result, tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    found = settled(path, tmp_path / "profile", "done")
+    assert "errors" not in found, found["errors"]
+    assert found["done"] == "true"
+    assert found["lazy"] == "true"
+    assert found["animated"] == "true"
+    assert told(found, "shows") == ["at rest", "modes", "operating shapes"]
+    (first,) = updyn.modes(result.model, 1).frequency
+    assert f"updated {first:.5g} Hz" in told(found, "modes")[0]
+    # operating shapes are drawn at the sensors alone
+    for show, share in (("modes", 0.05), ("operating", 0.005)):
+        assert float(found[f"{show}drawn"]) > share
+        assert float(found[f"{show}moved"]) > share / 5
+    (picked,) = told(found, "picked")
+    assert picked["label"] == 20
+    geometry = result.start.geometry
+    np.testing.assert_allclose(picked["position"], geometry.position([20])[0], rtol=1e-6)
+    assert picked["groups"] == ["right"]
+    assert picked["sensors"] == ["20:-Y"]
+    assert found["said"].startswith("Node 20 · (0.4, 0.1, 0.1) m · right: stiffness −20 %")
+    assert told(found, "requests") == []
+
+
+def test_it_asks_nothing_of_anyone(result, tmp_path):
+    path = updyn.write_report(result, tmp_path / "report.html")
+    text = path.read_text(encoding="utf-8")
+    assert "default-src 'none'" in unescape(text)
+    path.write_text(ACTIONS.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    console, asked = overheard(path, tmp_path / "profile")
+    assert console == []
+    assert {address for address in asked if not address.startswith(("file:", "data:"))} == set()
+
+
+def test_what_a_page_asks_for_is_heard(tmp_path):
+    path = tmp_path / "loud.html"
+    path.write_text('<img src="http://127.0.0.1:9/away.png"><script>console.error("loud")</script>')
+    console, asked = overheard(path, tmp_path / "profile")
+    assert any("loud" in line for line in console)
+    assert "http://127.0.0.1:9/away.png" in asked
