@@ -269,6 +269,18 @@ def test_spreading_tries_changes_no_bit_of_a_run(
     assert {p.iteration for p in seen} == set(range(len(here.history)))
 
 
+def test_spreading_tries_on_few_lines_changes_no_bit_of_a_run(chain12, add_noise):
+    """Enough lines that tries go down on some of them first."""
+    clean = updyn.response(chain12, np.linspace(0.5, 20.0, 160), ["2:X", "12:X"], ["12:X"])
+    data = add_noise(clean, np.random.default_rng(3), 0.01)
+    far = chain12.scaled({f"part{i}": {"stiffness": 0.5} for i in range(1, 5)})
+    unknowns, engine = updyn.parameters(far, stiffness="all"), Remote()
+    here = updyn.update(far, data, unknowns)
+    there = updyn.update(far, data, unknowns, engine=engine)
+    assert outcome(here) == outcome(there)
+    assert "_try" in engine.functions
+
+
 @pytest.mark.parametrize("after", [0, 5, 15])
 def test_a_stop_during_tries_of_workers_is_where_it_is_without(chain12, data, unknowns, after):
     runs = [
