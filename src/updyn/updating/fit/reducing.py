@@ -99,15 +99,13 @@ def is_reduced(
     OptionError
         If the reduced tier is forced on a method that needs the exact one.
     """
-    if tier is not None and tier != "reduced":
-        return False
     refused = ""
     if method is not None:
         refused = METHODS.find(method).needs_exact
     if tier == "reduced" and refused:
         raise OptionError(refused, key=("tier",))
-    if tier == "reduced":
-        return True
+    if tier is not None:
+        return tier == "reduced"
     exact = bool(refused) or keeps_to_directions(regularise)
     return not exact and n > _DOFS and n_lines >= _LINES
 

@@ -16,9 +16,9 @@ from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, m
 
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
-#: How a message begins where not all unknowns are determined.
 #: Where a sentence ends and the next begins.
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
+#: How a message begins where not all unknowns are determined.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
 PARTS = ("converged", "determined", "validated", "plausible")
 
