@@ -5,7 +5,7 @@ off by up to a factor of 1.4, FRFs of two forces at twelve sensors on 80 lines o
 noise. By default tries are made until two agree, and other answers are looked for; `starts=0`
 descends once, and does not always arrive.
 
-    OMP_NUM_THREADS=1 python benchmarks/search.py [--draws 4]
+    OMP_NUM_THREADS=1 python benchmarks/search.py [--draws 4] [--tier sparse]
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import time
 import warnings
+from typing import Any
 
 import models
 import numpy as np
@@ -37,7 +38,7 @@ def measured(true: Model, sensors: list[str], seed: int) -> FRF:
 
 
 def timed(
-    start: Model, frf: FRF, unknowns: ParameterSet, **options: int
+    start: Model, frf: FRF, unknowns: ParameterSet, **options: Any
 ) -> tuple[UpdateResult, float]:
     begun = time.process_time()
     return updyn.update(start, frf, unknowns, **options), time.process_time() - begun
@@ -48,6 +49,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--draws", type=int, default=4)
+    parser.add_argument("--tier", help="how the model is solved")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     true = models.footbridge(4, 19, pieces=12)
@@ -62,8 +64,8 @@ def main() -> None:
         start = scattered(true, 0.35, np.random.default_rng([3, draw]))
         frf = measured(true, sensors, draw)
         unknowns = updyn.parameters(start, stiffness="all")
-        found, seconds = timed(start, frf, unknowns)
-        plain, fewest = timed(start, frf, unknowns, starts=0)
+        found, seconds = timed(start, frf, unknowns, tier=args.tier)
+        plain, fewest = timed(start, frf, unknowns, tier=args.tier, starts=0)
         off = max(abs(found.values[n] - plain.values[n]) / plain.std[n] for n in unknowns.names)
         ratios.append(seconds / fewest)
         print(

@@ -11,6 +11,15 @@ from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.viewer import model_scene
 
+#: For scripts in a page with the viewer's `stage`: the pixels of a copy of its canvas, right after a frame.
+PIXELS = """const pixels = () => {
+  stage.draw();
+  const copy = Object.assign(document.createElement("canvas"), { width: stage.canvas.width, height: stage.canvas.height });
+  const context = copy.getContext("2d");
+  context.drawImage(stage.canvas, 0, 0);
+  return context.getImageData(0, 0, copy.width, copy.height).data;
+};"""
+
 
 def block(counts=(4, 2, 2), size=(0.4, 0.1, 0.1)):
     """Hexahedra in a row of two groups, held at X = 0; the halves meet in the middle."""

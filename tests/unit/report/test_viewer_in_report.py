@@ -10,7 +10,7 @@ import pytest
 
 import updyn
 from pages_read import overheard, settled, told
-from viewer_case import block
+from viewer_case import PIXELS, block
 
 pytestmark = pytest.mark.needs("browser")
 
@@ -40,13 +40,7 @@ ACTIONS = """<script>
   for (let i = 0; i < 100 && viewer.clock.phase === began; i++) await later(50);
   note("animated", viewer.clock.phase !== began);
   viewer.clock.play(false);
-  const pixels = () => {
-    stage.draw();
-    const copy = Object.assign(document.createElement("canvas"), { width: stage.canvas.width, height: stage.canvas.height });
-    const context = copy.getContext("2d");
-    context.drawImage(stage.canvas, 0, 0);
-    return context.getImageData(0, 0, copy.width, copy.height).data;
-  };
+  PIXELS
   const share = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return (4 * n) / a.length; };
   const ground = (data) => data.map((value, i) => data[i % 4]);
   const options = (select) => [...select.options].map((option) => option.textContent);
@@ -73,7 +67,7 @@ ACTIONS = """<script>
   note("requests", performance.getEntriesByType("resource").map((entry) => entry.name));
   note("done", true);
 })();
-</script></body>"""
+</script></body>""".replace("PIXELS", PIXELS)
 
 
 @pytest.fixture(scope="module")

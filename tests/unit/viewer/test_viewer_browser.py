@@ -8,7 +8,7 @@ import pytest
 from pages_read import settled, told
 from updyn.report.templates import asset
 from updyn.viewer import Colouring, page
-from viewer_case import block_scene
+from viewer_case import PIXELS, block_scene
 
 pytestmark = pytest.mark.needs("browser")
 
@@ -22,13 +22,7 @@ ACTIONS = """<script>
   const viewer = place.updynViewer, { stage, panel } = viewer;
   note("playing", viewer.clock.playing);
   viewer.clock.play(false);
-  const pixels = () => {
-    stage.draw();
-    const copy = Object.assign(document.createElement("canvas"), { width: stage.canvas.width, height: stage.canvas.height });
-    const context = copy.getContext("2d");
-    context.drawImage(stage.canvas, 0, 0);
-    return context.getImageData(0, 0, copy.width, copy.height).data;
-  };
+  PIXELS
   const differing = (a, b) => { let n = 0; for (let i = 0; i < a.length; i += 4) if (a[i] !== b[i] || a[i + 1] !== b[i + 1] || a[i + 2] !== b[i + 2]) n++; return n; };
   viewer.phase(Math.PI / 2);
   const still = pixels(), ground = new Uint8ClampedArray(still.length);
@@ -63,7 +57,7 @@ ACTIONS = """<script>
   note("requests", performance.getEntriesByType("resource").map((entry) => entry.name));
   note("done", true);
 })();
-</script></body>"""
+</script></body>""".replace("PIXELS", PIXELS)
 
 
 def opened(scene, tmp_path, *switches, actions=ACTIONS, last="done"):
