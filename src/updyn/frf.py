@@ -311,6 +311,7 @@ class FRF:
         self,
         *,
         band: tuple[float, float] | None = None,
+        exclude: Iterable[tuple[float, float]] = (),
         lines: ArrayLike | None = None,
         responses: Iterable[str | Dof] | None = None,
         references: Iterable[str | Dof] | None = None,
@@ -321,6 +322,8 @@ class FRF:
         ----------
         band : (float, float), optional
             Lowest and highest line to keep, in Hz, both included.
+        exclude : iterable of (float, float)
+            Bands within it whose lines are left out, in Hz, both ends included.
         lines : array_like of float, optional
             Lines to keep, in Hz; each must be a line of the data (to 1e-9 relative). Nothing is
             interpolated.
@@ -335,14 +338,17 @@ class FRF:
         Raises
         ------
         DataError
-            If nothing is left or asked for, the band is not two numbers, or a line is not in the
-            data (the nearest are named).
+            If nothing is left or asked for, a band is not two numbers or holds no line, or a line
+            is not in the data (the nearest are named).
         DofError
             If a DOF is not in the data.
         """
         keep = np.arange(len(self.freq))
+        unused = "is excluded"
         if band is not None:
-            low, high = _band(band)
+            with key_path("band"):
+                low, high = _band(band)
+            unused = f"lies outside the band {low:g} to {high:g} Hz"
             keep = np.flatnonzero((self.freq >= low) & (self.freq <= high))
             if keep.size == 0:
                 raise DataError(
@@ -350,13 +356,18 @@ class FRF:
                     f" {self.freq[-1]:g} Hz",
                     key=("band",),
                 )
+        left_out = list(exclude)
+        for each in left_out:
+            with key_path("exclude"):
+                keep = self._without(keep, each)
+        if left_out and band is not None:
+            unused += ", or is excluded"
         if lines is not None:
             chosen = self.find_lines(lines)
             outside = np.setdiff1d(chosen, keep)
             if outside.size:
                 raise DataError(
-                    f"line {self.freq[outside[0]]:g} Hz lies outside the band {low:g} to {high:g}"
-                    f" Hz{in_all(outside.size)}",
+                    f"line {self.freq[outside[0]]:g} Hz {unused}{in_all(outside.size)}",
                     key=("band",),
                 )
             keep = chosen
@@ -441,6 +452,20 @@ class FRF:
             If no line is left, or the band is not two ascending numbers.
         """
         return self.select(band=(low, high))
+
+    def _without(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
+        """Return positions of lines without those of a band."""
+        low, high = _band(band)
+        rest = keep[(self.freq[keep] < low) | (self.freq[keep] > high)]
+        if rest.size == keep.size:
+            nearest = self.freq[keep][np.argmin(np.abs(self.freq[keep] - 0.5 * (low + high)))]
+            raise DataError(
+                f"exclude: {low:g} to {high:g} Hz holds no line that is used; the nearest is at"
+                f" {nearest:.9g} Hz"
+            )
+        if rest.size == 0:
+            raise DataError(f"exclude: without {low:g} to {high:g} Hz no line is left")
+        return rest
 
     def find_lines(self, lines: ArrayLike) -> NDArray[np.intp]:
         """Return the positions of `lines` in the data, ascending.
@@ -695,9 +720,7 @@ def _band(band: object) -> tuple[float, float]:
         raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")
     low, high = map(float, array)
     if not low < high:
-        raise DataError(
-            f"band {low:g} to {high:g} Hz: the first must be below the second", key=("band",)
-        )
+        raise DataError(f"band {low:g} to {high:g} Hz: the first must be below the second")
     return low, high
 
 

@@ -368,6 +368,34 @@ def test_a_line_outside_the_band_is_an_error(frf):
         frf.select(band=(2, 5), lines=[4.0, 7.0, 1.0])
 
 
+def test_excluded_bands_are_left_out_with_both_ends(frf):
+    whole = frf.freq.tolist()
+    got = frf.select(band=(2, 6), exclude=[(3.5, 4.0)])
+    assert got.freq.tolist() == [f for f in whole if 2 <= f <= 6 and f != 4.0]
+    np.testing.assert_array_equal(got.values, frf.values[np.isin(frf.freq, got.freq)])
+
+
+@pytest.mark.parametrize(
+    ("exclude", "text"),
+    [
+        ((4.2, 4.4), "exclude: 4.2 to 4.4 Hz holds no line that is used; the nearest is at 4 Hz"),
+        ((0.5, 9.0), "exclude: without 0.5 to 9 Hz no line is left"),
+        ((4.0, 2.0), "band 4 to 2 Hz: the first must be below the second"),
+    ],
+)
+def test_excluded_bands_are_checked(frf, exclude, text):
+    with raises(text) as caught:
+        frf.select(exclude=[exclude])
+    assert caught.value.key[0] == "exclude"
+
+
+def test_an_excluded_line_cannot_be_asked_for(frf):
+    with raises("line 4 Hz is excluded"):
+        frf.select(exclude=[(3.9, 4.1)], lines=[4.0])
+    with raises("line 4 Hz lies outside the band 2 to 5 Hz, or is excluded"):
+        frf.select(band=(2, 5), exclude=[(3.9, 4.1)], lines=[4.0])
+
+
 def test_dofs_come_in_the_order_asked_for(frf):
     got = frf.select(responses=["3:RZ", "1:X"], references=["9:Z"])
     assert got.responses.labels == ["3:RZ", "1:X"]

@@ -215,8 +215,8 @@ def measurement(job: Job) -> FRF:
             )
             raise OptionError(text, key=("test", "averages"))
         frf = replace(frf, averages=table.averages)
-    with key_path("test", "band"):
-        return frf.select(band=table.band)
+    with key_path("test"):
+        return frf.select(band=table.band, exclude=table.exclude or ())
 
 
 def _recorded(job: Job) -> FRF:

@@ -341,6 +341,11 @@ class TestTable(Table):
     order: Texts | None = None
     averages: int | None = Field(default=None, ge=1)
     band: Pair | None = Field(default=None, description="Hz; lines to use, both ends included")
+    exclude: Annotated[tuple[Pair, ...] | None, Strict(False)] = Field(
+        default=None,
+        min_length=1,
+        description="Hz; bands whose lines are not used, such as [[49.5, 50.5]] for the mains",
+    )
     responses: Texts | None = Field(
         default=None,
         min_length=1,
@@ -364,7 +369,7 @@ class TestTable(Table):
     @property
     def of_frfs(self) -> list[str]:
         """The keys that it states of those that say how FRFs are read or what of them is used."""
-        own = [*self.reader_options, "repeats", "averages", "repair"]
+        own = [*self.reader_options, "repeats", "averages", "exclude", "repair"]
         return [key for key in own if getattr(self, key) is not None]
 
     @property

@@ -86,3 +86,20 @@ def test_what_is_not_there_is_named_with_its_line(
     updyn.write_frf(chain.measure(), folder / file)
     with pytest.raises(JobError, match=rf"job\.toml:{FIRST + 1}: .*{message}"):
         prepare(job_at(folder, file, test))
+
+
+def test_excluded_bands_are_not_used(folder: Path) -> None:
+    data = chain.measure()
+    updyn.write_frf(data, folder / "test.npz")
+    low, high = data.freq[10] - 1e-6, data.freq[12] + 1e-6
+    frf = prepare(job_at(folder, "test.npz", f"exclude = [[{low}, {high}]]")).frf
+    rest = np.delete(np.arange(len(data.freq)), [10, 11, 12])
+    np.testing.assert_array_equal(frf.freq, data.freq[rest])
+    np.testing.assert_array_equal(frf.values, data.values[rest])
+
+
+def test_an_excluded_band_without_a_line_is_named_with_its_line(folder: Path) -> None:
+    updyn.write_frf(chain.measure(), folder / "test.npz")
+    test = "band = [0.5, 20.0]\nexclude = [[1e4, 2e4]]"
+    with pytest.raises(JobError, match=rf"job\.toml:{FIRST + 1}: .*holds no line that is used"):
+        prepare(job_at(folder, "test.npz", test))

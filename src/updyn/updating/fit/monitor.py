@@ -44,6 +44,8 @@ class Progress:
         Lines solved so far in the whole run, and lines that a step solves.
     accepted : int
         Accepted steps so far, as `UpdateResult.iterations` counts them.
+    values : mapping of str to float
+        The unknowns after that step; empty before the first.
     """
 
     stage: str
@@ -52,6 +54,7 @@ class Progress:
     lines_done: int
     n_lines: int
     accepted: int = 0
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -144,11 +147,12 @@ class Monitor:
         session = self.problem.session
         if self.callback is not None:
             number, cost = 0, np.nan
+            values: Mapping[str, float] = {}
             if self.history:
-                number, cost = self.history[-1].number, self.history[-1].cost
-            progress = Progress(
-                self._stage, number, cost, session.lines_solved, self._n_lines, self._accepted
-            )
+                last = self.history[-1]
+                number, cost, values = last.number, last.cost, last.values
+            lines = session.lines_solved, self._n_lines
+            progress = Progress(self._stage, number, cost, *lines, self._accepted, values)
             session.stopped = bool(self.callback(progress)) or session.stopped
         return session.stopped
 
