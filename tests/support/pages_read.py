@@ -51,6 +51,14 @@ def dump(path, profile, *switches):
     return browse(path, profile, *switches).stdout
 
 
+def unfolded(path):
+    """Have a page open all its sections, so that every figure of it is drawn."""
+    text = path.read_text(encoding="utf-8")
+    press = '<script>document.getElementById("unfold").click();</script></body>'
+    path.write_text(press.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    return path
+
+
 def browse(path, profile, *switches):
     """Open a page until it rests; its document is the standard output of the browser."""
     command = [

@@ -11,6 +11,7 @@ export class Stage {
     this.canvas = canvas;
     this.place = place;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+    this.renderer.debug.checkShaderErrors = false; // asking for them waits for the graphics card
     this.renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
     this.scene = new Scene();
     this.measure(xyz);

@@ -203,6 +203,7 @@ SECTIONS: Registry[Section] = Registry(
         "agreement": "updyn.report.agreement:AGREEMENT",
         "modes": "updyn.report.modes:MODES",
         "structure": "updyn.report.structure:STRUCTURE",
+        "viewer": "updyn.report.structure:VIEWER",
         "unknowns": "updyn.report.unknowns:UNKNOWNS",
         "uncertainty.intervals": "updyn.report.uncertainty:UNCERTAINTY",
         "identifiability": "updyn.report.unknowns:IDENTIFIABILITY",

@@ -1,4 +1,4 @@
-"""The section with a picture of the structure, coloured by the changes of its parts."""
+"""The sections of the structure: the viewer on the first screen, and a picture that is printed."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from updyn.viewer.scene import Colouring, Scene
 __all__ = [
     "STEPS",
     "STRUCTURE",
+    "VIEWER",
     "group_changes",
     "group_remarks",
     "structure_of",
@@ -46,6 +47,36 @@ _ABOUT = (
 )
 
 
+class Viewer(Section):
+    """The structure in three dimensions: modes and operating shapes before and after."""
+
+    anchor = "viewer"
+    name = "Viewer"
+    heading = "Structure before and after"
+    place = 10
+    first_screen = True
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update of a model that has a geometry."""
+        return _largest(list(content.tests.values())) is not None
+
+    def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
+        """Return the viewer with its scene."""
+        scene = _scene(content)
+        if scene is None:
+            return ""
+        return render_template(
+            "updyn.report/viewer.html", fragment=fragment(scene), notes=scene.notes
+        )
+
+    def script(self) -> str:
+        """Return the viewer, and that it begins."""
+        return f"{script()}\nupdynViewer.start();"
+
+
+VIEWER = Viewer()
+
+
 class Structure(Section):
     """The structure as a picture, for one test or for all."""
 
@@ -59,18 +90,8 @@ class Structure(Section):
         return content.update is not None
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
-        """Return viewer, picture and legend; empty where no model has a geometry to draw."""
-        scene = _scene(content)
-        before = ""
-        if scene is not None:
-            before = render_template(
-                "updyn.report/viewer.html", fragment=fragment(scene), notes=scene.notes
-            )
-        return before + structure_of(list(content.tests.values()))
-
-    def script(self) -> str:
-        """Return the viewer, and that it begins."""
-        return f"{script()}\nupdynViewer.start();"
+        """Return picture and legend; empty where no model has a geometry to draw."""
+        return structure_of(list(content.tests.values()))
 
 
 STRUCTURE = Structure()

@@ -207,9 +207,10 @@ def test_a_mode_is_picked_twice(inputs: Path, capsys: pytest.CaptureFixture[str]
 
 #: What a user does: picks a mode and a pole, and takes the mode back.
 CLICKS = """<script>
-(() => {
+(async () => {
   const place = document.querySelector("[data-figure=diagram]"), out = document.getElementById("picks"), said = [];
   const click = (x) => { place.emit("plotly_click", { points: [{ x, data: {} }] }); said.push(out.textContent.trim()); };
+  while (!place.querySelector(".main-svg")) await new Promise((done) => setTimeout(done, 20));
   click(12.5); click(4.25); click(12.501);
   document.documentElement.dataset.said = said.join("|").replaceAll("\\n", " ");
   document.documentElement.dataset.lines = place.layout.shapes.length;

@@ -7,7 +7,7 @@ import re
 import pytest
 
 import updyn
-from pages_read import attributes, dump
+from pages_read import attributes, dump, unfolded
 from report_case import hostile, realistic
 
 pytestmark = pytest.mark.needs("browser")
@@ -17,6 +17,10 @@ pytestmark = pytest.mark.needs("browser")
 ACTIONS = """<script>
 (async () => {
   const root = document.documentElement, at = () => document.getElementById("channel-name").textContent;
+  const until = async (true_) => { while (!true_()) await new Promise((done) => setTimeout(done, 20)); };
+  const places = [...document.querySelectorAll("[data-figure], #overlay-plot")].filter((place) => !place.closest("details:not(.fold)"));
+  await until(() => document.querySelector("[data-figure=changes] .main-svg"));
+  root.dataset.lazy = places.some((place) => place.closest("details.fold") && place.querySelector(".main-svg"));
   const said = [at()];
   document.getElementById("next-channel").click(); said.push(at());
   const key = (name) => document.getElementById("overlay").dispatchEvent(new KeyboardEvent("keydown", { key: name }));
@@ -24,6 +28,9 @@ ACTIONS = """<script>
   root.dataset.channels = said.join("|");
   document.querySelector("input[name=freq-scale][value=log]").click();
   const plot = document.getElementById("overlay-plot");
+  location.hash = "#frfs"; // drawn when it is unfolded, as the keys and the buttons left it
+  await until(() => plot.querySelector(".main-svg"));
+  document.querySelector("#frfs details").open = false;
   root.dataset.axis = plot._fullLayout.xaxis.type;
   root.dataset.title = plot._fullLayout.yaxis.title.text;
   root.dataset.first = plot.calcdata[0][0].y.toPrecision(5);
@@ -36,6 +43,7 @@ ACTIONS = """<script>
   button.click(); counts.push(folds.length - open());
   root.dataset.beyond = root.scrollWidth - innerWidth; // nothing is wider than the window: tables scroll in their box
   const boxes = [...document.querySelectorAll("table")].map((table) => table.closest(".scroll"));
+  await until(() => places.every((place) => place.querySelector(".main-svg"))); // one after the other
   root.dataset.boxes = boxes.every((box) => box && getComputedStyle(box).overflowX === "auto");
   button.click(); counts.push(open());
   root.dataset.folds = counts.join(" ");
@@ -67,6 +75,7 @@ def test_page_is_drawn_and_works(tmp_path):
     dom = dump(path, tmp_path / "profile")
     found = attributes(dom)
     assert "errors" not in found, found["errors"]
+    assert found["lazy"] == "false"
     # 14 figures and the overlay, of two layers each at least
     assert len(re.findall(r'class="main-svg"', dom)) >= 30
     names = [re.sub(r"\(channel.*", "", c).strip() for c in found["channels"].split("|")]
@@ -103,7 +112,7 @@ def test_a_dark_screen_prints_on_white_paper(tmp_path):
 
 def test_hostile_text_runs_nothing(tmp_path):
     path = updyn.write_report(hostile(), tmp_path / "report.html")
-    dom = dump(path, tmp_path / "profile")
+    dom = dump(unfolded(path), tmp_path / "profile")
     assert "errors" not in attributes(dom)
     assert int(attributes(dom)["drawn"]) > 10
     assert not re.search(r"<b [^>]*onmouseover", dom)
@@ -114,7 +123,7 @@ def test_the_page_of_several_tests_is_drawn(tmp_path):
     one = realistic()
     both = updyn.JointResult({"rotor locked": one, "rotor <free>": one}, "Two tests")
     path = updyn.write_report(both, tmp_path / "report.html")
-    dom = dump(path, tmp_path / "profile")
+    dom = dump(unfolded(path), tmp_path / "profile")
     assert "errors" not in attributes(dom)
     assert int(attributes(dom)["drawn"]) > 4
     assert 'href="rotor%20%3Cfree%3E/report.html"' in dom

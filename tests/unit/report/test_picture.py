@@ -188,6 +188,16 @@ def test_without_a_geometry_there_is_no_section() -> None:
     assert with_one.index('href="#structure"') < with_one.index('id="structure"')
 
 
+def test_the_viewer_is_on_the_first_screen_below_the_verdict() -> None:
+    assert 'id="viewer"' not in render(realistic())  # no geometry
+    page = render(fitted(square(), {"first.stiffness": 1.1}))
+    order = [page.index(f'<section id="{name}"') for name in ("verdict", "viewer", "changes")]
+    assert order == sorted(order)
+    viewer = page[order[1] : order[2]]
+    assert "data-scene=" in viewer
+    assert "<details" not in viewer
+
+
 def test_the_page_of_several_tests_shows_the_sensors_of_all() -> None:
     held = fitted(square(), {"first.stiffness": 1.1}, ["20:X"])
     free = fitted(square(), {"first.stiffness": 1.1}, ["30:X"])

@@ -153,13 +153,12 @@ const updynOverlay = (() => {
       event.preventDefault();
     });
     for (const name of ["frf-correlation-before", "frf-correlation-after"]) {
-      const map = document.querySelector(`[data-figure=${name}]`);
-      if (map) map.on("plotly_click", (event) => {
+      updynReport.whenDrawn(name, (map) => map.on("plotly_click", (event) => {
         select(event.points[0].y, event.points[0].x);
         updynReport.reveal("frfs");
         root.scrollIntoView();
         root.focus({ preventScroll: true });
-      });
+      }));
     }
   }
   return { start };

@@ -11,13 +11,13 @@
       type: "line", x0: f, x1: f, y0: 0, y1: 1, yref: "paper",
       line: { color: getComputedStyle(document.documentElement).getPropertyValue("--before").trim(), width: 1.4 } })) });
   }
-  place.on("plotly_click", (event) => {
+  updynReport.whenDrawn("diagram", () => place.on("plotly_click", (event) => {
     const point = event.points.find((p) => p.data.yaxis !== "y2");
     if (!point) return;
     // A click beside a picked mode takes it back.
     const near = [...picked].find((f) => Math.abs(f - point.x) <= 1e-3 * f);
     if (near === undefined) picked.add(point.x); else picked.delete(near);
     show();
-  });
+  }));
   document.getElementById("copy-picks").addEventListener("click", () => navigator.clipboard?.writeText(out.textContent));
 })();

@@ -4,7 +4,9 @@
 const updynReport = (() => {
   const read = (id) => JSON.parse(document.getElementById(id).textContent);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const painters = []; // one function a figure: draw it, or draw it again in the colours of now
+  // One a figure: "again" draws it, or draws it again in the colours of now. A figure is drawn once it is unfolded, one
+  // after the other, so that the page can be read and used meanwhile.
+  const painters = [], queue = [];
   const config = {
     responsive: true, displaylogo: false, modeBarButtons: [["toImage"]], // SVG: a bitmap would be refused by the policy
     toImageButtonOptions: { format: "svg", filename: document.title },
@@ -45,13 +47,35 @@ const updynReport = (() => {
   }
 
   function draw(place, make) {
-    const again = () => {
+    const painter = { place, done: false };
+    painter.again = () => {
       const { data, own, height } = make();
-      return Plotly.react(place, paint(data), layout(own, height), config);
+      const made = Plotly.react(place, paint(data), layout(own, height), config);
+      if (!painter.done) {
+        painter.done = true;
+        document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);
+        place.dispatchEvent(new Event("updyn-drawn"));
+      }
+      return made;
     };
-    painters.push(again);
-    again();
-    return again;
+    painters.push(painter);
+    ask(place);
+    return () => { if (painter.done) painter.again(); else ask(place); };
+  }
+
+  // Has what is unfolded within an element drawn.
+  function ask(within) {
+    const idle = !queue.length;
+    for (const painter of painters) {
+      if (painter.done || queue.includes(painter) || !within.contains(painter.place) || !painter.place.clientWidth) continue;
+      queue.push(painter);
+    }
+    if (idle && queue.length) setTimeout(next);
+  }
+  function next() {
+    const painter = queue.shift();
+    if (!painter.done) painter.again();
+    if (queue.length) setTimeout(next);
   }
 
   // On a narrow page the legend stands in rows above the data, and the figure grows by them.
@@ -62,26 +86,26 @@ const updynReport = (() => {
     return { data, own: { ...own, legend: { orientation: "h" } }, height: height + 12 * Math.max(entries - 2, 0) };
   }
 
-  function repaint() { for (const again of painters) again(); }
+  function repaint() { for (const painter of painters) if (painter.done) painter.again(); }
 
   // Paper: everything opened, in light colours, figures as wide as the sheet, then back.
   const sheet = 680;
   function toPaper() {
     document.documentElement.classList.add("paper");
     for (const part of document.querySelectorAll("details:not([open])")) { part.open = true; part.dataset.opened = ""; }
-    for (const place of document.querySelectorAll(".js-plotly-plot")) {
+    for (const { place } of painters) {
       const width = place.closest(".pair") ? sheet / 2 - 10 : sheet;
       place.style.width = (place.closest(".overlay") ? width - 34 : width) + "px"; // its frame takes the rest
     }
-    repaint();
-    for (const place of document.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
+    for (const { again } of painters) again();
+    for (const { place } of painters) Plotly.Plots.resize(place);
   }
   function fromPaper() {
     document.documentElement.classList.remove("paper");
     for (const part of document.querySelectorAll("details[data-opened]")) { part.open = false; delete part.dataset.opened; }
-    for (const place of document.querySelectorAll(".js-plotly-plot")) place.style.width = "";
+    for (const { place } of painters) place.style.width = "";
     repaint();
-    for (const place of document.querySelectorAll(".js-plotly-plot")) if (place.clientWidth) Plotly.Plots.resize(place);
+    for (const { place } of painters) if (place.clientWidth) Plotly.Plots.resize(place);
   }
 
   // A link to a folded section opens it.
@@ -113,16 +137,23 @@ const updynReport = (() => {
       const figure = figures[place.dataset.figure];
       draw(place, () => fitted(figure, place));
     }
-    for (const part of document.querySelectorAll("details")) { // what was drawn while folded away has no width yet
+    for (const part of document.querySelectorAll("details")) { // the window may be wider than when a figure was drawn
       part.addEventListener("toggle", () => {
-        if (part.open) for (const place of part.querySelectorAll(".js-plotly-plot")) Plotly.Plots.resize(place);
+        if (!part.open) return;
+        for (const { place, done } of painters) if (done && part.contains(place)) Plotly.Plots.resize(place);
+        ask(part);
       });
     }
     folding();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
     addEventListener("beforeprint", toPaper);
     addEventListener("afterprint", fromPaper);
-    document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);
   }
-  return { read, draw, reveal, start };
+  // Acts on the figure of this name now or once it is drawn.
+  function whenDrawn(name, act) {
+    const place = document.querySelector(`[data-figure=${name}]`);
+    if (place?.classList.contains("js-plotly-plot")) act(place);
+    else place?.addEventListener("updyn-drawn", () => act(place), { once: true });
+  }
+  return { read, draw, reveal, start, whenDrawn };
 })();
