@@ -21,6 +21,7 @@ REGISTRIES = {
     "updyn.job.job_table",
     "updyn.plots",
     "updyn.report.section",
+    "updyn.web.tasks",
 }
 
 

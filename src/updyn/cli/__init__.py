@@ -51,6 +51,7 @@ COMMANDS: Registry[Any] = Registry(
         "modes": "updyn.cli.commands:modes",
         "plan": "updyn.cli.commands:plan",
         "plant": "updyn.control.command:plant",
+        "serve": "updyn.web.command:serve",
     },
 )
 

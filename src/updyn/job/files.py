@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from updyn.errors import OptionError, suggest
+from updyn.errors import OptionError, key_path, suggest
+from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
 
@@ -31,8 +32,12 @@ def existing_file(job: Document, file: str, table: str, key: str) -> Path:
     ------
     OptionError
         If it is not there, the nearest one is named, or it is a folder.
+    InputError
+        If it lies outside the folder to which this process is confined.
     """
     path = job.beside(file)
+    with key_path(table, key):
+        check_inside(path)
     if is_file(path):
         return path
     if is_folder(path):

@@ -52,7 +52,9 @@ _EXPECTED = {
 _BOUNDS = ("gt", "ge", "lt", "le")
 
 
-def load_job(path: str | Path, *, before_test: bool = False, of_test: bool = False) -> Job:
+def load_job(
+    path: str | Path, *, before_test: bool = False, of_test: bool = False, text: str | None = None
+) -> Job:
     """Read a job file.
 
     Parameters
@@ -64,6 +66,8 @@ def load_job(path: str | Path, *, before_test: bool = False, of_test: bool = Fal
     of_test : bool
         Whether ``[model]`` and ``[[parameter]]`` may be missing, and ``[test]`` where there are
         ``[records]``: only the measurement is looked at.
+    text : str, optional
+        What an editor holds of the file, in place of its content.
 
     Returns
     -------
@@ -77,7 +81,7 @@ def load_job(path: str | Path, *, before_test: bool = False, of_test: bool = Fal
         The message has one line for each complaint, each with its line in the file.
     """
     path = Path(path)
-    document, lines = _parsed(path)
+    document, lines = _parsed(path, text)
     if before_test:
         document.setdefault("test", {} if "records" in document else NO_TEST)
     if of_test:
@@ -138,9 +142,9 @@ def load_records_job(path: str | Path) -> tuple[Document, RecordsTable]:
     return job, job.records
 
 
-def _parsed(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
+def _parsed(path: Path, text: str | None = None) -> tuple[dict[str, Any], dict[Place, int]]:
     """Return the content of a job file, and the line of each key."""
-    text = _text(path)
+    text = _text(path) if text is None else text
     try:
         return read_toml(text)
     except tomllib.TOMLDecodeError as error:

@@ -390,7 +390,7 @@ def test_demo_of_no_such_name(
     ("arguments", "fragment"),
     [
         (["rum", "job.toml"], 'Unknown command "rum". Did you mean "run"?'),
-        (["serve", "job.toml"], 'Unknown command "serve"'),
+        (["server", "job.toml"], 'Unknown command "server"'),
         (["run"], "JOB requires an argument"),
         (["run", "a.toml", "b.toml"], "b.toml"),
         (["run", "a.toml", "--outt", "x"], "Did you mean --out?"),

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from updyn.errors import FormatError, suggest
+from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, nearest, unreadable
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
@@ -209,6 +210,7 @@ def _included(name: str, given: str, path: Path, at: int, folder: Path) -> Path:
     if not given:
         raise FormatError("*INCLUDE has no INPUT=", path, at)
     inner = folder / given
+    check_inside(inner)
     if not is_file(inner):
         raise FormatError(f"*{name}: no such file {given!r}; {nearest(inner)}", path, at)
     return inner

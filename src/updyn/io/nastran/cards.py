@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from updyn.errors import FormatError
+from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, nearest, unreadable
 from updyn.io.text_numbers import check_last_line, whole_of
 
@@ -240,6 +241,7 @@ def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
 def _target(line: Line, name: str) -> Path:
     # Decks written on Windows name folders with backslashes.
     target = line.path.parent / name.replace("\\", "/")
+    check_inside(target)
     if is_file(target):
         return target
     raise line.error(f"INCLUDE: no such file {name!r}; {nearest(target)}")

@@ -1,0 +1,39 @@
+"""`PLANT`: the plant of a job as a task of the window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from updyn.control.job.job_tables import PLANT_PAGE
+from updyn.control.job.messages import describe_plant_result
+from updyn.control.job.plant_job import plant_job
+from updyn.job import load_job
+from updyn.web.tasks import Ended, Field, Task
+
+if TYPE_CHECKING:
+    from updyn.web.tasks import Reporter
+
+__all__ = ["PLANT"]
+
+
+def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
+    made = plant_job(load_job(job), out, say=reporter.say)
+    return Ended("plant made" if made.met else "tolerance not met", describe_plant_result(made))
+
+
+PLANT = Task(
+    _plant,
+    PLANT_PAGE,
+    "-plant",
+    "plant",
+    (
+        Field("inputs", "inputs (labels)", "texts"),
+        Field("outputs", "outputs (labels)", "texts"),
+        Field("band", "band, from and to (Hz)", "numbers"),
+        Field("tolerance", "tolerance (1)", "number"),
+        Field("error", "error", "choice", ("relative", "peak")),
+    ),
+    "Makes the plant of the latest run of this job, else of its model as it stands, with the"
+    " margins of the loops of [servo].",
+)

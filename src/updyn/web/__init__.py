@@ -1,0 +1,1 @@
+"""The window to work in: a local server, and the pages that a browser on the same machine shows."""

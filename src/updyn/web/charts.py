@@ -1,0 +1,258 @@
+"""Charts of the pages as options of Apache ECharts: plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.style import CATEGORIES
+from updyn.web.look import colour, text_style
+
+__all__ = ["SCALES", "cost_chart", "frf_chart", "masked", "parameter_chart", "thinned"]
+
+#: Unit of the FRFs of translations by quantity, in SI, and the reference of their decibels.
+_UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
+#: How magnitudes are drawn.
+SCALES = {"log": "logarithmic", "dB": "decibels", "linear": "linear"}
+#: Points of a curve beyond which it is thinned.
+_MOST_POINTS = 4000
+_GRID = {"left": 90, "right": 24, "top": 40, "bottom": 60}
+
+
+def frf_chart(
+    quantity: str,
+    curves: Mapping[str, tuple[NDArray[np.float64], NDArray[Any]]],
+    *,
+    scale: str = "log",
+    band: tuple[float, float] | None = None,
+    excluded: Iterable[tuple[float, float]] = (),
+    brush: bool = False,
+    points: int = _MOST_POINTS,
+) -> dict[str, Any]:
+    """Return the magnitudes of FRFs over frequency.
+
+    Parameters
+    ----------
+    quantity : str
+        What they are.
+    curves : mapping of str to (ndarray, ndarray)
+        Lines in Hz, shape (n,), and complex values, shape (n,), by name; the first is measured.
+    scale : {"log", "dB", "linear"}
+        How magnitudes are drawn.
+    band : (float, float), optional
+        In Hz, shaded.
+    excluded : iterable of (float, float)
+        Bands in Hz that are not used, shaded otherwise.
+    brush : bool
+        Whether a band is chosen by dragging.
+    points : int
+        Of a curve, at most.
+
+    Returns
+    -------
+    dict
+    """
+    unit = _UNITS.get(quantity, "")
+    colours = ["measured", *CATEGORIES]
+    many = len(curves) > len(colours)
+    series: list[dict[str, Any]] = []
+    for number, (name, (freq, values)) in enumerate(curves.items()):
+        own = colours[number % len(colours)]
+        series.append(
+            {
+                "type": "line",
+                "name": name,
+                "data": _rows(freq, np.abs(values), scale, points),
+                "showSymbol": False,
+                "silent": many,
+                "lineStyle": {"width": 0.8 if many else 1.6, **colour(own)},
+                "itemStyle": colour(own),
+            }
+        )
+    areas = [_area(low, high, "held-band") for low, high in excluded]
+    if band is not None:
+        areas.append(_area(*band, "fit-band"))
+    if series and areas:
+        series[0]["markArea"] = {"silent": True, "data": areas}
+    chart: dict[str, Any] = {
+        "animation": False,
+        "grid": _GRID,
+        "legend": {"show": not many, "top": 4, "textStyle": text_style()},
+        "tooltip": {"trigger": "axis", "show": not many},
+        "xAxis": {**_axis("frequency (Hz)", 32), "min": "dataMin", "max": "dataMax"},
+        "yAxis": _axis(*_level(quantity, unit, scale)),
+        "series": series,
+    }
+    chart["xAxis"]["axisLabel"] |= {"showMinLabel": False, "showMaxLabel": False}
+    if brush:
+        chart["brush"] = {"xAxisIndex": 0, "brushType": "lineX", "brushMode": "single"}
+        chart["toolbox"] = {"show": False}
+    return chart
+
+
+def _level(quantity: str, unit: str, scale: str) -> tuple[str, int, str]:
+    """Return name, gap and kind of the axis of magnitudes."""
+    if scale == "dB":
+        of = f" (dB re 1 {unit})" if unit else " (dB)"
+        return f"|{quantity}|{of}", 60, "value"
+    of = f" ({unit})" if unit else ""
+    return f"|{quantity}|{of}", 66, "log" if scale == "log" else "value"
+
+
+def _axis(name: str, gap: int, kind: str = "value") -> dict[str, Any]:
+    return {
+        "type": kind,
+        "name": name,
+        "nameLocation": "middle",
+        "nameGap": gap,
+        "nameTextStyle": text_style(),
+        "axisLabel": text_style(),
+        "axisLine": {"lineStyle": colour("muted")},
+        "splitLine": {"lineStyle": colour("grid")},
+    }
+
+
+def _rows(
+    freq: NDArray[np.float64], magnitude: NDArray[np.float64], scale: str, points: int
+) -> list[list[float | None]]:
+    at = thinned(magnitude, points)
+    shown = magnitude[at].astype(float)
+    if scale == "dB":
+        with np.errstate(divide="ignore"):
+            shown = 20.0 * np.log10(shown)
+    drawn = np.isfinite(shown) & ((shown > 0.0) | (scale != "log"))
+    return [
+        [float(f"{f:.7g}"), float(f"{m:.5g}") if d else None]
+        for f, m, d in zip(freq[at], shown, drawn, strict=True)
+    ]
+
+
+def thinned(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
+    """Return places of values such that a curve through them has the extremes of the whole.
+
+    Parameters
+    ----------
+    values : ndarray of float, shape (m,)
+        The curve.
+    n : int
+        Places at most.
+
+    Returns
+    -------
+    ndarray of int, shape (at most n,)
+        Ascending: the smallest and the largest value of each of `n` / 2 equal parts.
+    """
+    m = len(values)
+    if m <= n:
+        return np.arange(m)
+    ends = np.linspace(0, m, max(1, n // 2) + 1).astype(int)
+    found: set[int] = set()
+    for low, high in pairwise(ends.tolist()):
+        part = values[low:high]
+        found |= {low + int(np.argmin(part)), low + int(np.argmax(part))}
+    return np.array(sorted(found))
+
+
+def _area(low: float, high: float, token: str) -> list[dict[str, Any]]:
+    return [{"xAxis": low, "itemStyle": colour(token)}, {"xAxis": high}]
+
+
+def masked(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return the bands of lines that are not used between the first and the last that is.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n,)
+        Lines in Hz, ascending.
+    used : ndarray of bool, shape (n,)
+        Which are used.
+
+    Returns
+    -------
+    list of (float, float)
+        Of each, its edges in Hz: half a step beyond its first and its last line.
+    """
+    at = np.flatnonzero(used)
+    bands = []
+    for before, after in pairwise(at):
+        if after > before + 1:
+            low = 0.5 * (freq[before] + freq[before + 1])
+            high = 0.5 * (freq[after - 1] + freq[after])
+            bands.append((float(low), float(high)))
+    return bands
+
+
+def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the misfit over the steps of a run, a curve a stage.
+
+    Parameters
+    ----------
+    steps : sequence of mapping
+        With ``stage`` and ``cost``.
+
+    Returns
+    -------
+    dict
+    """
+    stages: dict[str, list[list[float]]] = {}
+    for number, step in enumerate(steps):
+        if step["cost"] is not None and step["cost"] > 0:
+            stages.setdefault(step["stage"], []).append([number, step["cost"]])
+    series = [
+        {
+            "type": "line",
+            "name": name,
+            "data": rows,
+            "symbolSize": 5,
+            "lineStyle": colour(token),
+            "itemStyle": colour(token),
+        }
+        for (name, rows), token in zip(stages.items(), _repeated(len(stages)), strict=True)
+    ]
+    return {
+        "animation": False,
+        "grid": _GRID,
+        "legend": {"top": 4, "textStyle": text_style(), "type": "scroll"},
+        "tooltip": {"trigger": "axis"},
+        "xAxis": {**_axis("step", 32), "minInterval": 1},
+        "yAxis": _axis("misfit of the stage (1)", 66, "log"),
+        "series": series,
+    }
+
+
+def _repeated(n: int) -> list[str]:
+    return [CATEGORIES[i % len(CATEGORIES)] for i in range(n)]
+
+
+def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> dict[str, Any]:
+    """Return the unknowns beside their start, as ratios.
+
+    Parameters
+    ----------
+    start, now : mapping of str to float
+        By name; those whose start is 0 are left to the table.
+
+    Returns
+    -------
+    dict
+    """
+    names = [name for name, value in start.items() if value and name in now]
+    return {
+        "animation": False,
+        "grid": {"left": 200, "right": 24, "top": 16, "bottom": 50},
+        "tooltip": {"trigger": "axis"},
+        "xAxis": _axis("value / start (1)", 30),
+        "yAxis": {"type": "category", "data": names, "inverse": True, "axisLabel": text_style()},
+        "series": [
+            {
+                "type": "bar",
+                "name": "value / start",
+                "itemStyle": colour("after"),
+                "data": [float(f"{now[name] / start[name]:.6g}") for name in names],
+            }
+        ],
+    }

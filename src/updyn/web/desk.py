@@ -1,0 +1,149 @@
+"""`Desk`: a process of its own in which files are read and models are solved for the pages.
+
+The server stays quick while a model is solved, and what a file does to its reader (time, memory, a
+crash) ends that process alone.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from updyn.errors import InputError, UpdynError, UpdynWarning
+from updyn.foreign.confinement import confine
+
+__all__ = ["Desk"]
+
+T = TypeVar("T")
+
+#: How long the process may take to end when asked to, in s.
+_PATIENCE = 2.0
+
+
+class Desk:
+    """Calls functions in a process that is begun when it is needed and kept for the next call.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the project: files outside it are not read.
+    seconds : float
+        That a call may take.
+    memory : int
+        Bytes that the process may take; 0: any.
+    """
+
+    def __init__(self, folder: Path, seconds: float, memory: int = 0) -> None:
+        self._folder = folder
+        self._seconds = seconds
+        self._memory = memory
+        self._context = multiprocessing.get_context("spawn")
+        self._process: Any = None
+        self._line: Connection | None = None
+        self._turn = threading.Lock()
+
+    def ask(self, function: Callable[..., T], *arguments: Any) -> T:
+        """Call a function there, one after the other.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module; its result is plain data.
+        *arguments : object
+            Plain data.
+
+        Returns
+        -------
+        object
+            What it returned.
+
+        Raises
+        ------
+        UpdynError
+            Of the same kind and text as the function raised; `InputError` where it took too long,
+            too much memory, or ended its process.
+        """
+        with self._turn:
+            if self._process is None or not self._process.is_alive():
+                self._begin()
+            assert self._line is not None
+            try:
+                self._line.send((function, arguments))
+                if not self._line.poll(self._seconds):
+                    self._end()
+                    raise InputError(
+                        f"this took longer than {self._seconds:g} s and was ended; the command line"
+                        " has no such limit"
+                    )
+                kind, content = self._line.recv()
+            except (EOFError, OSError) as error:
+                self._end()
+                raise InputError(
+                    "the process that read or solved this ended without an answer, which a damaged"
+                    " file or too little memory can do"
+                ) from error
+        if kind == "error":
+            raise content
+        return cast(T, content)
+
+    def close(self) -> None:
+        """End the process."""
+        with self._turn:
+            self._end()
+
+    def _begin(self) -> None:
+        self._end()
+        self._line, other = self._context.Pipe()
+        arguments = (other, self._folder, self._memory)
+        self._process = self._context.Process(target=_serve, args=arguments, daemon=True)
+        self._process.start()
+        other.close()
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join(_PATIENCE)
+            self._process = None
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+
+def _serve(line: Connection, folder: Path, memory: int) -> None:
+    """Answer calls until the other end is closed."""
+    _limit(memory)
+    confine(folder)
+    while True:
+        try:
+            function, arguments = line.recv()
+        except (EOFError, OSError):
+            return
+        line.send(_answer(function, arguments))
+
+
+def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[str, Any]:
+    """Return what a call gave: kind and content. What it warns of is said by the run itself."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UpdynWarning)
+        try:
+            return "result", function(*arguments)
+        except UpdynError as error:
+            return "error", InputError(str(error))
+        except MemoryError:
+            return "error", InputError("not enough memory for this")
+
+
+def _limit(memory: int) -> None:
+    """Limit the memory of this process, where the system can."""
+    if memory <= 0:
+        return
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))

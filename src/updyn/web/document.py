@@ -1,0 +1,171 @@
+"""`JobDocument`: a job file as it is edited, with its comments, undo, and what was saved last."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import tomlkit
+from tomlkit import TOMLDocument
+from tomlkit.exceptions import TOMLKitError
+
+from updyn.errors import InputError, JobError
+from updyn.io.atomic import write_bytes
+
+__all__ = ["JobDocument"]
+
+#: Edits that can be taken back.
+_MOST_STEPS = 200
+
+
+class JobDocument:
+    """The text of a job file between two savings.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    text : str
+        As it stands now.
+    version : int
+        Counts what has changed the text.
+
+    Raises
+    ------
+    JobError
+        If the file is not there or is not text.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.text = self._saved = _read(path)
+        self.version = 0
+        self._done: list[tuple[str, str]] = []
+        self._undone: list[tuple[str, str]] = []
+
+    @property
+    def changed(self) -> bool:
+        """Whether the text is not what the file holds."""
+        return self.text != self._saved
+
+    @property
+    def last_edit(self) -> str:
+        """What `undo` takes back; empty where there is nothing."""
+        return self._done[-1][0] if self._done else ""
+
+    @property
+    def next_edit(self) -> str:
+        """What `redo` does again; empty where there is nothing."""
+        return self._undone[-1][0] if self._undone else ""
+
+    def edit(self, what: str, change: Callable[[TOMLDocument], None]) -> None:
+        """Change the content; comments and order of the file stay.
+
+        Parameters
+        ----------
+        what : str
+            What is done, in a few words.
+        change : callable
+            Changes the document that it is given.
+
+        Raises
+        ------
+        JobError
+            If the text as it stands is not TOML.
+        """
+        try:
+            document = tomlkit.parse(self.text)
+        except TOMLKitError as error:
+            raise JobError(f"not TOML: {error}; mend the text first", self.path) from error
+        change(document)
+        self.replace(what, tomlkit.dumps(document))
+
+    def replace(self, what: str, text: str) -> None:
+        """Put another text in place of the whole.
+
+        Parameters
+        ----------
+        what : str
+            What is done, in a few words.
+        text : str
+            The text.
+        """
+        if text == self.text:
+            return
+        self._done = [*self._done, (what, self.text)][-_MOST_STEPS:]
+        self._undone = []
+        self._set(text)
+
+    def undo(self) -> None:
+        """Take back the last edit, where there is one."""
+        if self._done:
+            what, text = self._done.pop()
+            self._undone.append((what, self.text))
+            self._set(text)
+
+    def redo(self) -> None:
+        """Do again what was taken back last, where nothing else was done since."""
+        if self._undone:
+            what, text = self._undone.pop()
+            self._done.append((what, self.text))
+            self._set(text)
+
+    def save(self) -> None:
+        """Write the text to its file.
+
+        Raises
+        ------
+        InputError
+            If another program has changed the file since it was read or saved.
+        FormatError
+            If it cannot be written; the file is as it was then.
+        """
+        if self.path.exists() and _read(self.path) != self._saved:
+            raise InputError(
+                f"{self.path}: another program has changed this file since it was opened; open it"
+                " again, or save under another name"
+            )
+        self._write(self.path)
+
+    def save_as(self, path: Path) -> None:
+        """Write the text to another file of the same folder, which must not exist.
+
+        Parameters
+        ----------
+        path : Path
+            The file; files that the job names are relative to its folder.
+
+        Raises
+        ------
+        InputError
+            If the file exists.
+        """
+        if os.path.lexists(path):
+            raise InputError(f"{path}: exists already; choose another name")
+        self._write(path)
+        self.path = path
+        self.version += 1
+
+    def _write(self, path: Path) -> None:
+        write_bytes(path, self.text.encode())
+        self._saved = self.text
+
+    def _set(self, text: str) -> None:
+        self.text = text
+        self.version += 1
+
+
+def _read(path: Path) -> str:
+    """Return the text of a file, line ends as they are."""
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise JobError(f"cannot be read: {error.strerror or error}", path) from error
+    except UnicodeDecodeError as error:
+        raise JobError("is not UTF-8; TOML is", path) from error

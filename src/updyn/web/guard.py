@@ -1,0 +1,180 @@
+"""`Guard`: who may talk to the server, and how much they may send.
+
+The server listens on this machine alone; but every page that a browser has open can send requests
+there, and so can every other user of the machine. So a request passes only with the secret that the
+program printed, to the name under which it was printed, and from a page of its own.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlencode
+
+__all__ = ["Guard"]
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+_TOKEN = "token"
+#: What a page may load, by its content security policy: nothing from elsewhere. The framework makes
+#: functions from text, and styles of single elements.
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self'"
+    " 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'"
+    " ws://{host}; frame-ancestors 'self'; base-uri 'self'; form-action 'self'; object-src 'none'"
+)
+#: Status of WebSocket for a message against the rules (RFC 6455, section 7.4.1).
+_AGAINST_THE_RULES = 1008
+
+
+class Guard:
+    """Passes on what may pass, and refuses the rest before any of it is read.
+
+    Parameters
+    ----------
+    app : callable
+        The application (ASGI).
+    port : int
+        That the server listens on.
+    token : str
+        The secret: as ``?token=...`` of the first request, which is answered by a cookie.
+    most_bytes : int
+        Of the body of a request.
+    """
+
+    def __init__(self, app: App, *, port: int, token: str, most_bytes: int) -> None:
+        self._app = app
+        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        self._cookie = f"updyn-{port}"  # cookies do not tell ports apart
+        self._token = token
+        self._most_bytes = most_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or pass it on."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = _headers(scope)
+        refusal = self._refusal(scope, headers)
+        if refusal is not None:
+            await _refuse(scope, receive, send, *refusal)
+        elif scope["type"] == "websocket":
+            await self._app(scope, receive, send)
+        elif self._asked_token(scope) is not None:
+            await self._welcome(scope, send)
+        else:
+            host = headers["host"]
+            await self._app(scope, _limited(receive, self._most_bytes), _hardened(send, host))
+
+    def _refusal(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
+        """Return status and reason of a refusal; None for what may pass."""
+        if headers.get("host") not in self._hosts:
+            return 421, "This server answers under the address that it printed, and no other."
+        origin = headers.get("origin")
+        own = {f"http://{host}" for host in self._hosts}
+        if origin not in own and (origin is not None or scope["type"] == "websocket"):
+            return 403, "A page of another address has asked."
+        if not self._knows_token(scope, headers):
+            return 401, "The secret is missing: open the address that updyn serve printed."
+        length = headers.get("content-length", "0")
+        if not length.isdecimal() or int(length) > self._most_bytes:
+            return 413, f"At most {self._most_bytes // 2**20} MB can be sent at once."
+        return None
+
+    def _asked_token(self, scope: Scope) -> str | None:
+        """Return the secret that stands in the address."""
+        asked = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(_TOKEN)
+        return asked[0] if asked else None
+
+    def _knows_token(self, scope: Scope, headers: Mapping[str, str]) -> bool:
+        """Return whether the secret stands in the address or in the cookie."""
+        given = self._asked_token(scope) if scope["type"] == "http" else None
+        if given is None:
+            try:
+                kept = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
+            except CookieError:
+                kept = None
+            given = "" if kept is None else kept.value
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+    async def _welcome(self, scope: Scope, send: Send) -> None:
+        """Keep the secret in a cookie, and lead to the same page without it in the address."""
+        asked = parse_qs(scope["query_string"].decode("latin-1"))
+        asked.pop(_TOKEN)
+        rest = urlencode(asked, doseq=True)
+        place = "/" + scope["path"].lstrip("/") + ("?" + rest if rest else "")
+        cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+        headers = {"location": place, "set-cookie": cookie, "cache-control": "no-store"}
+        await _answer(send, 303, "", headers)
+
+
+def _headers(scope: Scope) -> dict[str, str]:
+    """Return the headers of a request by lower-case name."""
+    return {
+        name.decode("latin-1").lower(): value.decode("latin-1")
+        for name, value in scope.get("headers", ())
+    }
+
+
+async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
+    """Answer that a request is refused."""
+    if scope["type"] == "websocket":
+        await receive()  # the wish to connect, which has to be taken before it is answered
+        await send({"type": "websocket.close", "code": _AGAINST_THE_RULES, "reason": reason})
+    else:
+        await _answer(send, status, reason + "\n", {"connection": "close"})
+
+
+async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]) -> None:
+    """Send a short answer."""
+    body = text.encode()
+    own = {
+        "content-type": "text/plain; charset=utf-8",
+        "content-length": str(len(body)),
+        "referrer-policy": "no-referrer",
+        **headers,
+    }
+    encoded = [(name.encode(), value.encode("latin-1")) for name, value in own.items()]
+    await send({"type": "http.response.start", "status": status, "headers": encoded})
+    await send({"type": "http.response.body", "body": body})
+
+
+def _limited(receive: Receive, most: int) -> Receive:
+    """Return a source that ends the request where its body exceeds a size."""
+    seen = 0
+
+    async def limited() -> Message:
+        nonlocal seen
+        message = await receive()
+        seen += len(message.get("body", b""))
+        if seen > most:
+            return {"type": "http.disconnect"}
+        return message
+
+    return limited
+
+
+def _hardened(send: Send, host: str) -> Send:
+    """Return a sink that adds the rules for browsers to every answer."""
+    added = {
+        b"content-security-policy": _POLICY.format(host=host).encode(),
+        b"x-content-type-options": b"nosniff",
+        b"referrer-policy": b"no-referrer",
+        b"cross-origin-resource-policy": b"same-origin",
+    }
+
+    async def hardened(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            given = list(message.get("headers", ()))
+            present = {name.lower() for name, _ in given}
+            missing = [pair for pair in added.items() if pair[0] not in present]
+            message = {**message, "headers": [*given, *missing]}
+        await send(message)
+
+    return hardened

@@ -1,0 +1,401 @@
+"""What pages show of a job, as plain data: read, matched and solved in the process of a `Desk`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.response import response as model_response
+from updyn.errors import UpdynError
+from updyn.frf import FRF
+from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
+from updyn.job.prepare import measurement as read_measurement
+from updyn.job.proposal import job_text, look_at
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.viewer import model_scene, page
+
+__all__ = [
+    "CHOICES",
+    "FORWARD",
+    "Curve",
+    "FindingRow",
+    "Separability",
+    "TestView",
+    "UnknownRow",
+    "View",
+    "curve",
+    "findings",
+    "identifiability",
+    "look",
+    "propose",
+    "structure",
+]
+
+T = TypeVar("T")
+
+#: Quantities of a group that are chosen by a click.
+CHOICES = ("stiffness", "mass", "loss_factor")
+#: Lines at which a page shows the model.
+_MOST_LINES = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TestView:
+    """One test as measured, before its band.
+
+    Attributes
+    ----------
+    name : str
+        Of the test; empty where it is the only one.
+    quantity : str
+        What was measured.
+    freq : ndarray of float, shape (n_lines,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n_lines, n_responses, n_references)
+        The FRFs, in SI.
+    responses, references : list of str
+        Their labels in the file.
+    used : ndarray of bool, shape (n_lines,)
+        Lines that band and exclusions leave.
+    band : (float, float) or None
+        Of the job, in Hz.
+    matches : list of mapping of str to str
+        Who sits where; empty where that could not be found.
+    held : list of str
+        Responses that are held out of the fit.
+    """
+
+    name: str
+    quantity: str
+    freq: NDArray[np.float64]
+    values: NDArray[np.complex64]
+    responses: list[str]
+    references: list[str]
+    used: NDArray[np.bool_]
+    band: tuple[float, float] | None
+    matches: list[dict[str, str]]
+    held: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownRow:
+    """An unknown of a job.
+
+    Attributes
+    ----------
+    name, group, quantity : str
+        Which one it is.
+    start, lower, upper : float
+        In its unit.
+    """
+
+    name: str
+    group: str
+    quantity: str
+    start: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A job as far as it can be read.
+
+    Attributes
+    ----------
+    title : str
+        Of the job.
+    model : str
+        The model in a few words.
+    groups : list of str
+        Its groups.
+    tests : list of TestView
+        Its tests with FRFs.
+    unknowns : list of UnknownRow
+        Those of the job.
+    wrong : mapping of str to str
+        What could not be read or matched, by part: ``"job"``, ``"test"``, ``"all"``.
+    """
+
+    title: str
+    model: str
+    groups: list[str]
+    tests: list[TestView]
+    unknowns: list[UnknownRow]
+    wrong: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Separability:
+    """What the data could determine of the unknowns.
+
+    Attributes
+    ----------
+    rank, n : int
+        Combinations that are determined, and unknowns.
+    collinearity : float
+        Brun's index.
+    open : mapping of str to str
+        The unknowns that are not determined, with those they trade against.
+    advice : str
+        What to do.
+    """
+
+    rank: int
+    n: int
+    collinearity: float
+    open: Mapping[str, str]
+    advice: str
+
+
+@dataclass(frozen=True, slots=True)
+class FindingRow:
+    """Something that seems to be wrong with the data or the model.
+
+    Attributes
+    ----------
+    statement, remedy : str
+        What it is, and what to do.
+    written : str
+        As ``repair`` of the job undoes it; empty where it cannot.
+    odds : float
+        How likely it is.
+    test : int
+        Which test.
+    """
+
+    statement: str
+    remedy: str
+    written: str
+    odds: float
+    test: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """One channel of the model.
+
+    Attributes
+    ----------
+    freq : ndarray of float, shape (n,)
+        Lines in Hz.
+    values : ndarray of complex, shape (n,)
+        The FRF in the quantity of the test, in SI.
+    """
+
+    freq: NDArray[np.float64]
+    values: NDArray[np.complex128]
+
+
+@lru_cache(maxsize=2)
+def _prepared(path: Path, text: str) -> Prepared:
+    return prepare(load_job(path, text=text))
+
+
+def look(path: Path, text: str) -> View:
+    """Read a job and all that it names; what cannot be read is said in its place.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    View
+    """
+    wrong: dict[str, str] = {}
+    job = _tried(lambda: load_job(path, text=text), "job", wrong)
+    if job is None:
+        return View("", "", [], [], [], wrong)
+    ready = _tried(lambda: _prepared(path, text), "all", wrong)
+    tests = []
+    for number, part in enumerate(job.parts):
+        if not part.has_modes:
+            seen = _tried(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
+            tests += [] if seen is None else [seen]
+    if ready is None:
+        return View(job.title or path.stem, "", [], tests, [], wrong)
+    model = ready.model
+    about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
+    unknowns = [
+        UnknownRow(p.name, p.group, p.quantity, p.start, p.lower, p.upper) for p in ready.parameters
+    ]
+    return View(job.title or path.stem, about, list(model.groups), tests, unknowns, wrong)
+
+
+def _tried(make: Callable[[], T], what: str, wrong: dict[str, str]) -> T | None:
+    """Return what a function makes; None, and a text in `wrong`, where it cannot."""
+    try:
+        return make()
+    except UpdynError as error:
+        wrong.setdefault(what, str(error))
+        return None
+
+
+def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
+    """Return a test over all its lines."""
+    table = part.test
+    free = table.model_copy(update={"band": None, "exclude": None})
+    whole = read_measurement(part.model_copy(update={"test": free}))
+    kept = whole.select(band=table.band, exclude=table.exclude or ())
+    matches = []
+    if ready is not None:
+        for row in ready.tests[number].matching.table:
+            distance = f"{row.distance:.3g}" if np.isfinite(row.distance) else ""
+            matches.append(
+                {"sensor": row.sensor, "is": row.role, "dof": row.dof, "distance": distance}
+            )
+    return TestView(
+        table.name,
+        whole.quantity,
+        whole.freq,
+        whole.values.astype(np.complex64),
+        whole.responses.labels,
+        whole.references.labels,
+        np.isin(whole.freq, kept.freq),
+        table.band,
+        matches,
+        [str(one) for one in part.validation or () if isinstance(one, str)],
+    )
+
+
+def identifiability(path: Path, text: str) -> Separability:
+    """Say what the data of a job could determine.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    Separability
+    """
+    found = job_identifiability(_prepared(path, text))
+    trades: dict[str, str] = {}
+    for direction in found.null_directions:
+        for name in direction:
+            others = [other for other in direction if other != name]
+            trades.setdefault(name, ", ".join(others))
+    return Separability(found.rank, found.n_parameters, found.collinearity, trades, found.advice)
+
+
+def findings(path: Path, text: str) -> list[FindingRow]:
+    """Say what seems to be wrong with the data of a job, before any fit.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    list of FindingRow
+        The likeliest first.
+    """
+    ready = _prepared(path, text)
+    found = []
+    for number, test in enumerate(ready.tests):
+        for each in job_findings(test, ready.parameters):
+            row = FindingRow(each.statement, each.remedy, each.written, each.odds, number)
+            found.append(row)
+    return sorted(found, key=lambda row: -row.odds)
+
+
+def curve(
+    path: Path, text: str, values: Mapping[str, float], test: int, response: int, reference: int
+) -> Curve:
+    """Return one channel of the model at values of the unknowns.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+    values : mapping of str to float
+        The unknowns, by name; others stay at their start.
+    test, response, reference : int
+        Which test, and which channel of its data.
+
+    Returns
+    -------
+    Curve
+        At the lines of the band, or at evenly spaced ones among them.
+    """
+    ready = _prepared(path, text)
+    own = ready.tests[test]
+    data: FRF = own.frf
+    freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
+    unknowns = ParameterSet(tuple(p for p in ready.parameters if not p.is_channel))
+    x = np.array([values.get(p.name, p.start) for p in unknowns])
+    model = unknowns.apply(own.model, x) if len(unknowns) else own.model
+    shown = model_response(
+        model,
+        freq,
+        responses=[data.responses.labels[response]],
+        references=[data.references.labels[reference]],
+        quantity=data.quantity,
+    )
+    return Curve(shown.freq, shown.values[:, 0, 0])
+
+
+def structure(path: Path, text: str) -> str:
+    """Return the viewer of the model with sensors and forces as a page.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    own = _prepared(path, text).tests[0]
+    data = own.data
+    sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
+    shown = page(model_scene(own.model, responses=list(sensors), references=list(forces)))
+    return shown.replace("</body>", f"<script>{FORWARD}</script></body>")
+
+
+#: What an embedded page says of a pick to the page around it.
+FORWARD = """document.addEventListener("updyn-pick", ({ detail }) => {
+  parent.postMessage({ updynPick: { label: detail.label, groups: detail.groups,
+    sensors: detail.sensors, forces: detail.forces } }, "*");
+});"""
+
+
+def propose(model: Path, measurement: Path, job: Path, stated: dict[str, object]) -> str:
+    """Return a commented job for a model and a measurement.
+
+    Parameters
+    ----------
+    model, measurement, job : Path
+        The files; that of the job is not written.
+    stated : dict of str to object
+        What the files leave open: ``quantity``, ``scale``, ``unit``; None where one is not stated.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
+    inputs = look_at(model, measurement, stated)
+    return job_text(inputs, job, f"{inputs.model.n_dofs} DOFs", f"{len(inputs.frf.freq)} lines")

@@ -1,0 +1,76 @@
+"""The pages of the window: one module each, and a line in `PAGES`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.responses import HTMLResponse
+from nicegui import ui
+
+from updyn.errors import UpdynError
+from updyn.web.looking import structure
+from updyn.web.pages import job, measurement, model, results, running, start, unknowns
+from updyn.web.pages.frame import framed
+from updyn.web.pages.task import task_page
+from updyn.web.workspace import Workspace
+
+__all__ = ["PAGES", "add_pages"]
+
+#: The pages by their place: name, and what fills it.
+PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
+    "/": ("Start", start.show),
+    "/job": ("Job file", job.show),
+    "/plan": ("Plan", task_page("plan")),
+    "/measurement": ("Measurement", measurement.show),
+    "/modes": ("Modes", task_page("modes")),
+    "/model": ("Structure", model.show),
+    "/unknowns": ("Unknowns", unknowns.show),
+    "/run": ("Run", running.show),
+    "/results": ("Results", results.show),
+    "/plant": ("Plant", task_page("plant")),
+}
+#: A written page may run its own script and nothing else, and cannot ask this server for anything.
+_SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
+
+
+def add_pages(app: FastAPI, workspace: Workspace) -> None:
+    """Add all pages to an application, and what they embed.
+
+    Parameters
+    ----------
+    app : FastAPI
+        The application.
+    workspace : Workspace
+        What they show.
+    """
+    places = {place: name for place, (name, _) in PAGES.items()}
+    for place, (name, fill) in PAGES.items():
+        ui.page(place, title=f"{name} – updyn")(framed(workspace, places, place, fill))
+
+    @app.get("/embedded/structure")
+    def shown_structure() -> HTMLResponse:
+        try:
+            content = workspace.ask(structure)
+        except UpdynError as error:
+            return _plain(str(error))
+        return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
+
+    @app.get("/embedded/page/{name:path}")
+    def shown_page(name: str) -> HTMLResponse:
+        try:
+            path = workspace.project.inside(name)
+            if path.suffix != ".html":
+                return _plain(f"{name}: only pages that a task has written are shown")
+            content = path.read_text(encoding="utf-8")
+        except (UpdynError, OSError, UnicodeDecodeError) as error:
+            return _plain(f"{name}: cannot be shown: {error}")
+        return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
+
+
+def _plain(text: str) -> HTMLResponse:
+    """Return a text as a page that says why there is no other."""
+    head = '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
+    return HTMLResponse(f"{head}<p>{escape(text)}</p>", status_code=404)

@@ -1,0 +1,87 @@
+"""The page Job file: its text, and what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import events, ui
+
+from updyn.web.looking import View
+from updyn.web.pages.frame import asked, said, watch
+from updyn.web.workspace import Workspace
+
+__all__ = ["no_job", "show", "troubles"]
+
+
+def no_job(workspace: Workspace) -> bool:
+    """Return whether no job is open, and say so then.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What the page shows.
+
+    Returns
+    -------
+    bool
+    """
+    if workspace.document is not None:
+        return False
+    with ui.row():
+        ui.label("No job is open.")
+        ui.link("Open one", "/")
+    return True
+
+
+def troubles(view: View) -> None:
+    """Show what could not be read or matched.
+
+    Parameters
+    ----------
+    view : View
+        The job.
+    """
+    for text in dict.fromkeys(view.wrong.values()):
+        with ui.row().classes("items-start no-wrap"):
+            ui.icon("error", color="negative").props('aria-label="Error"')
+            ui.label(text).classes("whitespace-pre-wrap")
+
+
+async def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+    if no_job(workspace):
+        return
+    document = workspace.opened
+
+    def typed(event: events.ValueChangeEventArguments[Any]) -> None:
+        document.replace("typing", str(event.value))
+
+    with ui.row().classes("items-center"):
+        copy = ui.input("Another name", placeholder="job-2.toml").classes("w-60")
+
+        def save_as() -> None:
+            workspace.save_as(copy.value)
+            ui.notify(f"Saved as {workspace.project.name_of(document.path)}", type="positive")
+
+        ui.button("Save as", on_click=said(save_as)).props("outline no-caps")
+    editor = ui.codemirror(document.text, language="TOML", on_change=typed)
+    editor.classes("w-full").style("height: 60vh")
+    watch(lambda: document.text, lambda: editor.set_value(document.text))
+
+    @ui.refreshable
+    async def checked() -> None:
+        view = await asked(workspace.view)
+        if view is None:
+            return
+        troubles(view)
+        if not view.wrong:
+            ui.label(f"{view.model}; {len(view.unknowns)} unknowns. Nothing is wrong with the job.")
+
+    await checked()
+    watch(lambda: workspace.version, checked.refresh)

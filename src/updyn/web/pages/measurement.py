@@ -1,0 +1,231 @@
+"""The page Measurement: FRFs, their band by dragging, lines that are left out, what seems wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from nicegui import events, ui
+
+from updyn.web import edits
+from updyn.web.charts import SCALES, frf_chart, masked
+from updyn.web.looking import FindingRow, TestView, findings
+from updyn.web.pages.frame import asked, said, watch
+from updyn.web.pages.job import no_job, troubles
+from updyn.web.workspace import Workspace
+
+__all__ = ["show"]
+
+_ALL = -1
+#: Channels that are drawn at once, and points of each.
+_MOST_CHANNELS, _FEW_POINTS = 200, 600
+#: A click beside which the pointer has not moved by more than some px, as the frequency there.
+_PRESSED = "(e) => { window.updynPressed = e.offsetX; }"
+_CLICKED = """(e) => {
+  if (Math.abs(e.offsetX - window.updynPressed) > 3) return;
+  const at = getElement(ID).chart.convertFromPixel({ xAxisIndex: 0 }, e.offsetX);
+  if (Number.isFinite(at)) emit(at);
+}"""
+
+
+async def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+    if no_job(workspace):
+        return
+    kept: dict[int, _Choice] = {}
+
+    @ui.refreshable
+    async def content() -> None:
+        view = await asked(workspace.view)
+        if view is None:
+            return
+        troubles(view)
+        for number, test in enumerate(view.tests):
+            choice = kept.setdefault(number, _Choice())
+            _Measurement(workspace, test, number, choice).show()
+        if view.tests and not view.wrong:
+            _look_for_faults(workspace)
+
+    await content()
+    watch(lambda: workspace.version, content.refresh)
+
+
+class _Choice:
+    """What is shown of a test, kept when the page is drawn anew."""
+
+    def __init__(self) -> None:
+        self.response, self.reference = 0, 0
+        self.scale, self.mode = "log", "band"
+
+
+class _Measurement:
+    """One test.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What is shown.
+    test : TestView
+        The test.
+    number : int
+        Which one it is.
+    choice : _Choice
+        What is shown of it.
+    """
+
+    def __init__(self, workspace: Workspace, test: TestView, number: int, choice: _Choice) -> None:
+        self._workspace, self._test, self._number = workspace, test, number
+        self._choice = choice
+
+    def show(self) -> None:
+        """Make the part of the page."""
+        test, choice = self._test, self._choice
+        if test.name:
+            ui.label(test.name).classes("text-lg")
+        with ui.row().classes("items-center"):
+            for what, names in (("response", test.responses), ("reference", test.references)):
+                channels = {_ALL: "all", **dict(enumerate(names))}
+                ui.select(channels, label=what).classes("min-w-32").bind_value(
+                    choice, what
+                ).on_value_change(self._redraw)
+            ui.select(SCALES, label="magnitude").classes("min-w-32").bind_value(
+                choice, "scale"
+            ).on_value_change(self._redraw)
+            ui.toggle(
+                {"band": "Drag chooses the band", "exclude": "Drag or click leaves lines out"}
+            ).bind_value(choice, "mode").props("no-caps")
+            whole = said(lambda: self._edit("all lines", edits.include_all(self._number)))
+            ui.button("Leave nothing out", on_click=whole).props("flat no-caps")
+        used = test.freq[test.used]
+        text = f"{len(used)} of {len(test.freq)} lines are used"
+        ui.label(f"{text}, {used[0]:g} to {used[-1]:g} Hz." if len(used) else f"{text}.")
+        self._chart = ui.echart(self._options()).classes("w-full h-96").mark("frf")
+        self._chart.on("chart:brushEnd", self._dragged, ["areas"])
+        self._chart.on("chart:finished", self._ready, [])
+        self._chart.on("mousedown", js_handler=_PRESSED)
+        clicked = _CLICKED.replace("ID", str(self._chart.id))
+        self._chart.on("click", self._clicked, js_handler=clicked)
+        self._is_ready = False
+        self._validation()
+
+    def _validation(self) -> None:
+        """Offer to hold responses out of the fit."""
+        test = self._test
+
+        def held(event: events.ValueChangeEventArguments[Any]) -> None:
+            names = [name for name in test.responses if name in (event.value or ())]
+            said(self._edit)("responses held out", edits.hold_out(names, self._number))
+
+        label = "responses held out of the fit, to validate it with"
+        shown = [name for name in test.held if name in test.responses]
+        chosen = ui.select(test.responses, value=shown, multiple=True, label=label)
+        chosen.classes("min-w-96").props("use-chips").on_value_change(held)
+
+    def _ready(self) -> None:
+        """Let the pointer drag, once the chart is there."""
+        if not self._is_ready:
+            self._is_ready = True
+            cursor = {
+                "type": "takeGlobalCursor",
+                "key": "brush",
+                "brushOption": {"brushType": "lineX", "brushMode": "single"},
+            }
+            self._chart.run_chart_method("dispatchAction", cursor)
+
+    def _options(self) -> dict[str, Any]:
+        test, choice = self._test, self._choice
+        rows = _places(choice.response, len(test.responses))
+        columns = _places(choice.reference, len(test.references))
+        curves = {
+            f"{test.responses[row]} / {test.references[column]}": (
+                test.freq,
+                test.values[:, row, column],
+            )
+            for row in rows
+            for column in columns
+        }
+        names = list(curves)[:_MOST_CHANNELS]
+        used = test.freq[test.used]
+        return frf_chart(
+            test.quantity,
+            {name: curves[name] for name in names},
+            scale=choice.scale,
+            band=(float(used[0]), float(used[-1])) if len(used) else None,
+            excluded=masked(test.freq, test.used),
+            brush=True,
+            **({} if len(names) == 1 else {"points": _FEW_POINTS}),
+        )
+
+    def _redraw(self) -> None:
+        self._chart.options.clear()
+        self._chart.options.update(self._options())
+        self._chart.update()
+
+    def _dragged(self, event: events.GenericEventArguments) -> None:
+        areas = event.args.get("areas") or []
+        if areas and areas[0].get("coordRange"):
+            low, high = sorted(map(float, areas[0]["coordRange"][:2]))
+            said(self._apply)(low, high)
+
+    def _clicked(self, event: events.GenericEventArguments) -> None:
+        """Leave out the line that is nearest to a click."""
+        if self._choice.mode == "exclude" and isinstance(event.args, int | float):
+            freq = self._test.freq
+            line = float(freq[np.argmin(np.abs(freq - event.args))])
+            said(self._apply)(line, line)
+
+    def _apply(self, low: float, high: float) -> None:
+        """Take a band that was dragged, by its first and last line; one without a line is none."""
+        inside = (self._test.freq >= low) & (self._test.freq <= high)
+        if not np.any(inside):
+            return
+        low, high = map(float, self._test.freq[inside][[0, -1]])
+        if self._choice.mode == "band":
+            self._edit("band", edits.set_band(low, high, self._number))
+        elif np.any(inside & self._test.used):
+            self._edit("lines left out", edits.exclude(low, high, self._number))
+
+    def _edit(self, what: str, edit: edits.Edit) -> None:
+        self._workspace.opened.edit(what, edit)
+
+
+def _places(chosen: int, n: int) -> range:
+    """Return one place, or all."""
+    return range(n) if chosen == _ALL else range(chosen, chosen + 1)
+
+
+def _look_for_faults(workspace: Workspace) -> None:
+    """Offer to look at the data for what seems to be wrong, with a button for each repair."""
+
+    async def look() -> None:
+        button.delete()
+        with place:
+            found = await asked(workspace.ask, findings)
+            if found is None:
+                return
+            if not found:
+                ui.label("Nothing found that is wrong with these data.")
+            for row in found:
+                _finding(workspace, row)
+
+    place = ui.column().classes("w-full")
+    with place:
+        button = ui.button("Look for faults of the data", on_click=look).props("outline no-caps")
+
+
+def _finding(workspace: Workspace, row: FindingRow) -> None:
+    with ui.card().classes("w-full"):
+        ui.label(row.statement)
+        ui.label(row.remedy).classes("opacity-80")
+        if row.written:
+            repair = edits.add_repair(row.written, row.test)
+            ui.button(
+                f"Repair: {row.written}",
+                on_click=said(lambda: workspace.opened.edit(f"repair {row.written}", repair)),
+            ).props("no-caps")

@@ -1,0 +1,148 @@
+"""The page Structure: the model with its sensors, and who sits where.
+
+A sensor is moved by two clicks: on it, in the table or in the picture, and on its node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from nicegui import events, ui
+
+from updyn.dofs import Dof
+from updyn.errors import UpdynError
+from updyn.web import edits
+from updyn.web.looking import TestView
+from updyn.web.pages.frame import asked, embedded, said, watch
+from updyn.web.pages.job import no_job, troubles
+from updyn.web.pages.picks import hear_picks
+from updyn.web.workspace import Workspace
+
+__all__ = ["show"]
+
+_DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
+_COLUMNS = [
+    {"name": "sensor", "label": "sensor or force", "field": "sensor", "align": "left"},
+    {"name": "is", "label": "is", "field": "is", "align": "left"},
+    {"name": "dof", "label": "DOF of the model", "field": "dof", "align": "left"},
+    {"name": "distance", "label": "distance (m)", "field": "distance"},
+]
+
+
+async def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+    if no_job(workspace):
+        return
+    mover = _Mover(workspace)
+    hear_picks(mover.take)
+
+    @ui.refreshable
+    async def content() -> None:
+        view = await asked(workspace.view)
+        if view is None:
+            return
+        troubles(view)
+        mover.show(view.tests)
+        if view.groups:
+            ui.label(view.model)
+            address = f"/embedded/structure?{workspace.opened.version}"
+            embedded(address, "Structure", "640px")
+        for test in view.tests:
+            ui.label(f"Sensors and forces {test.name}").classes("text-lg")
+            rows = test.matches or _unmatched(test)
+            table = ui.table(
+                rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
+            )
+            table.on_select(mover.select).props("flat dense")
+
+    await content()
+    watch(lambda: workspace.version, content.refresh)
+
+
+def _unmatched(test: TestView) -> list[dict[str, str]]:
+    """Return the rows of sensors and forces of which nothing else is known."""
+    roles = (("response", test.responses), ("reference", test.references))
+    return [
+        {"sensor": label, "is": role, "dof": "", "distance": ""}
+        for role, labels in roles
+        for label in labels
+    ]
+
+
+class _Mover:
+    """Moves one sensor at a time.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        With the job.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._sensor = ""
+        self._sensor_of: dict[str, str] = {}
+
+    def show(self, tests: list[TestView]) -> None:
+        """Show which sensor is chosen, and what to do."""
+        rows = [row for test in tests for row in test.matches]
+        self._sensor_of = {_unsigned(row["dof"]): row["sensor"] for row in rows}
+        with ui.row().classes("items-center"):
+            self._says = ui.label().mark("mover")
+            self._direction = ui.select(list(_DIRECTIONS), value="Z", label="direction")
+            self._direction.classes("w-28")
+            self._flip = ui.checkbox("against the axis")
+            ui.button("Let go", on_click=lambda: self._choose("")).props("flat no-caps")
+        self._choose(self._sensor)
+
+    def select(self, event: events.TableSelectionEventArguments) -> None:
+        """Take a row of the table."""
+        self._choose(str(event.selection[0]["sensor"]) if event.selection else "")
+
+    def take(self, picked: Mapping[str, Any]) -> None:
+        """Take a node of the picture: that of the sensor to move, or where it goes."""
+        node = picked.get("label")
+        if not isinstance(node, int):
+            return
+        if self._sensor:
+            said(self._move)(node)
+            return
+        at = [*_texts(picked.get("sensors")), *_texts(picked.get("forces"))]
+        names = [self._sensor_of.get(_unsigned(label), "") for label in at]
+        self._choose(next((name for name in names if name), ""))
+
+    def _choose(self, sensor: str) -> None:
+        self._sensor = sensor
+        try:
+            dof = Dof.parse(sensor)
+        except UpdynError:
+            pass  # the test labels it otherwise: the direction is left to the user
+        else:
+            self._direction.value, self._flip.value = dof.direction, dof.sign < 0
+        self._says.text = (
+            f"{sensor}: click the node that it sits at"
+            if sensor
+            else "To move a sensor, click it in the table or in the picture, then its node."
+        )
+
+    def _move(self, node: int) -> None:
+        sign = "-" if self._flip.value else ""
+        dof = f"{node}:{sign}{self._direction.value}"
+        sensor, self._sensor = self._sensor, ""
+        edit = edits.match_sensor(_unsigned(sensor), dof)
+        self._workspace.opened.edit(f"{sensor} at {dof}", edit)
+
+
+def _unsigned(label: str) -> str:
+    return label.replace("-", "").replace("+", "")
+
+
+def _texts(given: Any) -> list[str]:
+    return [str(item) for item in given] if isinstance(given, list) else []

@@ -1,0 +1,37 @@
+"""`hear_picks`: what is clicked in an embedded page, which can only send messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from nicegui import events, ui
+
+__all__ = ["hear_picks"]
+
+#: Only frames of this page are listened to, and only what is expected is passed on.
+_LISTEN = """
+window.addEventListener("message", (event) => {
+  const frames = [...document.querySelectorAll("iframe")];
+  const own = frames.some((frame) => frame.contentWindow === event.source);
+  const picked = own && event.data && event.data.updynPick;
+  if (picked && typeof picked === "object") emitEvent("updyn_pick", picked);
+});
+"""
+
+
+def hear_picks(hear: Callable[[Mapping[str, Any]], Any]) -> None:
+    """Call a function whenever something is picked in an embedded page.
+
+    Parameters
+    ----------
+    hear : callable
+        Takes what the embedded page says of it; it has to be checked.
+    """
+
+    def take(event: events.GenericEventArguments) -> None:
+        if isinstance(event.args, dict):
+            hear(event.args)
+
+    ui.on("updyn_pick", take)
+    ui.add_body_html(f"<script>{_LISTEN}</script>")

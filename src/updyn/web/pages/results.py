@@ -1,0 +1,115 @@
+"""The page Results: the runs of the project, side by side, and their reports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote
+
+from nicegui import ui
+
+from updyn.web.pages.frame import embedded, watch
+from updyn.web.project import RunFolder
+from updyn.web.tasks import RUN
+from updyn.web.workspace import Workspace
+
+__all__ = ["compared", "show"]
+
+#: Figures of agreement that are compared, by their key in the record.
+_FIGURES = ("frac", "signed_frac", "csac", "csf", "relative_residual")
+
+
+def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+
+    @ui.refreshable
+    def page() -> None:
+        runs = workspace.project.runs()
+        if not runs:
+            ui.label("No results in this folder yet.")
+            return
+        names = {workspace.project.name_of(run.path): run for run in runs}
+        chosen = ui.select(
+            list(names), value=[next(iter(names))], multiple=True, label="Runs to compare"
+        )
+        chosen.classes("min-w-96").props("use-chips")
+
+        @ui.refreshable
+        def content() -> None:
+            picked = {name: names[name] for name in chosen.value}
+            columns, rows = compared(picked)
+            table = ui.table(rows=rows, columns=columns, row_key="what", pagination=50)
+            table.props("flat dense wrap-cells").mark("compared")
+            for name, run in picked.items():
+                if (run.path / RUN.page).is_file():
+                    place = f"/embedded/page/{quote(name)}/{RUN.page}"
+                    ui.link(f"Report of {name} in a tab of its own", place, new_tab=True)
+                    if len(picked) == 1:
+                        embedded(f"{place}?{run.written:g}", "Report", "85vh")
+
+        chosen.on_value_change(content.refresh)
+        content()
+
+    page()
+    watch(lambda: _ended(workspace), page.refresh)
+
+
+def _ended(workspace: Workspace) -> object:
+    """Return what changes when a run has ended."""
+    run = workspace.run
+    return None if run is None else (id(run), run.active)
+
+
+def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[dict[str, str]]]:
+    """Return runs side by side: status, trust, agreement, and each unknown with its deviation.
+
+    Parameters
+    ----------
+    runs : mapping of str to RunFolder
+        By name.
+
+    Returns
+    -------
+    columns, rows : list of dict
+        As a table takes them.
+    """
+    keys = {name: f"run{number}" for number, name in enumerate(runs)}  # no dots in keys
+    columns: list[dict[str, Any]] = [
+        {"name": "what", "label": "", "field": "what", "align": "left"},
+        *(
+            {"name": key, "label": name, "field": key, "align": "left"}
+            for name, key in keys.items()
+        ),
+    ]
+    rows: dict[str, dict[str, str]] = {}
+
+    def put(what: str, name: str, text: object) -> None:
+        rows.setdefault(what, {"what": what})[keys[name]] = str(text)
+
+    for name, run in runs.items():
+        record = run.record
+        put("status", name, record.get("status", ""))
+        put("message", name, record.get("message", ""))
+        put("steps", name, record.get("iterations", ""))
+        for part, verdict in _mapping(record.get("trust")).items():
+            put(part, name, _mapping(verdict).get("value", ""))
+        after = _mapping(_mapping(record.get("correlation")).get("after"))
+        for figure in _FIGURES:
+            if isinstance(after.get(figure), int | float):
+                put(f"{figure.replace('_', ' ')} after", name, f"{after[figure]:.4g}")
+        for unknown in record.get("parameters", ()):
+            text = f"{unknown['value']:.5g}"
+            if unknown.get("std") is not None:
+                text += f" ± {unknown['std']:.2g}"
+            put(unknown["name"], name, text)
+    return columns, list(rows.values())
+
+
+def _mapping(given: Any) -> Mapping[str, Any]:
+    return given if isinstance(given, Mapping) else {}

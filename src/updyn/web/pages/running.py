@@ -1,0 +1,116 @@
+"""The page Run: begin, watch, stop and resume a run; it goes on when the page is closed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+from numpy.typing import NDArray
+
+from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
+from updyn.web.looking import Curve, TestView, curve
+from updyn.web.pages.frame import asked, watch
+from updyn.web.pages.job import no_job, troubles
+from updyn.web.pages.task import controls, state_of
+from updyn.web.workspace import Workspace
+
+__all__ = ["show"]
+
+#: Curves in the order of their colours.
+_ORDER = ("measured", "now", "start")
+
+
+async def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+    if no_job(workspace):
+        return
+    controls(workspace, "run", begin="Save and run", resumes=True)
+    _watched(workspace)
+    view = await asked(workspace.view)
+    if view is None:
+        return
+    troubles(view)
+    if view.tests and not view.wrong:
+        start = {unknown.name: unknown.start for unknown in view.unknowns}
+        await _overlay(workspace, view.tests[0], start)
+
+
+def _watched(workspace: Workspace) -> None:
+    """Show how it is with the run."""
+
+    @ui.refreshable
+    def state() -> None:
+        run = workspace.run
+        if run is None:
+            ui.label("Nothing has run since the window was opened.").mark("state")
+            return
+        state_of(run)
+        if run.state == "done":
+            ui.link("Results", "/results")
+        steps = list(run.steps)
+        if len(steps) > 1:
+            ui.echart(cost_chart(steps)).classes("w-full h-72")
+
+    state()
+    watch(
+        lambda: None if workspace.run is None else (id(workspace.run), workspace.run.version),
+        state.refresh,
+    )
+
+
+async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, float]) -> None:
+    """Show measured data, the model where it started and where it is."""
+    shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
+    kept: dict[tuple[int, int], Curve] = {}
+
+    @ui.refreshable
+    async def picture() -> None:
+        row, column = shown["response"], shown["reference"]
+        measured = test.freq[test.used], test.values[test.used, row, column]
+        if (row, column) not in kept:
+            first = await asked(workspace.ask, curve, {}, 0, row, column)
+            if first is None:
+                return
+            kept[row, column] = first
+        curves = {"measured": measured, "start": _pair(kept[row, column])}
+        values = dict(workspace.run.now.get("values", {})) if workspace.run is not None else {}
+        if values:
+            now = await asked(workspace.ask, curve, values, 0, row, column)
+            if now is not None:
+                curves["now"] = _pair(now)
+        ordered = {name: pair for name in _ORDER if (pair := curves.get(name)) is not None}
+        chart = frf_chart(test.quantity, ordered, scale=shown["scale"])
+        ui.echart(chart).classes("w-full h-96").mark("overlay")
+        if values:
+            height = max(160, 60 + 22 * len(values))
+            bars = parameter_chart(start, values)
+            ui.echart(bars).classes("w-full").style(f"height: {height}px")
+
+    with ui.row():
+        for what, names in (("response", test.responses), ("reference", test.references)):
+            ui.select(dict(enumerate(names)), label=what).bind_value(shown, what).on_value_change(
+                picture.refresh
+            ).classes("min-w-32")
+        ui.select(SCALES, label="magnitude").bind_value(shown, "scale").on_value_change(
+            picture.refresh
+        ).classes("min-w-32")
+    await picture()
+    watch(lambda: _step(workspace), picture.refresh)
+
+
+def _pair(found: Curve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    return found.freq, found.values
+
+
+def _step(workspace: Workspace) -> object:
+    """Return what changes with every step of the run."""
+    run = workspace.run
+    return None if run is None else (id(run), run.now.get("accepted"), run.state)

@@ -1,0 +1,146 @@
+"""The page Start: the jobs of the project, a new one, the demos, and files for the project."""
+
+from __future__ import annotations
+
+from nicegui import events, run, ui
+
+from updyn.demos import DEMOS
+from updyn.errors import UpdynError
+from updyn.frf import QUANTITIES
+from updyn.web.pages.frame import complain, said
+from updyn.web.workspace import Workspace
+
+__all__ = ["show"]
+
+#: Files that are listed.
+_MOST_FILES = 200
+_UNKNOWN = "as the file says"
+
+
+def show(workspace: Workspace) -> None:
+    """Fill the page.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What it shows.
+    """
+    ui.label(str(workspace.project.folder)).classes("text-sm opacity-70")
+    with ui.row().classes("w-full items-stretch"):
+        with ui.card().classes("flex-1 min-w-72"):
+            _jobs(workspace)
+        with ui.card().classes("flex-1 min-w-72"):
+            _demos(workspace)
+        with ui.card().classes("flex-1 min-w-72"):
+            _new(workspace)
+        with ui.card().classes("flex-1 min-w-72"):
+            _files(workspace)
+
+
+def _jobs(workspace: Workspace) -> None:
+    ui.label("Jobs of this folder").classes("text-lg")
+    found = workspace.project.jobs()
+    if not found:
+        ui.label("None yet: open a demo, or write a new one.")
+    for path in found:
+        name = workspace.project.name_of(path)
+
+        def opened(name: str = name) -> None:
+            workspace.open_job(name)
+            ui.navigate.to("/measurement")
+
+        ui.button(name, on_click=said(opened)).props("flat no-caps align=left")
+
+
+def _demos(workspace: Workspace) -> None:
+    ui.label("Demos").classes("text-lg")
+    for demo in DEMOS.values():
+
+        def opened(name: str = demo.name) -> None:
+            workspace.open_demo(name)
+            ui.navigate.to("/measurement")
+
+        def finished(name: str = demo.name) -> None:
+            workspace.open_demo(name)
+            workspace.begin("run", workspace.proposed_folder("run"))
+            ui.navigate.to("/run")
+
+        with ui.column().classes("gap-0"):
+            ui.label(f"{demo.description[:1].upper()}{demo.description[1:]}")
+            with ui.row().classes("gap-1"):
+                ui.button(f"Open {demo.name}", on_click=said(opened)).props("flat dense no-caps")
+                ui.button(f"Run {demo.name}", on_click=said(finished)).props("flat dense no-caps")
+
+
+def _new(workspace: Workspace) -> None:
+    """Offer to write a job for a model and a measurement."""
+    ui.label("New job").classes("text-lg")
+    names = [workspace.project.name_of(path) for path in workspace.project.inputs()]
+    if not names:
+        ui.label("Add the files of a model and of a measurement first.")
+        return
+    model = ui.select(names, label="model", with_input=True).classes("w-full")
+    measured = ui.select(names, label="measurement", with_input=True).classes("w-full")
+    choices = [_UNKNOWN, *QUANTITIES]
+    quantity = ui.select(choices, value=_UNKNOWN, label="what was measured").classes("w-full")
+    name = ui.input("Name of the job", value="job.toml").classes("w-full")
+
+    async def write() -> None:
+        if not model.value or not measured.value:
+            complain("choose the file of the model and that of the measurement")
+            return
+        stated = {
+            "quantity": None if quantity.value == _UNKNOWN else quantity.value,
+            "scale": None,
+            "unit": None,
+        }
+        button.disable()
+        try:
+            await run.io_bound(
+                workspace.create, model.value, measured.value, name.value.strip(), stated
+            )
+        except UpdynError as error:
+            complain(str(error))
+            button.enable()
+            return
+        ui.navigate.to("/job")
+
+    button = ui.button("Write", on_click=write).props("outline no-caps")
+
+
+def _files(workspace: Workspace) -> None:
+    ui.label("Files").classes("text-lg")
+    ui.label("A file that is added is copied into the folder; none is written over.")
+
+    async def keep(event: events.UploadEventArguments) -> None:
+        content = await event.file.read()
+        try:
+            kept = await run.io_bound(workspace.project.keep_upload, event.file.name, content)
+        except (UpdynError, OSError) as error:
+            complain(str(error))
+            return
+        if kept is not None:  # None: the server is being ended
+            ui.notify(f"{workspace.project.name_of(kept)} added", type="positive")
+            listed.refresh()
+
+    def too_large() -> None:
+        complain(f"the file is too large: at most {workspace.most_upload // 2**20} MB")
+
+    ui.upload(
+        on_upload=keep,
+        on_rejected=too_large,
+        auto_upload=True,
+        label="Add files",
+        max_file_size=workspace.most_upload,
+    ).classes("w-full")
+
+    @ui.refreshable
+    def listed() -> None:
+        with ui.column().classes("gap-0"):
+            found = workspace.project.inputs()
+            for path in found[:_MOST_FILES]:
+                ui.label(workspace.project.name_of(path)).classes("text-sm")
+            if len(found) > _MOST_FILES:
+                ui.label(f"and {len(found) - _MOST_FILES} more").classes("text-sm")
+
+    listed()

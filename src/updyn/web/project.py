@@ -1,0 +1,222 @@
+"""`Project`: the folder that is worked in; no path outside it is read or written."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from updyn.errors import InputError
+from updyn.io.atomic import write_bytes
+
+__all__ = ["Project", "RunFolder"]
+
+#: How deep jobs and results are looked for below the folder, and how many folders.
+_DEPTH, _MOST_FOLDERS = 4, 2000
+_NAME = re.compile(r"[^\W.][\w.+ -]{0,199}")
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """A folder of results.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    record : mapping
+        The content of its ``result.json``.
+    written : float
+        When, in seconds since 1970.
+    """
+
+    path: Path
+    record: dict[str, Any]
+    written: float
+
+
+class Project:
+    """A folder with jobs, inputs and results.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder; it exists.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.resolve()
+
+    def inside(self, name: str | Path) -> Path:
+        """Return a path of the project.
+
+        Parameters
+        ----------
+        name : str or path
+            Relative to the folder, or absolute.
+
+        Returns
+        -------
+        Path
+            Without links in it.
+
+        Raises
+        ------
+        InputError
+            If it leads outside, by ``..`` or by a link.
+        """
+        if "\0" in str(name):
+            raise InputError("a name of a file holds a zero byte")
+        path = (self.folder / name).resolve()
+        if not path.is_relative_to(self.folder):
+            raise InputError(f"{str(name)!r} leads out of the folder of the project")
+        return path
+
+    def name_of(self, path: Path) -> str:
+        """Return how pages call a path of the project.
+
+        Parameters
+        ----------
+        path : Path
+            In the folder.
+
+        Returns
+        -------
+        str
+            Relative to the folder, with forward slashes.
+        """
+        return path.relative_to(self.folder).as_posix()
+
+    def jobs(self) -> list[Path]:
+        """Return the job files: TOML files that no run wrote, the latest first."""
+        found = []
+        for folder, names in self._walk():
+            if "result.json" in names:
+                continue
+            found += [folder / name for name in names if name.endswith(".toml")]
+        return sorted(found, key=_written, reverse=True)
+
+    def inputs(self) -> list[Path]:
+        """Return the files that a job could name: all but results and job files."""
+        found = []
+        for folder, names in self._walk():
+            if "result.json" not in names:
+                found += [folder / n for n in names if not n.endswith((".toml", "manifest.json"))]
+        return sorted(found)
+
+    def stamp(self) -> tuple[tuple[str, int, int], ...]:
+        """Return what changes when an input does: names, times and sizes."""
+        found = []
+        for path in self.inputs():
+            try:
+                state = path.stat()
+            except OSError:
+                continue
+            found.append((str(path), state.st_mtime_ns, state.st_size))
+        return tuple(found)
+
+    def runs(self) -> list[RunFolder]:
+        """Return the folders of results, the latest first; damaged records are left out."""
+        found = []
+        for folder, names in self._walk():
+            if "result.json" not in names:
+                continue
+            path = folder / "result.json"
+            try:
+                record = json.loads(path.read_text(encoding="utf-8"))
+            except (OSError, ValueError):
+                continue
+            if isinstance(record, dict) and "status" in record:
+                found.append(RunFolder(folder, record, _written(path)))
+        return sorted(found, key=lambda run: run.written, reverse=True)
+
+    def free_name(self, stem: Path, suffix: str = "") -> Path:
+        """Return a folder for results that does not exist.
+
+        Parameters
+        ----------
+        stem : Path
+            How it begins, in the project.
+        suffix : str
+            How its name ends.
+
+        Returns
+        -------
+        Path
+        """
+        number, path = 1, stem.with_name(stem.name + suffix)
+        while os.path.lexists(path):
+            number += 1
+            path = stem.with_name(f"{stem.name}{suffix}-{number}")
+        return path
+
+    def plain_name(self, name: str) -> str:
+        """Return a name of a file, checked.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+
+        Returns
+        -------
+        str
+            The same.
+
+        Raises
+        ------
+        InputError
+            If it is not a plain one, such as one with a folder in it.
+        """
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"{name!r} cannot be the name of a file here: expected letters, digits, blanks,"
+                " dots and - _ +, a letter or digit first"
+            )
+        return name
+
+    def keep_upload(self, name: str, content: bytes) -> Path:
+        """Write an uploaded file under its own name.
+
+        Parameters
+        ----------
+        name : str
+            As the browser gives it.
+        content : bytes
+            The file.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the name is not a plain one, or there is such a file.
+        """
+        path = self.inside(self.plain_name(name))
+        if os.path.lexists(path):
+            raise InputError(f"{name}: there is such a file already; rename one of the two")
+        write_bytes(path, content)
+        return path
+
+    def _walk(self) -> Iterator[tuple[Path, list[str]]]:
+        """Yield folders with the names of their files, not deep and not without end."""
+        for number, (folder, folders, names) in enumerate(os.walk(self.folder)):
+            if number >= _MOST_FOLDERS:
+                return
+            path = Path(folder)
+            deep = len(path.relative_to(self.folder).parts) >= _DEPTH
+            folders[:] = [] if deep else sorted(f for f in folders if not f.startswith("."))
+            yield path, sorted(name for name in names if not name.startswith("."))
+
+
+def _written(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

@@ -1,0 +1,109 @@
+"""`serve`: the server of the window, on this machine alone."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import sys
+import webbrowser
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+
+from updyn.errors import InputError
+from updyn.web.guard import Guard
+from updyn.web.pages import add_pages
+from updyn.web.workspace import Workspace
+
+__all__ = ["bind", "serve"]
+
+_HOST = "127.0.0.1"
+#: Bytes of one message of a page, and of what a form holds beside a file.
+_MOST_MESSAGE = 4 * 2**20
+_BESIDE = 2**16
+
+
+def bind(port: int) -> socket.socket:
+    """Return a socket on a port of this machine that nobody else has.
+
+    Parameters
+    ----------
+    port : int
+        0: any that is free.
+
+    Returns
+    -------
+    socket.socket
+
+    Raises
+    ------
+    InputError
+        If the port is in use, or cannot be used.
+    """
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    if sys.platform != "win32":  # there it would let two programs have one port
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((_HOST, port))
+        found.listen()
+    except (OSError, OverflowError) as error:
+        found.close()
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"port {port} cannot be used: {reason}; choose another with --port, or leave it out"
+        ) from error
+    return found
+
+
+def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool = True) -> None:
+    """Serve the pages of a project until the process is asked to end.
+
+    Parameters
+    ----------
+    job : Path or None
+        The job to open, in the folder.
+    folder : Path
+        Of the project.
+    port : int
+        To listen on; 0: any that is free.
+    open_browser : bool
+        Whether a browser is asked to show the page.
+
+    Raises
+    ------
+    InputError
+        If the port or the job cannot be used; nothing is served then.
+    """
+    workspace = Workspace(folder)
+    if job is not None:
+        workspace.open_job(job.resolve())
+    listening = bind(port)
+    port = listening.getsockname()[1]
+    token = secrets.token_urlsafe(32)
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        workspace.close()
+
+    app = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
+    add_pages(app, workspace)
+    ui.run_with(app, title="updyn", dark=None, show_welcome_message=False)
+    guarded = Guard(app, port=port, token=token, most_bytes=workspace.most_upload + _BESIDE)
+    config = uvicorn.Config(
+        guarded,
+        log_level="warning",
+        lifespan="on",
+        ws_max_size=_MOST_MESSAGE,
+        timeout_graceful_shutdown=2,
+    )
+    address = f"http://{_HOST}:{port}/?token={token}"
+    sys.stdout.write(f"{address}\n")
+    sys.stdout.flush()
+    if open_browser:
+        webbrowser.open_new_tab(address)
+    uvicorn.Server(config).run(sockets=[listening])

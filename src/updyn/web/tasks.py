@@ -1,0 +1,146 @@
+"""`Task`: work on a job that takes a while, in a process of its own; a line in `TASKS` each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from updyn.job import load_job, run_job
+from updyn.job.identification import modes_job
+from updyn.job.planning import plan_job
+from updyn.registry import Registry
+
+if TYPE_CHECKING:
+    from updyn.updating.fit.monitor import Progress
+
+__all__ = ["MODES", "PLAN", "RUN", "TASKS", "Ended", "Field", "Reporter", "Task"]
+
+
+class Reporter(Protocol):
+    """Hears how far a task is."""
+
+    def __call__(self, progress: Progress) -> bool:
+        """Hear of a step; True asks the task to stop."""
+        ...
+
+    def say(self, text: str) -> None:
+        """Hear a sentence."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a task has ended.
+
+    Attributes
+    ----------
+    status : str
+        In a word or two, such as the status of the result.
+    summary : str
+        What was found, as at the command line.
+    """
+
+    status: str
+    summary: str
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A key of the task's table in the job that a page offers to set.
+
+    Attributes
+    ----------
+    key : str
+        Of the table.
+    label : str
+        For the page, with the unit.
+    kind : {"number", "whole", "numbers", "text", "texts", "choice"}
+        What is written: ``"numbers"`` and ``"texts"`` as arrays.
+    choices : sequence of str
+        For ``"choice"``; the first is what holds where the key is not written.
+    """
+
+    key: str
+    label: str
+    kind: Literal["number", "whole", "numbers", "text", "texts", "choice"]
+    choices: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """Work on a job.
+
+    Attributes
+    ----------
+    do : callable
+        Takes job file, folder for the results, reporter and whether to resume; returns an `Ended`.
+    page : str
+        The HTML file that it writes.
+    suffix : str
+        What is added to the job's stem for the folder.
+    table : str
+        Of the job; empty: none of its own.
+    fields : sequence of Field
+        Keys of the table that a page offers.
+    about : str
+        What it does, in a sentence.
+    """
+
+    do: Callable[[Path, Path, Reporter, bool], Ended]
+    page: str
+    suffix: str
+    table: str = ""
+    fields: Sequence[Field] = ()
+    about: str = ""
+
+
+def _run(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
+    run = run_job(load_job(job), out, reporter, resume=resume)
+    return Ended(run.result.status, run.summary())
+
+
+def _modes(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
+    found = modes_job(load_job(job, of_test=True), out, say=reporter.say)
+    return Ended(f"{len(found)} modes", "")
+
+
+def _plan(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
+    made = plan_job(load_job(job, before_test=True), out, say=reporter.say)
+    return Ended("planned", made.summary())
+
+
+RUN = Task(_run, "report.html", "-run")
+MODES = Task(
+    _modes,
+    "modes.html",
+    "-modes",
+    "modes",
+    (Field("damping", "damping", "choice", ("structural", "viscous")),),
+    "Identifies the modes of the measurement. A click on a pole of the diagram picks it for the"
+    " job.",
+)
+PLAN = Task(
+    _plan,
+    "plan.html",
+    "-plan",
+    "plan",
+    (
+        Field("n_sensors", "sensors", "whole"),
+        Field("n_references", "forces", "whole"),
+        Field("band", "band, from and to (Hz)", "numbers"),
+        Field("quantity", "quantity", "choice", ("accelerance", "mobility", "receptance")),
+        Field("criterion", "criterion", "choice", ("d-optimal", "a-optimal")),
+        Field("candidates", "candidates (labels; none: every DOF)", "texts"),
+    ),
+    "Chooses sensors and forces before a test, so that the unknowns of the job are determined"
+    " best.",
+)
+#: The tasks by name. A room or another package adds one by a line here, a call of `TASKS.register`,
+#: or an entry point of the group ``updyn.tasks``.
+TASKS: Registry[Any] = Registry(
+    "task",
+    "updyn.tasks",
+    {"run": RUN, "modes": MODES, "plan": PLAN, "plant": "updyn.control.job.task:PLANT"},
+)

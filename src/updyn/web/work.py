@@ -1,0 +1,140 @@
+"""The process of a task: ``python -m updyn.web.work TASK JOB OUT FOLDER``; says how far it is.
+
+Each line that it writes is an object of JSON, with its `kind`.
+
+SIGINT asks it to stop and to write what it has, as at the command line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import sys
+import time
+import warnings
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from updyn.errors import UpdynError, UpdynWarning
+from updyn.foreign.confinement import confine
+from updyn.web.tasks import TASKS
+
+if TYPE_CHECKING:
+    from updyn.updating.fit.monitor import Progress
+
+__all__ = ["main"]
+
+#: Shortest time between two lines of the same stage, in s.
+_BETWEEN = 0.1
+
+
+class _StopFlag:
+    """Whether the task shall stop; a second time ends it at once."""
+
+    def __init__(self) -> None:
+        self.stop = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        if self.stop:
+            raise KeyboardInterrupt
+        self.stop = True
+
+
+class _Reporter:
+    """Writes the progress of a task, and says whether it shall stop.
+
+    Parameters
+    ----------
+    flag : _StopFlag
+        Set by SIGINT.
+    """
+
+    def __init__(self, flag: _StopFlag) -> None:
+        self._flag = flag
+        self._last = ("", -1, -math.inf)
+
+    def __call__(self, progress: Progress) -> bool:
+        stage, step, at = self._last
+        now = time.monotonic()
+        is_new = (progress.stage, progress.iteration) != (stage, step)
+        if is_new or now - at >= _BETWEEN:
+            self._last = progress.stage, progress.iteration, now
+            write(
+                "progress",
+                stage=progress.stage,
+                iteration=progress.iteration,
+                accepted=progress.accepted,
+                cost=None if math.isnan(progress.cost) else progress.cost,
+                lines_done=progress.lines_done,
+                n_lines=progress.n_lines,
+                values=dict(progress.values),
+            )
+        return self._flag.stop
+
+    def say(self, text: str) -> None:
+        """Write a sentence."""
+        write("note", text=text)
+
+
+def write(kind: str, **content: Any) -> None:
+    """Write a line.
+
+    Parameters
+    ----------
+    kind : str
+        What it is about: ``"progress"``, ``"note"``, ``"error"``, ``"done"``.
+    **content
+        Plain data.
+    """
+    sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
+    sys.stdout.flush()
+
+
+def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) -> int:
+    """Do a task.
+
+    Parameters
+    ----------
+    task : str
+        Its name in `TASKS`.
+    job, out : str
+        The job file, and the folder for the results.
+    folder : str
+        Of the project: files outside it are not read.
+    resume : bool
+        Whether to go on with the work in `out`.
+
+    Returns
+    -------
+    int
+        0, 2 for input that cannot be used, 130 where it was ended at once.
+    """
+    flag = _StopFlag()
+    signal.signal(signal.SIGINT, flag)
+    warnings.showwarning = _show
+    warnings.simplefilter("always", UpdynWarning)
+    confine(Path(folder))
+    try:
+        ended = TASKS[task].do(Path(job), Path(out), _Reporter(flag), resume)
+    except UpdynError as error:
+        write("error", text=str(error))
+        return 2
+    except OSError as error:
+        write("error", text=f"{error.filename or out}: {error.strerror or error}")
+        return 2
+    except KeyboardInterrupt:
+        write("error", text="Ended at once; what was saved can be gone on with.")
+        return 130
+    write("done", status=ended.status, text=ended.summary)
+    return 0
+
+
+def _show(message: Warning | str, category: type[Warning], *_where: Any, **_more: Any) -> None:
+    if issubclass(category, UpdynWarning):
+        write("note", text=str(message))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(*sys.argv[1:5], resume="--resume" in sys.argv[5:]))

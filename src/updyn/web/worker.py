@@ -1,0 +1,171 @@
+"""`Worker`: a task in a process of its own, which goes on whether or not a page shows it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Worker"]
+
+#: Of a task, how many steps and notes are kept for the pages, and lines of what it wrote on stderr.
+_MOST_STEPS, _MOST_NOTES, _MOST_LINES = 5000, 200, 50
+#: How long a stopped task may take to write its results, in s.
+_PATIENCE = 20.0
+#: A task takes one thread unless the environment says otherwise: the pages need a core, too.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Worker:
+    """A task: begun by `start`, ended by itself or by `stop`.
+
+    Parameters
+    ----------
+    task : str
+        Its name in `updyn.web.tasks.TASKS`.
+    job, out : Path
+        The job file, and the folder for the results.
+    folder : Path
+        Of the project.
+    resume : bool
+        Whether to go on with the work in `out`.
+
+    Attributes
+    ----------
+    steps : deque of mapping
+        Its steps, with ``stage``, ``iteration``, ``cost`` and ``values``.
+    now : mapping
+        Where it is.
+    notes : deque of str
+        Its warnings.
+    state : {"running", "stopping", "done", "failed"}
+        How it is with the task.
+    message : str
+        Its summary, or why it failed.
+    status : str
+        Of the result, once it is done.
+    version : int
+        Counts all that has changed.
+    """
+
+    def __init__(
+        self, task: str, job: Path, out: Path, folder: Path, *, resume: bool = False
+    ) -> None:
+        self.task, self.job, self.out = task, job, out
+        self._folder, self._resume = folder, resume
+        self.steps: deque[Mapping[str, Any]] = deque(maxlen=_MOST_STEPS)
+        self.now: Mapping[str, Any] = {}
+        self.notes: deque[str] = deque(maxlen=_MOST_NOTES)
+        self.state, self.message, self.status, self.version = "running", "", "", 0
+        self._process: subprocess.Popen[str] | None = None
+        self._errors: deque[str] = deque(maxlen=_MOST_LINES)
+
+    def start(self) -> None:
+        """Begin the process."""
+        command = [sys.executable, "-m", "updyn.web.work", self.task]
+        command += [str(path) for path in (self.job, self.out, self._folder)]
+        if self._resume:
+            command.append("--resume")
+        threads = {name: os.environ.get(name, "1") for name in _THREADS}
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            env={**os.environ, **threads, "PYTHONUTF8": "1"},
+            start_new_session=True,  # Ctrl-C in the terminal of the server is for the server
+        )
+        listening = threading.Thread(target=self._listen, daemon=True)
+        errors = threading.Thread(target=self._collect, daemon=True)
+        for thread in (errors, listening):
+            thread.start()
+
+    @property
+    def active(self) -> bool:
+        """Whether the task has not ended."""
+        return self.state in ("running", "stopping")
+
+    def stop(self) -> None:
+        """Ask the task to stop after the lines under way and to write what it has."""
+        if self._process is None or not self.active:
+            return
+        self.state = "stopping"
+        self.version += 1
+        self._process.send_signal(signal.SIGINT)
+
+    def end(self) -> None:
+        """Stop the task and wait until its results are written; one that does not end is killed."""
+        if self._process is None or not self.active:
+            return
+        self.stop()
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _collect(self) -> None:
+        """Keep the last lines of what the process writes on stderr."""
+        assert self._process is not None
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            self._errors.append(line.rstrip("\n"))
+
+    def _listen(self) -> None:
+        """Take what the process writes until it ends."""
+        assert self._process is not None
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            try:
+                self._take(json.loads(line))
+            except (ValueError, KeyError, TypeError):
+                self._errors.append(line.rstrip("\n"))
+        self._close(self._process.wait())
+
+    def _take(self, told: Mapping[str, Any]) -> None:
+        """Take one line."""
+        kind = told["kind"]
+        if kind == "progress":
+            is_step = told["cost"] is not None and told["iteration"] != self.now.get("iteration")
+            if is_step or not self.steps:
+                self.steps.append(told)
+            self.now = told
+        elif kind == "note":
+            self.notes.append(told["text"])
+        else:
+            self.message = told["text"]
+            self.status = told.get("status", "")
+        self.version += 1
+
+    def _close(self, code: int) -> None:
+        """Note how the process ended."""
+        if code == 0 and self.status:
+            self.state = "done"
+        else:
+            self.message = self.message or _epitaph(code, list(self._errors))
+            self.state = "failed"
+        self.version += 1
+
+
+def _epitaph(code: int, errors: list[str]) -> str:
+    """Return a message about a process that ended without one."""
+    if code < 0:
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = f"signal {-code}"
+        how = f"The process was ended by {name}"
+    else:
+        how = f"The process ended with exit code {code}"
+    text = f"{how}. What it had saved is kept: Resume goes on from there."
+    return "\n".join([text, *errors[-8:]])

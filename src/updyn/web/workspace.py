@@ -1,0 +1,267 @@
+"""`Workspace`: what all tabs share: the project, the open job, what was read of it, and its run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from updyn.demos import find_demo
+from updyn.errors import InputError
+from updyn.io.atomic import write_bytes
+from updyn.web.desk import Desk
+from updyn.web.document import JobDocument
+from updyn.web.looking import View, look, propose
+from updyn.web.project import Project
+from updyn.web.tasks import TASKS
+from updyn.web.worker import Worker
+
+__all__ = ["MOST_UPLOAD", "Workspace"]
+
+T = TypeVar("T")
+
+#: Bytes of a file that is uploaded.
+MOST_UPLOAD = 256 * 2**20
+#: Longest time that a page waits for a job to be read or solved, in s.
+_SECONDS = 600.0
+
+
+class Workspace:
+    """The state behind the pages.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the project.
+    most_upload : int
+        Bytes of a file that is uploaded.
+
+    Attributes
+    ----------
+    project : Project
+        The folder.
+    document : JobDocument or None
+        The open job.
+    workers : dict of str to Worker
+        The latest worker of each task.
+    theme : {"auto", "light", "dark"}
+        How the pages look.
+    """
+
+    def __init__(self, folder: Path, most_upload: int = MOST_UPLOAD) -> None:
+        self.project = Project(folder)
+        self.most_upload = most_upload
+        self.document: JobDocument | None = None
+        self.workers: dict[str, Worker] = {}
+        self.theme = "auto"
+        self._desk = Desk(self.project.folder, _SECONDS, _memory())
+        self._seen: tuple[Path, str, View] | None = None
+        self._stamp = self.project.stamp()
+
+    @property
+    def version(self) -> tuple[object, ...]:
+        """Changes whenever what a page shows of the job may have changed."""
+        document = self.document
+        return () if document is None else (document.path, document.version, document.changed)
+
+    @property
+    def run(self) -> Worker | None:
+        """The latest run."""
+        return self.workers.get("run")
+
+    @property
+    def opened(self) -> JobDocument:
+        """The open job.
+
+        Raises
+        ------
+        InputError
+            If there is none.
+        """
+        if self.document is None:
+            raise InputError("no job is open; open one on the page Start")
+        return self.document
+
+    def open_job(self, name: str | Path) -> None:
+        """Open a job of the project, where no other has edits that are not saved.
+
+        Parameters
+        ----------
+        name : str or Path
+            The job file, in the project.
+
+        Raises
+        ------
+        InputError
+            If it leads out of the project, or the open job has edits that are not saved.
+        JobError
+            If it cannot be read.
+        """
+        path = self.project.inside(name)
+        if self.document is not None and self.document.changed:
+            if self.document.path == path:
+                return
+            raise InputError(
+                f"{self.document.path.name} has edits that are not saved; save or undo"
+            )
+        self.document = JobDocument(path)
+
+    def open_demo(self, name: str) -> None:
+        """Write the inputs of a demo into a new folder of the project and open its job.
+
+        Parameters
+        ----------
+        name : str
+            Of the demo.
+        """
+        demo = find_demo(name)
+        folder = self.project.free_name(self.project.folder / demo.name)
+        folder.mkdir()
+        self.open_job(demo.write_inputs(folder))
+
+    def save_as(self, name: str) -> None:
+        """Save the job under another name, beside the one that it was opened from.
+
+        Parameters
+        ----------
+        name : str
+            A plain name, with or without ``.toml``.
+
+        Raises
+        ------
+        InputError
+            If the name is not a plain one, or the file exists.
+        """
+        file = self.project.plain_name(name if name.endswith(".toml") else f"{name}.toml")
+        self.opened.save_as(self.project.inside(self.opened.path.with_name(file)))
+
+    def view(self) -> View:
+        """Return what the job holds as it stands; it is read once."""
+        self._forget_changed()
+        document = self.opened
+        seen = self._seen
+        if seen is not None and seen[:2] == (document.path, document.text):
+            return seen[2]
+        path, text = document.path, document.text
+        view = self.ask(look)
+        self._seen = path, text, view
+        return view
+
+    def ask(self, function: Callable[..., T], *arguments: object) -> T:
+        """Call a function of the open job, its file and its text, in the process for that.
+
+        Parameters
+        ----------
+        function : callable
+            Takes path, text and `arguments`.
+        *arguments : object
+            Plain data.
+
+        Returns
+        -------
+        object
+            What it returned.
+        """
+        self._forget_changed()
+        document = self.opened
+        return self._desk.ask(function, document.path, document.text, *arguments)
+
+    def create(self, model: str, measurement: str, name: str, stated: dict[str, object]) -> None:
+        """Write a commented job for a model and a measurement, and open it.
+
+        Parameters
+        ----------
+        model, measurement, name : str
+            The files, in the project; that of the job does not exist yet.
+        stated : dict of str to object
+            What the files leave open: ``quantity``, ``scale``, ``unit``.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read, leads out of the project, or the job exists.
+        """
+        inputs = self.project.inside(model), self.project.inside(measurement)
+        path = self.project.inside(name)
+        if os.path.lexists(path):
+            raise InputError(f"{name}: exists already; choose another name")
+        text = self._desk.ask(propose, *inputs, path, stated)
+        write_bytes(path, text.encode())
+        self.open_job(path)
+
+    def _forget_changed(self) -> None:
+        """Forget what was read of files that have changed since."""
+        stamp = self.project.stamp()
+        if stamp != self._stamp:
+            self._stamp, self._seen = stamp, None
+            self._desk.close()  # it keeps what it has read
+
+    def begin(self, task: str, folder: str, *, resume: bool = False) -> Worker:
+        """Save the job and begin a task of it.
+
+        Parameters
+        ----------
+        task : str
+            Its name in `updyn.web.tasks.TASKS`.
+        folder : str
+            For the results, in the project.
+        resume : bool
+            Whether to go on with the work there.
+
+        Returns
+        -------
+        Worker
+
+        Raises
+        ------
+        InputError
+            If another task is under way, or the folder is not in the project.
+        """
+        if any(worker.active for worker in self.workers.values()):
+            raise InputError("a task is under way; stop it first")
+        if not folder.strip():
+            raise InputError("the results need a folder; give its name")
+        document, out = self.opened, self.project.inside(folder.strip())
+        if document.changed:
+            document.save()
+        worker = Worker(task, document.path, out, self.project.folder, resume=resume)
+        self.workers[task] = worker
+        worker.start()
+        return worker
+
+    def proposed_folder(self, task: str) -> str:
+        """Return the folder that is proposed for the results of a task.
+
+        Parameters
+        ----------
+        task : str
+            Its name in `updyn.web.tasks.TASKS`.
+
+        Returns
+        -------
+        str
+            That of the task's latest results of this job, where there are some; a plant goes to the
+            folder of the run whose model it is of; else one that is free.
+        """
+        path = self.opened.path
+        for name in (task, "run"):
+            worker = self.workers.get(name)
+            if worker is not None and worker.job == path and (name == task or task == "plant"):
+                return self.project.name_of(worker.out)
+        suffix = TASKS[task].suffix
+        return self.project.name_of(self.project.free_name(path.with_suffix(""), suffix))
+
+    def close(self) -> None:
+        """Stop the task under way, with its results written, and end all processes."""
+        for worker in self.workers.values():
+            worker.end()
+        self._desk.close()
+
+
+def _memory() -> int:
+    """Return how many bytes reading and looking may take: half of those of the machine."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    except (AttributeError, OSError, ValueError):
+        return 0
