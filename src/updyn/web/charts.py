@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn.style import CATEGORIES
 from updyn.web.look import colour, text_style
 
-__all__ = ["SCALES", "cost_chart", "frf_chart", "masked", "parameter_chart", "thinned"]
+__all__ = ["SCALES", "cost_chart", "edges", "frf_chart", "masked", "parameter_chart", "thinned"]
 
 #: Unit of the FRFs of translations by quantity, in SI, and the reference of their decibels.
 _UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
@@ -161,6 +161,27 @@ def _area(low: float, high: float, token: str) -> list[dict[str, Any]]:
     return [{"xAxis": low, "itemStyle": colour(token)}, {"xAxis": high}]
 
 
+def edges(freq: NDArray[np.float64], first: int, last: int) -> tuple[float, float]:
+    """Return a band that holds some lines and no other.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n,)
+        All lines in Hz, ascending.
+    first, last : int
+        Places of the first and the last line of the band.
+
+    Returns
+    -------
+    (float, float)
+        Half a step beyond them, in Hz, so that a rounded number holds the same lines.
+    """
+    steps = np.diff(freq) if len(freq) > 1 else 1e-3 * freq
+    low = freq[first] - 0.5 * steps[max(first - 1, 0)]
+    high = freq[last] + 0.5 * steps[min(last, len(steps) - 1)]
+    return max(0.0, float(low)), float(high)
+
+
 def masked(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[float, float]]:
     """Return the bands of lines that are not used between the first and the last that is.
 
@@ -174,16 +195,11 @@ def masked(freq: NDArray[np.float64], used: NDArray[np.bool_]) -> list[tuple[flo
     Returns
     -------
     list of (float, float)
-        Of each, its edges in Hz: half a step beyond its first and its last line.
+        Their `edges`.
     """
     at = np.flatnonzero(used)
-    bands = []
-    for before, after in pairwise(at):
-        if after > before + 1:
-            low = 0.5 * (freq[before] + freq[before + 1])
-            high = 0.5 * (freq[after - 1] + freq[after])
-            bands.append((float(low), float(high)))
-    return bands
+    gaps = [(a, b) for a, b in pairwise(at.tolist()) if b > a + 1]
+    return [edges(freq, before + 1, after - 1) for before, after in gaps]
 
 
 def cost_chart(steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

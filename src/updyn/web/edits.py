@@ -55,14 +55,14 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
     Parameters
     ----------
     low, high : float
-        Both ends of the band that is left out, in Hz; equal for one line.
+        Both ends of the band that is left out, in Hz.
     test : int
         Which test.
     """
 
     def edit(document: TOMLDocument) -> None:
         table = _test(document, test)
-        entry = low if low == high else _numbers((low, high))
+        entry = _numbers((low, high))
         if "exclude" in table:
             cast(Array, table["exclude"]).append(entry)
         else:
@@ -348,7 +348,7 @@ def _table(document: TOMLDocument, name: str) -> Table:
 
 
 def _numbers(values: Sequence[float]) -> Array:
-    """Return numbers as an array on one line, with six digits."""
+    """Return numbers as an array on one line, with eight digits."""
     made = tomlkit.array()
-    made.extend([float(f"{value:.6g}") for value in values])
+    made.extend([float(f"{value:.8g}") for value in values])
     return made

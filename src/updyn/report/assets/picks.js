@@ -18,6 +18,8 @@
     const near = [...picked].find((f) => Math.abs(f - point.x) <= 1e-3 * f);
     if (near === undefined) picked.add(point.x); else picked.delete(near);
     show();
+    // Within another page, as in a window of updyn serve: it is told.
+    if (parent !== window) parent.postMessage({ updynPick: { frequency: point.x } }, "*");
   }));
   document.getElementById("copy-picks").addEventListener("click", () => navigator.clipboard?.writeText(out.textContent));
 })();

@@ -8,7 +8,7 @@ import numpy as np
 from nicegui import events, ui
 
 from updyn.web import edits
-from updyn.web.charts import SCALES, frf_chart, masked
+from updyn.web.charts import SCALES, edges, frf_chart, masked
 from updyn.web.looking import FindingRow, TestView, findings
 from updyn.web.pages.frame import asked, said, watch
 from updyn.web.pages.job import no_job, troubles
@@ -181,14 +181,14 @@ class _Measurement:
             said(self._apply)(line, line)
 
     def _apply(self, low: float, high: float) -> None:
-        """Take a band that was dragged, by its first and last line; one without a line is none."""
-        inside = (self._test.freq >= low) & (self._test.freq <= high)
-        if not np.any(inside):
+        """Take a band that was dragged; one without a line is none."""
+        inside = np.flatnonzero((self._test.freq >= low) & (self._test.freq <= high))
+        if not inside.size:
             return
-        low, high = map(float, self._test.freq[inside][[0, -1]])
+        low, high = edges(self._test.freq, inside[0], inside[-1])
         if self._choice.mode == "band":
             self._edit("band", edits.set_band(low, high, self._number))
-        elif np.any(inside & self._test.used):
+        elif np.any(self._test.used[inside]):
             self._edit("lines left out", edits.exclude(low, high, self._number))
 
     def _edit(self, what: str, edit: edits.Edit) -> None:
