@@ -204,7 +204,7 @@ def _highest(freq: _Real, size: _Real) -> _Real:
 
 
 def shifts(
-    freq: _Real, values: _Complex, answer: Callable[[_Real], _Complex], zeros: _Complex
+    freq: _Real, values: _Complex, answer: _Complex, zeros: _Complex
 ) -> list[tuple[float, float, float, float]]:
     """Return frequency, shift (per cent), depth and the plant's depth (dB) of each antiresonance.
 
@@ -214,12 +214,12 @@ def shifts(
         Lines in Hz, ascending.
     values : ndarray of complex, shape (n_f,)
         Response of the structure.
-    answer : callable
-        Returns that of the plant at lines in Hz.
+    answer : ndarray of complex, shape (n_f,)
+        That of the plant.
     zeros : ndarray of complex, shape (n,)
         Of the plant, in rad/s.
     """
-    size, own = np.abs(values), np.abs(answer(freq))
+    size, own = np.abs(values), np.abs(answer)
     there = np.abs(zeros.imag[zeros.imag > 0]) / (2.0 * np.pi)
     out = []
     for dip in crossed(freq, values):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,23 +17,38 @@ from updyn.control.complex_modes import (
     fitted,
     slow_motion,
 )
+from updyn.control.lines import sweep
 from updyn.control.measured import measured
 from updyn.control.passivity import collocated
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
-from updyn.control.rational import Approximation, Rational, SlowMotion, fewest_states
-from updyn.control.real_modes import biot, diagonal, full, single_frequency
+from updyn.control.rational import (
+    Approximation,
+    Rational,
+    SlowMotion,
+    alike,
+    fewest_states,
+)
+from updyn.control.real_modes import Biot, biot, diagonal, full, single_frequency
 from updyn.control.servo.state_space import StateSpace, channel_zeros
-from updyn.control.space import Conversion, ModalSpace, modal_space
-from updyn.control.target import Kept, Target, fewest, target_lines
+from updyn.control.space import (
+    Conversion,
+    ModalSpace,
+    Projection,
+    modal_space,
+    shared_projection,
+)
+from updyn.control.spectrum import Spectrum
+from updyn.control.target import Kept, Target, answered, fewest, judged, target_lines
 from updyn.dofs import Dof
+from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import ModelError, OptionError, SolverError, ToleranceError, suggest
 from updyn.frf import FRF, QUANTITIES, check_quantity
 from updyn.group import is_number
 from updyn.model import Model
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["ERRORS", "ROUTES", "ConversionError", "conversions", "plant"]
+__all__ = ["ERRORS", "ROUTES", "ConversionError", "Shared", "conversions", "plant"]
 
 #: How structural damping becomes poles.
 ROUTES = ("auto", "modal", "complex", "rational", "biot")
@@ -219,18 +234,142 @@ def plant(
             )
         return _measured(model, ports, band, tolerance, quantity)
     own = _model(model)
-    if error not in ERRORS:
-        raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
+    _check_error(error)
     task, quantities = _task(own, *ports, band, quantity, tier, backend, error)
     _check_tolerance(tolerance)
     found = _chosen(task, _check_route(route, task, error), tolerance)
+    return _realised(task, found, own.title, quantities, tolerance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """What the plants of a family have in common: one basis, and the choice of the nominal plant.
+
+    Attributes
+    ----------
+    projection : Projection
+        The model on the basis.
+    title : str
+        Of the model.
+    ports : tuple of (tuple of Port, tuple of Port)
+        Inputs and outputs.
+    quantities : tuple of str
+        Of each output.
+    tolerance : float
+        On the errors that `error` names.
+    error : {"relative", "peak"}
+        For what the tolerance holds.
+    """
+
+    projection: Projection
+    title: str
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]]
+    quantities: tuple[str, ...]
+    tolerance: float
+    error: str
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        states: tuple[AffineSystem, Sequence[State], Sequence[State]],
+        inputs: tuple[Port, ...],
+        outputs: tuple[Port, ...],
+        band: Sequence[float],
+        tolerance: float,
+        quantity: str | Sequence[str],
+        error: str,
+        backend: str | None,
+    ) -> tuple[Shared, NDArray[np.bool_]]:
+        """Return it, and for which states the basis holds.
+
+        Parameters
+        ----------
+        model : Model
+            The structure at the estimate.
+        states : tuple of (AffineSystem, sequence of State, sequence of State)
+            The same, compiled; the states by which its basis is enriched; those of the members.
+        inputs, outputs, band, tolerance, quantity, error, backend
+            As for `plant`.
+        """
+        _check_error(error)
+        _check_tolerance(tolerance)
+        limits, quantities = _check_band(band), _quantities(quantity, len(outputs))
+        system, training, members = states
+        projection, holds = shared_projection(
+            model, system, inputs, outputs, limits, training, members, backend=backend
+        )
+        ports = inputs, outputs
+        return cls(projection, model.title, ports, quantities, tolerance, error), holds
+
+    def member(self, state: State, route: str, like: Kept | None = None) -> tuple[Plant, Kept]:
+        """Return the plant of a state.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        route : str
+            As for `plant`.
+        like : Kept, optional
+            The choice that is tried first; where it does not hold the tolerance, another one is
+            sought.
+
+        Returns
+        -------
+        plant : Plant
+        kept : Kept
+            What it is of.
+        """
+        task = self._task(state)
+        found = None if like is None else _alike(task, like, self.tolerance)
+        if found is None or not found.holds:
+            found = _chosen(task, _check_route(route, task, self.error), self.tolerance)
+        return _realised(task, found, self.title, self.quantities, self.tolerance), found
+
+    def _task(self, state: State) -> _Task:
+        space = self.projection.space(state)
+        _check_begin(space, self.projection.band[0])
+        spectrum = Spectrum.of(self.projection, state)
+        return _aimed(
+            self.ports,
+            self.quantities,
+            space,
+            spectrum.poles,
+            self.projection.band,
+            self.error,
+            spectrum.receptance,
+        )
+
+
+def _alike(task: _Task, like: Kept, tolerance: float) -> Kept | None:
+    """Return the choice of another state of the model for a task; None where it has no such one."""
+    own, target = like.conversion, task.target
+    if isinstance(own, Rational):
+        return alike(task.approximation(), own, tolerance)
+    terms = len(own.terms[0].b) if isinstance(own, Biot) and own.terms else 4
+    try:
+        conversion = task.conversion(own.name, terms)
+    except ModelError:
+        return None
+    if isinstance(own, Fitted) and isinstance(conversion, ComplexModes):
+        conversion = fitted(conversion, target, len(own.extra))
+    if len(conversion.frequency) != len(like.mask):
+        return None
+    return judged(conversion, target, like.mask, target.limits(tolerance))
+
+
+def _realised(
+    task: _Task, found: Kept, title: str, quantities: tuple[str, ...], tolerance: float
+) -> Plant:
+    """Return the plant of a choice."""
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
-        "title": own.title,
+        "title": title,
         "motions": task.space.source,
         "lines": len(task.target.freq),
         "candidates": len(found.mask),
-        "error": error,
+        "error": task.target.measure,
     }
     if isinstance(found.conversion, Fitted):
         facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
@@ -239,7 +378,7 @@ def plant(
         B,
         C,
         D,
-        *ports,
+        *task.ports,
         quantities,
         task.band,
         float(tolerance),
@@ -256,6 +395,11 @@ def plant(
         facts=facts,
     )
     return _checked(made, task.target)
+
+
+def _check_error(error: str) -> None:
+    if error not in ERRORS:
+        raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
 
 
 def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:
@@ -344,7 +488,7 @@ def _flexible(found: Kept) -> NDArray[np.bool_]:
 
 def _checked(made: Plant, target: Target) -> Plant:
     """Put the errors of the matrices themselves into a plant, and look at its poles."""
-    G = made.at(2j * np.pi * target.freq)
+    G = sweep(made, target.freq)
     scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
     if (made.poles.real > 1e-9 * scale).any():
         raise ModelError(
@@ -360,21 +504,18 @@ def _checked(made: Plant, target: Target) -> Plant:
         peak_error=target.peak_error(G),
         facts=facts,
         relative_error=target.relative_error(G),
-        zero_shift=tuple(_shifts(made, target)),
+        zero_shift=tuple(_shifts(made, target, G)),
     )
 
 
-def _shifts(made: Plant, target: Target) -> Iterator[ZeroShift]:
+def _shifts(made: Plant, target: Target, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
     for i, j in np.ndindex(*target.level.shape):
         matrices = StateSpace(made.A, made.B[:, [j]], made.C[[i]], made.D[[i]][:, [j]])
         names = made.outputs[i], made.inputs[j]
 
-        def answer(freq: NDArray[np.float64], i: int = i, j: int = j) -> NDArray[np.complex128]:
-            return made.at(2j * np.pi * freq)[:, i, j]
-
         if target.level[i, j] > target.floor[i, j]:
             zeros = channel_zeros(matrices)
-            for found in shifts(target.freq, target.values[:, i, j], answer, zeros):
+            for found in shifts(target.freq, target.values[:, i, j], G[:, i, j], zeros):
                 yield ZeroShift(*names, *found)
 
 
@@ -533,34 +674,49 @@ def _task(
     backend: str | None,
     measure: str = "relative",
 ) -> tuple[_Task, tuple[str, ...]]:
-    low, high = _check_band(band)
+    limits = _check_band(band)
     quantities = _quantities(quantity, len(outputs))
-    space = modal_space(model, inputs, outputs, (low, high), backend=backend)
+    space = modal_space(model, inputs, outputs, limits, backend=backend)
+    _check_begin(space, limits[0])
+    ports = inputs, outputs
+    answer = answered(model, *ports, space.solver, tier, backend)
+    task = _aimed(ports, quantities, space, _poles(space), limits, measure, answer)
+    return task, quantities
+
+
+def _check_begin(space: ModalSpace, low: float) -> None:
     if space.rigid and low == 0.0:
         raise OptionError(
             f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the"
             " structure have no finite answer; begin it above"
         )
+
+
+def _aimed(
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
+    quantities: tuple[str, ...],
+    space: ModalSpace,
+    poles: NDArray[np.complex128],
+    band: tuple[float, float],
+    measure: str,
+    receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+) -> _Task:
+    """Return what is to be realised, with the response at lines that resolve it."""
     powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
-    lines = target_lines(_poles(space), (low, high))
     target = Target.of(
-        model,
-        inputs,
-        outputs,
+        receptance,
         quantities,
-        lines,
-        slow=bool(space.omega[0] < 2.0 * np.pi * low),
+        target_lines(poles, band),
+        slow=bool(space.omega[0] < 2.0 * np.pi * band[0]),
         potential=full(space, powers).potential,
         measure=measure,
-        solver=space.solver,
-        tier=tier,
-        backend=backend,
+        reduced=space.solver is not None,
     )
     if not np.isfinite(target.values).all():
         raise SolverError(
             "plant: the structure has no finite answer at a line of the band: it is not damped"
         )
-    return _Task(space, target, powers, (low, high), (inputs, outputs)), quantities
+    return _Task(space, target, powers, band, ports)
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:

@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.control.build import plant
+from updyn.control.build import Shared, plant
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
+from updyn.control.target import Kept
 from updyn.dofs import Dof
+from updyn.dynamics.affine import AffineSystem, State
 from updyn.engines import Engine, opened_engine
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
 from updyn.model import Model
+from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult, result_of_test
@@ -37,6 +40,8 @@ _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By the error that is limited, the route that serves where the one of the nominal plant does not
 #: for all members.
 _CLOSEST = {"relative": "rational", "peak": "complex"}
+#: Draws by which the basis of all members is enriched, and how much wider they are than others.
+_TRAINING, _WIDE = 6, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,7 +256,10 @@ def plant_family(
         An update that has ended at a minimum.
     inputs, outputs, band, tolerance, quantity, route, error, tier, backend
         As for `updyn.plant`. Every plant holds the tolerance against its own model with structural
-        damping; all are made by one route.
+        damping; all are made by one route. Members keep the modes that the nominal plant keeps, or
+        as many states of a rational approximation, and others only where these do not hold the
+        tolerance. Without `tier` one basis serves all: it is made at the estimate, enriched at
+        draws of its own, and a member at which its error is too large is made alone.
     n : int
         Number of members.
     seed : int
@@ -297,35 +305,79 @@ def plant_family(
     own = _ended(result_of_test(result, test))
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if draws is None:
-        values, cut = _from_covariance(own, int(n), seed)
-        source, note = "covariance", ""
+        drawn = _from_covariance(own, int(n), seed)
     else:
-        values, source, note = _from_draws(result, draws, int(n))
-        cut = {}
+        drawn = _from_draws(result, draws, int(n))
     options = {"quantity": quantity, "error": error, "tier": tier, "backend": backend}
     making = _Making(own.start, own.parameters, *ports, band, tolerance, options)
-    nominal = making.plant(own.model, route)
+    shared = None if tier is not None else _shared(own, making, drawn)
     with opened_engine(engine) as made:
-        try:
-            members = making.members(values, nominal.route, made)
-        except ModelError:
-            # What converts the damping of the nominal plant well enough may not do so for all; one
-            # route serves all.
-            closest = _CLOSEST[error]
-            if route != "auto" or nominal.route == closest:
-                raise
-            nominal = making.plant(own.model, closest)
-            members = making.members(values, closest, made)
+        nominal, members = making.plants(own.model, shared, drawn.values, route, made)
     facts = {
-        "source": source,
+        "source": drawn.source,
         "n": int(n),
         "seed": seed,
         "route": nominal.route,
         "status": own.status,
-        "cut": cut,
-        "note": note,
+        "cut": drawn.cut,
+        "note": drawn.note,
     }
-    return PlantFamily(nominal, members, tuple(own.parameters.names), values, facts)
+    return PlantFamily(nominal, members, tuple(own.parameters.names), drawn.values, facts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """Draws of the unknowns.
+
+    Attributes
+    ----------
+    values : ndarray of float, shape (n, n_unknowns)
+        Those of the members.
+    training : ndarray of float, shape (k, n_unknowns)
+        Others, by which the basis of all members is enriched; they do not depend on n or the seed.
+    source, note : str
+        What made them, and what is said of them.
+    cut : dict of str to float
+        Shares that were cut at a bound, by unknown.
+    """
+
+    values: _Real
+    training: _Real
+    source: str
+    note: str = ""
+    cut: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Basis:
+    """What all members share: one basis, and the states of the model."""
+
+    plants: Shared
+    estimate: State
+    states: tuple[State, ...]
+    holds: NDArray[np.bool_]
+
+
+def _shared(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
+    """Return the basis that holds at the members, and at which of them it does."""
+    start = AffineSystem.compile(own.start)
+    unknowns = Unknowns.find(start, own.parameters)
+    at = np.array([own.values[name] for name in own.parameters.names])
+    estimate = unknowns.state(start, at)
+    states = [unknowns.state(start, row) for row in drawn.values]
+    training = [unknowns.state(start, row) for row in drawn.training]
+    plants, holds = Shared.of(
+        own.model,
+        (replace(start, start=estimate), training, states),
+        making.inputs,
+        making.outputs,
+        making.band,
+        making.tolerance,
+        making.options["quantity"],
+        making.options["error"],
+        making.options["backend"],
+    )
+    return _Basis(plants, estimate, tuple(states), holds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -341,18 +393,61 @@ class _Making:
     options: Mapping[str, Any]
 
     def plant(self, model: Model, route: str) -> Plant:
+        """Return the plant of a model, made alone."""
         return plant(
             model, self.inputs, self.outputs, self.band, self.tolerance, route=route, **self.options
         )
 
-    def members(self, values: _Real, route: str, engine: Engine) -> tuple[Plant, ...]:
-        items = [(number, route, row) for number, row in enumerate(values)]
-        return tuple(engine.map(_member, self, items))
+    def plants(
+        self, model: Model, shared: _Basis | None, values: _Real, route: str, engine: Engine
+    ) -> tuple[Plant, tuple[Plant, ...]]:
+        """Return the plant of the estimate and those of the members, by one route.
+
+        What converts the damping of the nominal plant well enough may not do so for all.
+        """
+        nominal, kept = self._nominal(model, shared, route)
+        try:
+            return nominal, self._members(shared, values, nominal.route, kept, engine)
+        except ModelError:
+            closest = _CLOSEST[self.options["error"]]
+            if route != "auto" or nominal.route == closest:
+                raise
+        nominal, kept = self._nominal(model, shared, closest)
+        return nominal, self._members(shared, values, closest, kept, engine)
+
+    def _nominal(
+        self, model: Model, shared: _Basis | None, route: str
+    ) -> tuple[Plant, Kept | None]:
+        if shared is None:
+            return self.plant(model, route), None
+        return shared.plants.member(shared.estimate, route)
+
+    def _members(
+        self,
+        shared: _Basis | None,
+        values: _Real,
+        route: str,
+        kept: Kept | None,
+        engine: Engine,
+    ) -> tuple[Plant, ...]:
+        items: list[tuple[int, _Real, State | None]] = []
+        for number, row in enumerate(values):
+            state = None
+            if shared is not None and shared.holds[number]:
+                state = shared.states[number]
+            items.append((number, row, state))
+        plants = None if shared is None else shared.plants
+        return tuple(engine.map(_member, (self, plants, route, kept), items))
 
 
-def _member(making: _Making, item: tuple[int, str, _Real]) -> Plant:
-    number, route, values = item
+def _member(
+    about: tuple[_Making, Shared | None, str, Kept | None], item: tuple[int, _Real, State | None]
+) -> Plant:
+    """Return a member, in the shared basis where that holds, else alone."""
+    (making, shared, route, kept), (number, values, state) = about, item
     try:
+        if shared is not None and state is not None:
+            return shared.member(state, route, kept)[0]
         return making.plant(making.parameters.apply(making.start, values), route)
     except (ModelError, SolverError) as error:
         named = zip(making.parameters.names, values, strict=True)
@@ -369,8 +464,8 @@ def _ended(own: UpdateResult) -> UpdateResult:
     return own
 
 
-def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, dict[str, float]]:
-    """Return draws, shape (n, n_unknowns), and the share of them that was cut, by unknown."""
+def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
+    """Return draws from the covariance."""
     parameters = result.parameters
     unsure = [p.name for p in parameters if not np.isfinite(result.std[p.name])]
     if unsure:
@@ -388,22 +483,27 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> tuple[_Real, di
     size, axes = np.linalg.eigh(result.covariance / slope / slope[:, None])
     # The symmetric root is the one that does not depend on the sign or order of eigenvectors.
     root = (axes * np.sqrt(np.maximum(size, 0.0))) @ axes.T
+
+    def values(z: _Real) -> tuple[_Real, NDArray[np.bool_]]:
+        drawn = x + z @ root
+        within = np.clip(drawn, *coordinates.bounds)
+        found = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
+        return found, drawn != within
+
     z = np.empty((n, len(x)))
     for number in range(n):
         z[number] = np.random.default_rng((seed, number)).standard_normal(len(x))
-    drawn = x + z @ root
-    within = np.clip(drawn, *coordinates.bounds)
-    share = (drawn != within).mean(axis=0)
-    values = np.clip(coordinates.to_values(within), parameters.lower, parameters.upper) + 0.0
+    drawn, clipped = values(z)
     cut = {}
-    for name, part in zip(parameters.names, share, strict=True):
+    for name, part in zip(parameters.names, clipped.mean(axis=0), strict=True):
         if part > 0.0:
             cut[name] = float(part)
-    return values, cut
+    wide = _WIDE * np.random.default_rng(0).standard_normal((_TRAINING, len(x)))
+    return _Drawn(drawn, values(wide)[0], "covariance", cut=cut)
 
 
-def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tuple[_Real, str, str]:
-    """Return draws thinned, shape (n, n_unknowns), what made them, and what is said of them."""
+def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Drawn:
+    """Return draws thinned."""
     from updyn.uncertainty.draws import Draws  # loads scipy.stats: slow, and seldom wanted
 
     if not isinstance(draws, Draws):
@@ -417,5 +517,7 @@ def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> tup
             f"plant_family: {n} members of {len(known)} draws; make more draws, or ask for fewer"
             " members"
         )
-    at = np.linspace(0, len(known) - 1, n).round().astype(np.intp)
-    return known.values[at], known.kind, known.message
+    some = []
+    for count in (n, min(_TRAINING, len(known))):
+        some.append(known.values[np.linspace(0, len(known) - 1, count).round().astype(np.intp)])
+    return _Drawn(some[0], some[1], known.kind, known.message)

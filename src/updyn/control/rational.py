@@ -32,7 +32,7 @@ from updyn.control.space import Matrices, imaginary
 from updyn.control.target import Kept, Target
 from updyn.modal.vector_fitting import Basis, relocated, stacked
 
-__all__ = ["Approximation", "Rational", "SlowMotion", "fewest_states"]
+__all__ = ["Approximation", "Rational", "SlowMotion", "alike", "fewest_states"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -48,8 +48,8 @@ _LEAST = 0.02
 _PASSIVE_ROUNDS = 12
 #: Least active part of what is put right, as a share of the channel's size.
 _MARGIN = 1e-6
-#: Gauss-Newton steps of several inputs.
-_STEPS = 6
+#: Gauss-Newton steps of several inputs, and of those that begin at a like response's poles.
+_STEPS, _FEW = 6, 2
 #: Damping ratio of a pole that stands for no mode.
 _FREE = 0.3
 #: More states than the modes in the band have are tried up to this number.
@@ -277,6 +277,21 @@ class Approximation:
             pairs, rates, right = self._refined(pairs, rates, right, weight)
         return self._outputs(pairs, rates, right, weight, tolerance)
 
+    def refitted(self, like: Rational, tolerance: float) -> Rational:
+        """Return the approximation whose poles and vectors b are refined from those of another.
+
+        Parameters
+        ----------
+        like : Rational
+            Of a response that is little different, of several inputs and outputs.
+        tolerance : float
+            As for `fitted`.
+        """
+        assert self.weight is not None
+        weight = self.weight
+        pairs, rates, right = self._refined(like.pairs, like.rates, like.right, weight, _FEW)
+        return self._outputs(pairs, rates, right, weight, tolerance)
+
     # -- poles ----------------------------------------------------------------------------------
     def _relocated(
         self, pairs: _Complex, rates: _Real, tolerance: float
@@ -335,12 +350,17 @@ class Approximation:
         return out
 
     def _refined(
-        self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real
+        self,
+        pairs: _Complex,
+        rates: _Real,
+        right: _Complex,
+        weight: _Real,
+        steps: int = _STEPS,
     ) -> tuple[_Complex, _Real, _Complex]:
         """Return poles and vectors b, refined with the outputs by damped Gauss-Newton steps."""
         here = self._linear(pairs, rates, right, weight)
         cost, damping = self._cost(here, weight), 1e-3
-        for _ in range(_STEPS):
+        for _ in range(steps):
             J, r = self._jacobian(here, weight)
             scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
             J = J / scale
@@ -678,18 +698,12 @@ def fewest_states(
     Kept
         Of the smallest error reached, where none holds the tolerance; see `Kept.holds`.
     """
-    target, slow = approximation.target, len(approximation.slow.A)
+    slow = len(approximation.slow.A)
     tried: dict[int, Kept] = {}
 
     def at(n: int) -> Kept:
         if n not in tried:
-            made = approximation.fitted(n, tolerance)
-            mask = ~made.always
-            errors = target.judged(made.response(mask, target.freq))
-            kept = Kept(made, mask, errors, target.limits(tolerance))
-            if _active(approximation, made):
-                kept = Kept(made, mask, np.full(5, np.inf), kept.limits)
-            tried[n] = kept
+            tried[n] = _with_states(approximation, n, tolerance)
         return tried[n]
 
     inside = int((np.abs(approximation.poles) < approximation.unit).sum())
@@ -708,6 +722,50 @@ def fewest_states(
         else:
             low = middle + 1
     return at(high)
+
+
+def _with_states(approximation: Approximation, n: int, tolerance: float) -> Kept:
+    """Return the approximation with n states beside the slow ones, and its errors.
+
+    Parameters
+    ----------
+    approximation : Approximation
+        What is approximated.
+    n : int
+        Number of states.
+    tolerance : float
+        On the errors that `Target.measure` names.
+    """
+    return _kept(approximation, approximation.fitted(n, tolerance), tolerance)
+
+
+def alike(approximation: Approximation, like: Rational, tolerance: float) -> Kept:
+    """Return an approximation with the states of another, of a response that is little different.
+
+    Parameters
+    ----------
+    approximation : Approximation
+        What is approximated.
+    like : Rational
+        The other one.
+    tolerance : float
+        On the errors that `Target.measure` names.
+    """
+    n = 2 * len(like.pairs) + len(like.rates)
+    if n and min(approximation.target.values.shape[1:]) > 1:
+        found = _kept(approximation, approximation.refitted(like, tolerance), tolerance)
+        if found.holds:
+            return found
+    return _with_states(approximation, n, tolerance)
+
+
+def _kept(approximation: Approximation, made: Rational, tolerance: float) -> Kept:
+    """Return an approximation with its errors, without bound where it is not passive."""
+    target, mask = approximation.target, ~made.always
+    errors = target.judged(made.response(mask, target.freq))
+    if _active(approximation, made):
+        errors = np.full(5, np.inf)
+    return Kept(made, mask, errors, target.limits(tolerance))
 
 
 def _active(approximation: Approximation, made: Rational) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
-from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.modes import modes
 from updyn.dynamics.reduced import ReducedSolver, Reduction
 from updyn.errors import ModelError, SolverError
@@ -24,9 +24,12 @@ __all__ = [
     "Lossy",
     "Matrices",
     "ModalSpace",
+    "Projection",
     "imaginary",
     "modal_space",
+    "projection",
     "rates",
+    "shared_projection",
 ]
 
 _Real = NDArray[np.float64]
@@ -39,6 +42,8 @@ _WHOLE = 300
 #: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
 #: small beside that of the motor, of which the error is a share.
 _ACCURACY = 1e-8
+#: Lines at which a basis for several states is checked, as shares of the band's upper end.
+_LINES = (1.0, 0.7, 0.35)
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
 #: A negative omega^2 down to this share of that of the band's upper end is rounding.
@@ -180,6 +185,87 @@ def nonnegative(A: _Real) -> _Real:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """A model on the basis vectors that matter between some ports in a band, in any of its states.
+
+    Attributes
+    ----------
+    system : AffineSystem
+        The model itself, or a reduced one: its terms are the matrices on the basis.
+    matrices : tuple of ndarray of float, each of shape (r, r)
+        The same, one a term.
+    outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
+        The basis at the ports.
+    rigid : int
+        Number of motions that strain nothing.
+    band : (float, float)
+        Lowest and highest line in Hz.
+    source : str
+        What the basis is, in words.
+    solver : ReducedSolver or None
+        Of a reduced model.
+    """
+
+    system: AffineSystem
+    matrices: tuple[_Real, ...]
+    outputs: _Real
+    inputs: _Real
+    rigid: int
+    band: tuple[float, float]
+    source: str
+    solver: ReducedSolver | None
+
+    def combined(self, state: State, quantity: str) -> _Real:
+        """Return stiffness, mass or all viscous damping of a state, shape (r, r)."""
+        total = np.zeros_like(self.matrices[0])
+        for term, matrix, factor, rate in zip(
+            self.system.terms, self.matrices, state.factor, state.rate, strict=True
+        ):
+            if term.quantity == quantity:
+                total += factor * matrix
+            elif quantity == "viscous" and rate:
+                total += factor * rate * matrix
+        return total
+
+    def space(self, state: State) -> ModalSpace:
+        """Return the modes of a state.
+
+        Raises
+        ------
+        ModelError
+            If the stiffness is indefinite: the structure is not stable.
+        """
+        rigid = self.rigid
+        omega, shapes = _modes(
+            self.combined(state, "stiffness"), self.combined(state, "mass"), rigid, self.band
+        )
+        lossy = []
+        for term, matrix, factor, loss in zip(
+            self.system.terms, self.matrices, state.factor, state.loss, strict=True
+        ):
+            if loss:
+                own = shapes.T @ (factor * loss * matrix) @ shapes
+                # A rigid-body motion strains nothing: only rounding stands there.
+                own[:rigid] = 0.0
+                own[:, :rigid] = 0.0
+                lossy.append(Lossy(term.group, own, term.table))
+        viscous = nonnegative(shapes.T @ self.combined(state, "viscous") @ shapes)
+        solver = self.solver
+        if solver is not None:
+            solver = replace(solver, system=replace(solver.system, start=state))
+        return ModalSpace(
+            omega,
+            rigid,
+            self.outputs @ shapes,
+            self.inputs @ shapes,
+            viscous,
+            tuple(lossy),
+            self.source,
+            solver,
+        )
+
+
 def modal_space(
     model: Model,
     inputs: tuple[Port, ...],
@@ -217,74 +303,163 @@ def modal_space(
     DofError
         If the model has not the DOFs of a port.
     """
-    at_inputs, weights_in = port_matrix(inputs, model, "input")
-    at_outputs, weights_out = port_matrix(outputs, model, "output")
     system = AffineSystem.compile(model)
-    matrices, at, source, solver = _projected(
-        system, at_inputs, at_outputs, band, backend, accuracy
-    )
-    totals = {q: np.zeros_like(matrices[0]) for q in ("stiffness", "mass", "viscous")}
-    for term, matrix, factor, rate in zip(
-        system.terms, matrices, system.start.factor, system.start.rate, strict=True
-    ):
-        totals[term.quantity] += factor * matrix
-        if term.quantity != "viscous" and rate:
-            totals["viscous"] += factor * rate * matrix
-    rigid = _rigid_count(model)
-    omega, shapes = _modes(totals["stiffness"], totals["mass"], rigid, band)
-    lossy = []
-    for term, matrix, factor, loss in zip(
-        system.terms, matrices, system.start.factor, system.start.loss, strict=True
-    ):
-        if loss:
-            own = shapes.T @ (factor * loss * matrix) @ shapes
-            # A rigid-body motion strains nothing: only rounding stands there.
-            own[:rigid] = 0.0
-            own[:, :rigid] = 0.0
-            lossy.append(Lossy(term.group, own, term.table))
-    viscous = nonnegative(shapes.T @ totals["viscous"] @ shapes)
-    shapes_out = weights_out @ at(at_outputs) @ shapes
-    shapes_in = weights_in @ at(at_inputs) @ shapes
-    return ModalSpace(omega, rigid, shapes_out, shapes_in, viscous, tuple(lossy), source, solver)
+    found = projection(model, system, inputs, outputs, band, backend=backend, accuracy=accuracy)
+    return found.space(system.start)
 
 
-def _projected(
+def projection(
+    model: Model,
     system: AffineSystem,
-    at_inputs: NDArray[np.intp],
-    at_outputs: NDArray[np.intp],
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
     band: tuple[float, float],
-    backend: str | None,
-    accuracy: float,
-) -> tuple[list[_Real], Callable[[NDArray[np.intp]], _Real], str, ReducedSolver | None]:
-    """Return the matrices on a basis, the basis at some DOFs, its name, and its solver."""
+    *,
+    backend: str | None = None,
+    accuracy: float = _ACCURACY,
+) -> Projection:
+    """Return a model on the basis vectors that matter between some ports in a band.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    system : AffineSystem
+        The same, compiled.
+    inputs, outputs, band, backend, accuracy
+        As for `modal_space`.
+    """
+    return _Projecting(model, system, inputs, outputs, band).at_start(backend, accuracy)
+
+
+def shared_projection(
+    model: Model,
+    system: AffineSystem,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    band: tuple[float, float],
+    training: Sequence[State],
+    states: Sequence[State],
+    *,
+    backend: str | None = None,
+    accuracy: float = _ACCURACY,
+) -> tuple[Projection, NDArray[np.bool_]]:
+    """Return a model on one basis for several of its states.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    system : AffineSystem
+        The same, compiled.
+    inputs, outputs, band
+        As for `modal_space`.
+    training : sequence of State
+        States whose fields the basis is enriched by, where it lacks them.
+    states : sequence of State
+        States at which its error is estimated by residuals.
+    backend, accuracy
+        As for `modal_space`.
+
+    Returns
+    -------
+    projection : Projection
+    holds : ndarray of bool, shape (len(states),)
+        At which of the states the basis is as accurate as asked.
+    """
+    making = _Projecting(model, system, inputs, outputs, band)
     if system.n <= _WHOLE:
+        return making.whole(), np.ones(len(states), dtype=np.bool_)
+    reduction, _ = making.reduced(backend, accuracy)
+    lines = np.array(_LINES) * band[1]
+    lines = lines[lines >= band[0]]
+    reduction.enrich(training, lines)
+    holds = reduction.lacking(states, lines) <= accuracy
+    said = f"{reduction.basis.size} motions of a reduced model, one for all members"
+    return making.of(reduction, said), holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Projecting:
+    """What a basis is made of."""
+
+    model: Model
+    system: AffineSystem
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    band: tuple[float, float]
+
+    def at_start(self, backend: str | None, accuracy: float) -> Projection:
+        if self.system.n <= _WHOLE:
+            return self.whole()
+        reduction, said = self.reduced(backend, accuracy)
+        return self.of(reduction, said)
+
+    def whole(self) -> Projection:
+        """Return the model as it is."""
         matrices = []
-        for term in system.terms:
-            whole = np.zeros((system.n, system.n))
+        for term in self.system.terms:
+            whole = np.zeros((self.system.n, self.system.n))
             local = term.local
             whole[np.ix_(term.rows, term.rows)] = (
                 local if isinstance(local, np.ndarray) else local.toarray()
             )
             matrices.append(whole)
+        eye = np.eye(self.system.n)
+        said = f"all {self.system.n} motions of the model"
+        return self._made(self.system, matrices, lambda dofs: eye[dofs], said, None)
+
+    def reduced(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
+        """Return the basis of the start, and what is said of it."""
+        (into, _), (out, _) = self._ports
+        system, band = self.system, self.band
+        reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
+        reduction.build(system.start)
+        found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
+        # Rounding is the model's own: no basis is without it.
+        lacking = found.error - found.rounding
+        if lacking > accuracy:
+            raise SolverError(
+                f"plant: {found.size} basis vectors reach an error of {lacking:.1g} of the largest"
+                f" receptance of a line, not {accuracy:g}; narrow the band, or allow a larger"
+                " accuracy="
+            )
         return (
-            matrices,
-            lambda dofs: np.eye(system.n)[dofs],
-            f"all {system.n} motions of the model",
-            None,
+            reduction,
+            f"{found.size} motions of a reduced model, error at most {found.error:.1g}",
         )
-    reduction = Reduction(system, at_outputs, at_inputs, band, check_backend(backend), accuracy)
-    reduction.build(system.start)
-    found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
-    # Rounding is the model's own: no basis is without it.
-    lacking = found.error - found.rounding
-    if lacking > accuracy:
-        raise SolverError(
-            f"plant: {found.size} basis vectors reach an error of {lacking:.1g} of the largest"
-            f" receptance of a line, not {accuracy:g}; narrow the band, or allow a larger accuracy="
+
+    def of(self, reduction: Reduction, said: str) -> Projection:
+        """Return the model on a basis."""
+        solver, basis = reduction.solver("plant"), reduction.basis
+        return self._made(solver.system, basis.terms, basis.at, said, solver)
+
+    @property
+    def _ports(self) -> tuple[tuple[NDArray[np.intp], _Real], tuple[NDArray[np.intp], _Real]]:
+        return (
+            port_matrix(self.inputs, self.model, "input"),
+            port_matrix(self.outputs, self.model, "output"),
         )
-    basis = reduction.basis
-    said = f"{found.size} motions of a reduced model, error at most {found.error:.1g}"
-    return basis.terms, basis.at, said, reduction.solver("plant")
+
+    def _made(
+        self,
+        system: AffineSystem,
+        matrices: Sequence[_Real],
+        at: Callable[[NDArray[np.intp]], _Real],
+        said: str,
+        solver: ReducedSolver | None,
+    ) -> Projection:
+        (into, weights_in), (out, weights_out) = self._ports
+        return Projection(
+            system,
+            tuple(matrices),
+            weights_out @ at(out),
+            weights_in @ at(into),
+            _rigid_count(self.model),
+            self.band,
+            said,
+            solver,
+        )
 
 
 def _rigid_count(model: Model) -> int:

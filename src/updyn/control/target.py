@@ -19,7 +19,9 @@ from updyn.model import Model
 __all__ = [
     "Kept",
     "Target",
+    "answered",
     "fewest",
+    "judged",
     "target_lines",
 ]
 
@@ -83,27 +85,21 @@ class Target:
     @classmethod
     def of(
         cls,
-        model: Model,
-        inputs: tuple[Port, ...],
-        outputs: tuple[Port, ...],
+        receptance: Callable[[_Real], _Complex],
         quantities: tuple[str, ...],
         freq: _Real,
         *,
         slow: bool,
         potential: Callable[[_Real], _Real],
         measure: str = "relative",
-        solver: ReducedSolver | None = None,
-        tier: str | None = None,
-        backend: str | None = None,
+        reduced: bool = False,
     ) -> Target:
         """Compute it.
 
         Parameters
         ----------
-        model : Model
-            The structure.
-        inputs, outputs : tuple of Port
-            Where it is driven and read.
+        receptance : callable
+            Returns that between the ports at lines in Hz, shape (n_f, n_y, n_u).
         quantities : tuple of str
             Of each output.
         freq : ndarray of float, shape (n_f,)
@@ -115,34 +111,21 @@ class Target:
             shape (n_f, n_y, n_u).
         measure : {"relative", "peak"}
             For which errors a tolerance holds.
-        solver : ReducedSolver, optional
-            A proved reduced model, which answers where no tier is forced.
-        tier, backend : str, optional
-            As for `updyn.response`.
+        reduced : bool
+            Whether the receptance is that of a reduced model.
         """
-        (columns, into), (rows, out) = (
-            port_matrix(inputs, model, "input"),
-            port_matrix(outputs, model, "output"),
-        )
         power = np.array([QUANTITIES[q] for q in quantities])
 
         def answer(lines: _Real) -> _Complex:
-            if solver is not None and tier is None:
-                coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * lines)
-                found = solver.at(solver.solve(coefficients, columns, lines), rows)
-                found = found.transpose(1, 0, 2)
-            else:
-                at = model.dofs[rows], model.dofs[columns]
-                found = response(model, lines, *at, tier=tier, backend=backend).values
             rate = (2j * np.pi * lines[:, None]) ** power
-            return np.asarray((out @ found @ into.T) * rate[:, :, None])
+            return np.asarray(receptance(lines) * rate[:, :, None])
 
         freq, values = resolved(answer, freq, answer(freq))
         resolution = _UNCOUPLED * potential(freq)
-        if solver is not None:
+        if reduced:
             rate = np.abs(2j * np.pi * freq[:, None]) ** power
-            receptance = np.abs(values) / rate[:, :, None]
-            largest = receptance.max(axis=(1, 2), keepdims=True)
+            size = np.abs(values) / rate[:, :, None]
+            largest = size.max(axis=(1, 2), keepdims=True)
             resolution = np.maximum(resolution, _RESOLVED * largest * rate[:, :, None])
         return cls.at(freq, values, quantities, resolution, slow=slow, measure=measure)
 
@@ -303,6 +286,42 @@ class Target:
         return out
 
 
+def answered(
+    model: Model,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    solver: ReducedSolver | None,
+    tier: str | None,
+    backend: str | None,
+) -> Callable[[_Real], _Complex]:
+    """Return what computes the receptance of a model between ports, at lines in Hz.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    inputs, outputs : tuple of Port
+        Where it is driven and read.
+    solver : ReducedSolver or None
+        A proved reduced model, which answers where no tier is forced.
+    tier, backend : str, optional
+        As for `updyn.response`.
+    """
+    columns, into = port_matrix(inputs, model, "input")
+    rows, out = port_matrix(outputs, model, "output")
+
+    def receptance(lines: _Real) -> _Complex:
+        if solver is not None and tier is None:
+            coefficients = solver.system.coefficients(solver.system.start, 2.0 * np.pi * lines)
+            found = solver.at(solver.solve(coefficients, columns, lines), rows).transpose(1, 0, 2)
+        else:
+            at = model.dofs[rows], model.dofs[columns]
+            found = response(model, lines, *at, tier=tier, backend=backend).values
+        return np.asarray(out @ found @ into.T)
+
+    return receptance
+
+
 def target_lines(poles: _Complex, band: tuple[float, float]) -> _Real:
     """Return lines that resolve every resonance of a band.
 
@@ -403,7 +422,7 @@ def fewest(
     costs = np.where(always, np.inf, costs)
     order = np.argsort(-costs, kind="stable")
     limits = target.limits(tolerance)
-    whole = _judged(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
+    whole = judged(conversion, target, np.ones(len(order), dtype=np.bool_), limits)
     if lenient:
         limits[3:] = np.maximum(limits[3:], _SHORT * whole.errors[3:])
     if not whole.holds:
@@ -411,7 +430,7 @@ def fewest(
     low, high, best = int(always.sum()), len(order), whole
     while low < high:
         middle = (low + high) // 2
-        tried = _judged(conversion, target, _first(order, middle), limits)
+        tried = judged(conversion, target, _first(order, middle), limits)
         if tried.holds:
             high, best = middle, tried
         else:
@@ -421,7 +440,7 @@ def fewest(
             continue
         mask = best.mask.copy()
         mask[i] = False
-        tried = _judged(conversion, target, mask, limits)
+        tried = judged(conversion, target, mask, limits)
         if tried.holds:
             best = tried
     return best
@@ -433,7 +452,20 @@ def _first(order: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _judged(
+def judged(
     conversion: Conversion, target: Target, mask: NDArray[np.bool_], limits: NDArray[np.float64]
 ) -> Kept:
+    """Return a choice of candidates with its errors.
+
+    Parameters
+    ----------
+    conversion : Conversion
+        The candidates.
+    target : Target
+        What to answer like.
+    mask : ndarray of bool, shape (n,)
+        Which are kept.
+    limits : ndarray of float, shape (5,)
+        Of the errors, as `Target.limits`.
+    """
     return Kept(conversion, mask, target.judged(conversion.response(mask, target.freq)), limits)

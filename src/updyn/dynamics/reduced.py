@@ -514,6 +514,50 @@ class Reduction:
         self._sparse.release()
         return estimate.certificate(size, tuple(lines), self.factorisations)
 
+    def enrich(self, states: Sequence[State], freq: _Real) -> None:
+        """Enrich the basis by what it lacks at some lines of several states.
+
+        Parameters
+        ----------
+        states : sequence of State
+            One after the other; what one has added the next ones find.
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+        """
+        for state in states:
+            definite = self._factorised(state, -self._top)
+            for f in freq:
+                self._check(definite, state, float(f), True)
+                self.poll()
+        self._sparse.release()
+
+    def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
+        """Estimate the error at some lines of several states by residuals, the basis as it is.
+
+        Parameters
+        ----------
+        states : sequence of State
+            Of the model.
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+
+        Returns
+        -------
+        ndarray of float, shape (len(states),)
+            The largest error of a receptance as a share of the largest of its line.
+        """
+        solver, worst = self.solver(), np.zeros(len(states))
+        for number, state in enumerate(states):
+            definite = self._factorised(state, -self._top)
+            for f in freq:
+                line = LineResidual(solver, self.basis, self._channels, state, float(f))
+                errors = np.abs(line.errors(definite.solve(line.residual())))
+                share = SAFETY * float((errors / self._channels.levels(line.H)).max())
+                worst[number] = max(worst[number], share)
+            self.poll()
+        self._sparse.release()
+        return worst
+
     def _orthonormal(self, W: _Real, state: State) -> _Real:
         """Return what spans the columns of W, shape (N, k), orthonormal in K + omega_max^2 M.
 

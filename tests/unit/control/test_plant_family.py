@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import updyn
-import updyn.control.family
+from updyn.control.build import Shared
 from updyn.control.family import PlantFamily, plant_family
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.reduced import Reduction
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.uncertainty.draws import Draws
 from updyn.updating.result import JointResult, UpdateResult
@@ -115,7 +117,7 @@ def test_the_words(family) -> None:
 def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
     """Log-normal in the factor, normal in the loss factor: 4000 draws without their plants."""
     nominal = plant_family(unsure, **PORTS, n=1).nominal
-    monkeypatch.setattr(updyn.control.family, "plant", lambda *about, **options: nominal)
+    monkeypatch.setattr(Shared, "member", lambda *about: (nominal, None))
     found = plant_family(unsure, **PORTS, n=4000, seed=1)
     at = [unsure.values[name] for name in found.names]
     x = np.column_stack([np.log(found.values[:, 0] / at[0]), found.values[:, 1] / at[1] - 1.0])
@@ -128,7 +130,7 @@ def test_draws_are_as_the_covariance_says(unsure, monkeypatch) -> None:
 
 def test_what_falls_below_zero_is_put_on_it(unsure, monkeypatch) -> None:
     nominal = plant_family(unsure, **PORTS, n=1).nominal
-    monkeypatch.setattr(updyn.control.family, "plant", lambda *about, **options: nominal)
+    monkeypatch.setattr(Shared, "member", lambda *about: (nominal, None))
     covariance = unsure.covariance.copy()
     covariance[1, 1] = (2.0 * unsure.values["shaft.loss_factor"]) ** 2
     found = plant_family(replace(unsure, covariance=covariance), **PORTS, n=2000)
@@ -204,15 +206,15 @@ def test_of_several_tests_one_is_named(unsure, family) -> None:
 
 
 def test_one_route_serves_all(unsure, monkeypatch) -> None:
-    plain, asked = updyn.control.family.plant, []
+    plain, asked = Shared.member, []
 
-    def sometimes(model, *about, route, **options):
+    def sometimes(shared, state, route, like=None):
         asked.append(route)
         if route == "modal" and len(asked) > 2:
             raise ModelError("no order holds the tolerance")
-        return plain(model, *about, route=route, **options)
+        return plain(shared, state, route, like)
 
-    monkeypatch.setattr(updyn.control.family, "plant", sometimes)
+    monkeypatch.setattr(Shared, "member", sometimes)
     found = plant_family(unsure, **PORTS, n=2)
     assert asked == ["auto", "modal", "modal", "complex", "complex", "complex"]
     assert (
@@ -226,14 +228,14 @@ def test_one_route_serves_all(unsure, monkeypatch) -> None:
 
 
 def test_a_member_that_cannot_be_solved_is_named(unsure, monkeypatch) -> None:
-    plain = updyn.control.family.plant
+    plain = Shared.member
 
-    def sometimes(model, *about, **options):
-        if model is not unsure.model:
+    def sometimes(shared, state, route, like=None):
+        if like is not None:
             raise SolverError("no finite answer at 3 Hz")
-        return plain(model, *about, **options)
+        return plain(shared, state, route, like)
 
-    monkeypatch.setattr(updyn.control.family, "plant", sometimes)
+    monkeypatch.setattr(Shared, "member", sometimes)
     with pytest.raises(
         SolverError,
         match=r"member 0 of the family \(.*, shaft\.loss_factor = 0\.0\d+\): no finite answer",
@@ -252,3 +254,113 @@ def test_what_is_not_understood_is_refused(unsure) -> None:
         plant_family(unsure.model, **PORTS)
     with pytest.raises(OptionError, match="ended as 'failed', not at a minimum"):
         plant_family(replace(unsure, status="failed"), **PORTS)
+
+
+# -- one basis for all ------------------------------------------------------------------------------
+LONG = 340
+ROW = {
+    "inputs": "1:X",
+    "outputs": ["1:X", f"{LONG}:X"],
+    "band": (1.0, 40.0),
+    "quantity": ["mobility", "receptance"],
+}
+
+
+def long_row() -> updyn.Model:
+    """A row of masses, more than are taken as they are, in two halves, one end held."""
+    near, far = np.zeros((LONG, LONG)), np.zeros((LONG, LONG))
+    near[0, 0] = 1.0
+    for i in range(LONG - 1):
+        half = near if i < LONG // 2 else far
+        half[i : i + 2, i : i + 2] += [[1.0, -1.0], [-1.0, 1.0]]
+    groups = {
+        "masses": updyn.Group(mass=np.eye(LONG)),
+        "near": updyn.Group(4e8 * near, loss_factor=0.02),
+        "far": updyn.Group(3e8 * far, loss_factor=0.05),
+    }
+    return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(LONG)])
+
+
+@pytest.fixture(scope="module")
+def long_fit() -> UpdateResult:
+    """An update of the row whose deviations are made 3 % of stiffness, 10 % of loss factors."""
+    model = long_row()
+    frf = noisy(updyn.response(model, np.linspace(2.0, 30.0, 20), ["1:X"], ["1:X"]), 0.01)
+    unknowns = updyn.parameters(model, stiffness=["near", "far"], loss_factor=["far"])
+    fit = updyn.update(model, frf, unknowns, noise={"relative": 0.01}, starts=0)
+    std = np.array([fit.values[n] for n in fit.parameters.names]) * [0.03, 0.03, 0.1]
+    return replace(
+        fit,
+        covariance=np.diag(std**2),
+        std=dict(zip(fit.parameters.names, std, strict=True)),
+    )
+
+
+@pytest.mark.parametrize("error", ["peak", "relative"])
+def test_one_basis_serves_all_members(long_fit, monkeypatch, error) -> None:
+    """Each member answers as its model does, and as the plant that is made of it alone."""
+    built, plain = [], Reduction.build
+
+    def counted(reduction, state):
+        built.append(state)
+        return plain(reduction, state)
+
+    monkeypatch.setattr(Reduction, "build", counted)
+    found = plant_family(long_fit, **ROW, error=error, n=3)
+    assert len(built) == 1
+    freq = np.linspace(1.0, 40.0, 400)
+    for member, values in zip(found.members, found.values, strict=True):
+        assert "one for all" in member.facts["motions"]
+        stated = member.relative_error if error == "relative" else member.error
+        assert stated <= 0.02
+        model = long_fit.parameters.apply(long_fit.start, values)
+        exact = updyn.response(model, freq, ["1:X", f"{LONG}:X"], ["1:X"], tier="sparse").values
+        exact = exact * np.stack([2j * np.pi * freq, np.ones(len(freq))], axis=1)[:, :, None]
+        alone = updyn.plant(model, **ROW, error=error, route=found.facts["route"])
+        level = np.abs(exact).max(axis=0)
+        for other in (exact, alone.response(freq).values):
+            off = np.abs(member.response(freq).values - other)
+            assert (off / level).max() <= 2 * 0.02
+        assert (np.abs(member.response(freq).values - exact) / level).max() <= 1.05 * max(
+            member.error, 1e-6
+        )
+
+
+def test_a_member_at_which_the_basis_does_not_hold_is_made_alone(long_fit, monkeypatch) -> None:
+    plain = Reduction.lacking
+
+    def bad(reduction, states, freq):
+        return np.maximum(plain(reduction, states, freq), [0.0, 1.0])
+
+    expected = plant_family(long_fit, **ROW, error="peak", n=2)
+    monkeypatch.setattr(Reduction, "lacking", bad)
+    found = plant_family(long_fit, **ROW, error="peak", n=2)
+    assert ["one for all" in m.facts["motions"] for m in found.members] == [True, False]
+    freq = np.linspace(1.0, 40.0, 200)
+    level = np.abs(expected.response(freq)).max(axis=1, keepdims=True)
+    assert (np.abs(found.response(freq) - expected.response(freq)) / level).max() <= 0.02
+
+
+def test_what_a_basis_lacks_is_about_its_error(long_fit) -> None:
+    """The estimate by residuals bounds the difference to the whole model, and is not far off."""
+    model = long_row()
+    system = AffineSystem.compile(model)
+    reduction = Reduction(
+        system, np.array([0, LONG - 1]), np.array([0]), (1.0, 40.0), "superlu", 1e-4
+    )
+    reduction.build(system.start)
+    reduction.basis = reduction.basis.leading(8)
+    other = replace(system.start, factor=system.start.factor * [1.0, 1.1, 0.9])
+    line = np.array([40.0])
+    (said,) = reduction.lacking([other], line)
+    changed = model.scaled({"near": {"stiffness": 1.1}, "far": {"stiffness": 0.9}})
+    solver = reduction.solver()
+    q = solver.solve(system.coefficients(other, 2 * np.pi * line), np.array([0]), line)
+    H = solver.at(q, np.array([0, LONG - 1]))[:, 0, 0]
+    exact = updyn.response(changed, line, ["1:X", f"{LONG}:X"], ["1:X"], tier="sparse").values[
+        0, :, 0
+    ]
+    off = np.abs(H - exact).max() / np.abs(exact).max()
+    assert off <= said <= 100 * off + 1e-12
+    reduction.enrich([other, other], line)
+    assert reduction.lacking([other], line)[0] <= 0.1 * said

@@ -1,0 +1,187 @@
+"""`Spectrum`: the response of a damped structure at any number of lines, by one decomposition.
+
+With P = K + Omega^2 M, Omega the upper end of the band, and X^T P X = I, X^T Omega^2 M X =
+diag(sigma), the dynamic stiffness without viscous damping is
+
+    X^T Z X = S (I - (1 + omega^2 / Omega^2) N),   S = I + i X^T D X,   N = S^-1 diag(sigma),
+
+so that the eigenvalues mu and vectors V of the one matrix N give Z^-1 at every line: S and P are
+never singular, whether there is rigid-body motion or motion without mass. Viscous damping of few
+dampers, C = L L^T, is put in by the matrix inversion lemma (Woodbury),
+
+    H = H0 - i omega H0 L (I + i omega L^T H0 L)^-1 L^T H0.
+
+Where a loss factor depends on frequency, there are many dampers, or the vectors are not independent
+enough, every line is solved on its own instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.control.space import Projection
+from updyn.dynamics.affine import State
+from updyn.errors import ModelError, SolverError
+
+__all__ = ["Spectrum"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+
+#: Dampers below this share of the largest are rounding.
+_RANK = 1e-13
+#: More dampers than this share of the motions, and lines are solved one by one.
+_MANY = 0.25
+#: Lines of the band at which the decomposition is compared with a solution, and the share of a
+#: channel by which they may differ.
+_CHECKED, _AGREES = 5, 1e-7
+#: Lines that are solved at once.
+_BLOCK = 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """The response between the ports of a projection, at one state.
+
+    Attributes
+    ----------
+    projection : Projection
+        The model.
+    state : State
+        Its state.
+    poles : ndarray of complex, shape (r,)
+        Of the damped structure, above the real axis, in rad/s; of its viscous damping to the first
+        order.
+    modes : tuple of ndarray of complex or None
+        mu, shape (r,), and vectors at outputs and dampers, shape (n_y + k, r), and at inputs and
+        dampers, shape (n_u + k, r); None where every line is solved.
+    """
+
+    projection: Projection
+    state: State
+    poles: _Complex
+    modes: tuple[_Complex, _Complex, _Complex] | None
+
+    @classmethod
+    def of(cls, projection: Projection, state: State) -> Spectrum:
+        """Decompose a state.
+
+        Parameters
+        ----------
+        projection : Projection
+            The model.
+        state : State
+            Its state.
+
+        Raises
+        ------
+        ModelError
+            If a motion has neither stiffness nor mass, or a negative one.
+        """
+        top = (_TWO_PI * projection.band[1]) ** 2
+        M, D = projection.combined(state, "mass"), np.zeros_like(projection.matrices[0])
+        for matrix, factor, loss in zip(projection.matrices, state.factor, state.loss, strict=True):
+            D += factor * loss * matrix
+        try:
+            share, X = scipy.linalg.eigh(top * M, projection.combined(state, "stiffness") + top * M)
+        except scipy.linalg.LinAlgError as error:
+            raise ModelError(
+                "plant: a motion has neither stiffness nor mass, or a negative one"
+            ) from error
+        S = np.eye(len(X)) + 1j * (X.T @ D @ X)
+        mu, V = np.linalg.eig(np.linalg.solve(S, np.diag(share).astype(np.complex128)))
+        dampers = _dampers(X.T @ projection.combined(state, "viscous") @ X)
+        seen = np.vstack([projection.outputs @ X, dampers.T])
+        forced = np.vstack([projection.inputs @ X, dampers.T])
+        try:
+            right = np.linalg.solve(S @ V, forced.T).T
+        except np.linalg.LinAlgError:  # vectors of a multiple eigenvalue
+            right = np.full((len(forced), len(mu)), np.nan, dtype=np.complex128)
+        poles = _poles(mu, V, share, dampers, top)
+        found = cls(projection, state, poles, (mu, seen @ V, right))
+        many = dampers.shape[1] > _MANY * len(X)
+        tabled = any(t.table is not None for t in projection.system.terms)
+        if many or tabled or not found._agrees():
+            return cls(projection, state, poles, None)
+        return found
+
+    def receptance(self, freq: _Real) -> _Complex:
+        """Return the receptance from inputs to outputs.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_f, n_y, n_u)
+            In the units of the ports, m/N or the like.
+        """
+        if self.modes is None:
+            return self.solved(freq)
+        omega, (mu, left, right) = _TWO_PI * freq, self.modes
+        top = (_TWO_PI * self.projection.band[1]) ** 2
+        own = 1.0 / (1.0 - (1.0 + omega[:, None] ** 2 / top) * mu)
+        whole = (left[None] * own[:, None, :]) @ right.T
+        n_y, n_u = len(self.projection.outputs), len(self.projection.inputs)
+        H = whole[:, :n_y, :n_u]
+        if whole.shape[1] > n_y:
+            rate = 1j * omega[:, None, None]
+            around = np.eye(whole.shape[1] - n_y) + rate * whole[:, n_y:, n_u:]
+            H = H - rate * (whole[:, :n_y, n_u:] @ np.linalg.solve(around, whole[:, n_y:, :n_u]))
+        return np.asarray(H)
+
+    def solved(self, freq: _Real) -> _Complex:
+        """Return the same by a solution a line.
+
+        Raises
+        ------
+        SolverError
+            If there is none.
+        """
+        projection, parts = self.projection, []
+        stack = np.stack(projection.matrices)
+        for first in range(0, len(freq), _BLOCK):
+            omega = _TWO_PI * freq[first : first + _BLOCK]
+            c = projection.system.coefficients(self.state, omega)
+            Z = np.tensordot(c.T, stack, axes=1)
+            loads = np.broadcast_to(projection.inputs.T, (len(omega), *projection.inputs.T.shape))
+            try:
+                parts.append(projection.outputs @ np.linalg.solve(Z, loads))
+            except np.linalg.LinAlgError as error:
+                raise SolverError(
+                    f"plant: the structure has no finite answer between {freq[first]:g} Hz and"
+                    f" {omega[-1] / _TWO_PI:g} Hz: it is not damped"
+                ) from error
+        return np.concatenate(parts)
+
+    def _agrees(self) -> bool:
+        low, high = self.projection.band
+        freq = np.geomspace(max(low, 1e-3 * high), high, _CHECKED)
+        exact, found = self.solved(freq), self.receptance(freq)
+        return bool((np.abs(found - exact) <= _AGREES * np.abs(exact)).all())
+
+
+def _dampers(C: _Real) -> _Real:
+    """Return L of C = L L^T, shape (r, k)."""
+    size, axes = np.linalg.eigh(0.5 * (C + C.T))
+    kept = size > _RANK * max(float(size.max(initial=0.0)), 1e-300)
+    return np.asarray(axes[:, kept] * np.sqrt(size[kept]))
+
+
+def _poles(mu: _Complex, V: _Complex, share: _Real, dampers: _Real, top: float) -> _Complex:
+    """Return the poles above the real axis, in rad/s: s^2 + c s + omega^2 = 0 of each vector."""
+    mass = np.einsum("im,i,im->m", V, share, V) / top
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = top * (1.0 / mu - 1.0)
+        rate = ((dampers.T @ V) ** 2).sum(axis=0) / mass
+        root = np.sqrt(square - rate**2 / 4.0)
+        poles = -rate / 2.0 + 1j * np.where(root.real < 0, -root, root)
+    poles = poles[np.isfinite(poles)]
+    return np.asarray(np.where(poles.real > 0.0, 1j * poles.imag, poles))
