@@ -36,8 +36,9 @@ settings.load_profile("updyn")
 
 #: Folders whose tests fit, and print or compare what they find.
 _ROUNDED = {"cli", "comparison", "docs", "recovery", "report"}
-#: All methods on the shipped beam take minutes; other tests compare methods under every kernel.
-_ONCE = {"test_compare_doc.py"}
+#: All methods on the gear train take minutes, other tests compare methods under every kernel; and
+#: rounding is nothing beside the scatter of many draws.
+_ONCE = {"test_compare_doc.py", "test_sensor_statistics.py", "test_statistics.py"}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,9 +1,12 @@
 """Run the tests marked `kernels`, which rounding could change, under several kernels of OpenBLAS.
 
 python tools/kernels.py Haswell Prescott SkylakeX -- -n 2
+python tools/kernels.py --first Prescott Haswell -- -n 2
 
 OpenBLAS chooses its kernel by the processor and adds in another order in each. A kernel that this
-processor cannot run, and the one that it uses anyway, are named and left out.
+processor cannot run, and the one that it uses anyway, are named and left out. With ``--first``, the
+first that is left is the only one: beside the machine's own, which all tests have, a second order
+of adding.
 """
 
 from __future__ import annotations
@@ -12,8 +15,12 @@ import os
 import subprocess
 import sys
 
+#: A kernel that the processor lacks instructions for is reported, and ends the process in use.
 _ASK = """
 import numpy, scipy.linalg, threadpoolctl
+for kind in (float, complex):
+    matrix = numpy.eye(64, dtype=kind)
+    scipy.linalg.lu_factor(matrix @ matrix)
 libraries = threadpoolctl.threadpool_info()
 found = {i["architecture"] for i in libraries if i["internal_api"] == "openblas"}
 print(*sorted(found))
@@ -31,7 +38,10 @@ def environment(kernel: str | None) -> dict[str, str]:
 
 
 def kernels_used(kernel: str | None) -> list[str]:
-    """Return the kernels that numpy and scipy use if one is asked for; empty without OpenBLAS."""
+    """Return the kernels that numpy and scipy use if one is asked for.
+
+    Empty without OpenBLAS, and where the processor cannot run what was asked for.
+    """
     asked = subprocess.run(
         [sys.executable, "-c", _ASK],
         env=environment(kernel),
@@ -39,6 +49,8 @@ def kernels_used(kernel: str | None) -> list[str]:
         text=True,
         check=False,
     )
+    if asked.returncode:
+        return []
     return [_ALIASES.get(name, name) for name in asked.stdout.split()]
 
 
@@ -61,8 +73,11 @@ def main() -> int:
     """Run the tests under each kernel; the exit code is 1 where one fails."""
     words = sys.argv[1:]
     cut = words.index("--") if "--" in words else len(words)
+    chosen = runnable([word for word in words[:cut] if word != "--first"])
+    if "--first" in words[:cut]:
+        chosen = chosen[:1]
     failed = []
-    for kernel in runnable(words[:cut]):
+    for kernel in chosen:
         print(f"== {kernel}", flush=True)
         run = [sys.executable, "-m", "pytest", "-m", "kernels", *words[cut + 1 :]]
         if subprocess.run(run, env=environment(kernel), check=False).returncode:

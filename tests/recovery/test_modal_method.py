@@ -313,7 +313,8 @@ def test_standard_deviations_are_those_of_the_estimates(
     """Frequencies to 0.1 %, shapes to 1 %, the ratio that the weights take for granted; 25 draws."""
     known = chain12.scaled({g: {"mass": _mass(chain12_true, chain12, g)} for g in chain12.groups})
     unknowns = updyn.parameters(known, stiffness="all")
-    exact, frf = modes_of(chain12_true, 6, SENSORS), some_frf(chain12_true, SENSORS)
+    exact = modes_of(chain12_true, 6, SENSORS)
+    few = some_frf(chain12_true, SENSORS).band(2.0, 4.0)  # too few lines to look for causes in
     rms = np.sqrt(np.mean(np.abs(exact.shapes) ** 2, axis=0))
     rng, truth = (
         np.random.default_rng(11),
@@ -323,7 +324,7 @@ def test_standard_deviations_are_those_of_the_estimates(
     for _ in range(25):
         shapes = exact.shapes + 0.01 * rms * rng.standard_normal(exact.shapes.shape)
         modes = ModeSet(exact.frequency * (1 + 1e-3 * rng.standard_normal(6)), shapes, SENSORS)
-        result = updyn.update(known, frf, unknowns, method="modal", modes=modes)
+        result = updyn.update(known, few, unknowns, method="modal", modes=modes)
         assert result.status == "converged"
         scores.append((vector(result) - truth) / np.array(list(result.std.values())))
     assert np.sqrt(np.mean(np.square(scores))) == pytest.approx(1.0, abs=0.25)

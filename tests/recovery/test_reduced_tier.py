@@ -134,7 +134,7 @@ def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch)
     start = far_off(0)
     frf = updyn.response(plate(), BAND, SENSORS, SENSORS[:1])
     unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
-    labels, added = [], []
+    labels, added, stages = [], [], []
     search = MaximumLikelihood.search
 
     def noted(self, problem, noises, monitor):
@@ -143,11 +143,18 @@ def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch)
         added.append(noises[0].beforehand(data) - noises[0].base.beforehand(data))
         return search(self, problem, noises, monitor)
 
+    def in_the_search_or_after(progress):
+        stages.append(progress.stage)
+        return progress.stage in ("search", "maximum-likelihood")
+
     monkeypatch.setattr(MaximumLikelihood, "search", noted)
-    updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    running = {"tier": "reduced", "backend": "superlu", "callback": in_the_search_or_after}
+    updyn.update(start, frf, unknowns, **running)
     assert labels == ["reduced, around the start"]
     assert (added[0] > 0.0).all()  # the search knows that its basis is not exact
-    updyn.update(start, frf, unknowns, tier="reduced", backend="superlu", starts=0)
+    stages.clear()
+    updyn.update(start, frf, unknowns, **running, starts=0)
+    assert "maximum-likelihood" in stages
     assert labels == ["reduced, around the start"]  # without a search its basis is not made
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from places import ROOT
+from updyn.cli import main
 
 __all__ = ["ROOT", "Block", "blocks", "run_console", "run_python", "save_toml"]
 
@@ -39,7 +40,11 @@ def blocks(page: Path) -> Iterator[Block]:
 
 
 def run_console(block: Block, where: str) -> int:
-    """Run each line in the current folder; return how many were run."""
+    """Run each line in the current folder; return how many were run.
+
+    In this process: to start Python and load the libraries takes as long as most commands.
+    `tests/unit/cli/test_process.py` has commands in processes of their own.
+    """
     done = 0
     for number, line in enumerate(block.text.splitlines(), block.line):
         if line in SKIPPED:
@@ -47,17 +52,12 @@ def run_console(block: Block, where: str) -> int:
         expected = _EXIT.search(line)
         words = shlex.split(_EXIT.sub("", line))
         assert words[0] == "updyn", f"{where}:{number}: do not know how to run {line!r}"
-        ended = subprocess.run(
-            [sys.executable, "-m", "updyn", *words[1:]],
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        said = f"{where}:{number}: {line}\n{ended.stdout}\n{ended.stderr}"
-        assert ended.returncode == (int(expected[1]) if expected else 0), said
-        assert "Traceback" not in ended.stderr, said
-        assert ended.stdout, said
+        out, err = io.StringIO(), io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            code = main(words[1:])
+        said = f"{where}:{number}: {line}\n{out.getvalue()}\n{err.getvalue()}"
+        assert code == (int(expected[1]) if expected else 0), said
+        assert out.getvalue(), said
         done += 1
     return done
 
