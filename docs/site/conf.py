@@ -12,6 +12,7 @@ import updyn
 SITE = Path(__file__).parent
 sys.path.insert(0, str(SITE))
 
+import gallery  # noqa: E402
 import reference  # noqa: E402
 
 import pages  # noqa: E402
@@ -22,13 +23,17 @@ copyright = author
 version = release = updyn.__version__
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # with myst_parser
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "numpydoc",
 ]
 root_doc = "site/index"
 myst_heading_anchors = 6
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True  # each notebook asserts its numbers
+nb_execution_timeout = 300  # seconds a cell
+nb_merge_streams = True
 
 autosummary_generate = False
 autodoc_typehints = "none"  # numpydoc's sections hold them, with shape and unit
@@ -42,6 +47,7 @@ html_copy_source = False
 
 reference.write(SITE / "api")
 pages.write(SITE / "api")
+gallery.write(SITE / "api")
 
 
 def setup(app: Any) -> None:

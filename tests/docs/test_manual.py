@@ -57,6 +57,23 @@ def test_every_page_is_in_the_manual() -> None:
     assert sorted(single) == sorted(pages - matched | {"benchmarks/README"}), "see docs/site/use.md"
 
 
+@pytest.mark.parametrize("page", sorted((DOCS / "notebooks").glob("*.md")), ids=lambda p: p.stem)
+def test_notebooks_are_executed_and_check_their_numbers(page: Path) -> None:
+    """By `make docs`: in Jupyter's own process, with their pictures, a cell that raises an error of the build."""
+    head, cells = page.read_text(encoding="utf-8").split("---\n", 2)[1:]
+    assert "file_format: mystnb" in head
+    assert len(re.findall(r"^```{code-cell} ipython3$", cells, re.MULTILINE)) >= 5
+    assert len(re.findall(r"^ *assert ", cells, re.MULTILINE)) >= 2
+    assert re.search(r"^plots\.", cells, re.MULTILINE)
+    assert "raises-exception" not in cells
+
+
+def test_settings_of_the_manual_make_a_failing_cell_an_error() -> None:
+    settings = (SITE / "conf.py").read_text(encoding="utf-8")
+    assert 'nb_execution_mode = "force"' in settings
+    assert "nb_execution_raise_on_error = True" in settings
+
+
 def test_the_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
 

@@ -172,13 +172,14 @@ def test_outlier_lines_do_not_spoil_the_fit(chain12_task, noise):
     """One line in twenty has 30 times the noise."""
     draws = 6
     clean, clean_std, _ = fitted(chain12_task, {**noise, **ROBUST}, False, draws)
-    plain, _, _ = fitted(chain12_task, noise or None, True, draws)
+    # Few, as causes are looked for in each.
+    plain, _, _ = fitted(chain12_task, noise or None, True, 2)
     robust, std, named = fitted(chain12_task, {**noise, **ROBUST}, True, draws)
-    assert (np.abs(plain) > 10 * std).any()
+    assert (np.abs(plain) > 10 * std[:2]).any()
     assert (np.abs(robust) < 4 * std).all()
     assert (np.abs(clean) < 4 * clean_std).all()
     assert all(named)
-    rms = [np.sqrt(np.mean((e / clean_std) ** 2)) for e in (plain, robust, clean)]
+    rms = [np.sqrt(np.mean((e / clean_std[: len(e)]) ** 2)) for e in (plain, robust, clean)]
     assert rms[0] > 4 * rms[1]
     assert rms[1] < 1.3 * rms[2]
     assert np.median(std / clean_std) == pytest.approx(

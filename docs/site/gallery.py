@@ -1,0 +1,130 @@
+"""The gallery of the manual: every build draws its pictures anew, by the lines below them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+#: What all pictures are of: the shipped chain of twelve masses, updated from its measurement.
+SETUP = """\
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import updyn
+from updyn import plots
+from updyn.demos import find_demo
+
+with tempfile.TemporaryDirectory() as folder:
+    find_demo("chain").write_inputs(Path(folder))
+    model = updyn.read_model(Path(folder) / "chain.h5")
+    test = updyn.read_frf(Path(folder) / "chain.uff")
+unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+result = updyn.update(model, test, unknowns, validation=["7:X"])
+modes = updyn.identify_modes(test)
+
+
+def computed(model):
+    lines = np.linspace(test.freq[0], test.freq[-1], 1200)
+    return updyn.response(model, lines, test.responses, test.references, test.quantity)
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture: its title, the lines that return it, and the page that says more."""
+
+    name: str
+    title: str
+    code: str
+    page: str
+
+
+PICTURES = (
+    Picture(
+        "overlay",
+        "Measured, before and after",
+        'plots.overlay(test["12:X", "12:X"], computed(model), computed(result.model))',
+        "plots.md",
+    ),
+    Picture(
+        "parameters",
+        "What has changed, with 95 % intervals",
+        "plots.parameters(result)",
+        "uncertainty.md",
+    ),
+    Picture(
+        "identifiability",
+        "What the data determine",
+        "plots.identifiability(result)",
+        "verdict.md",
+    ),
+    Picture(
+        "frac-before",
+        "FRAC of every channel, before",
+        "plots.frac(updyn.correlate(model, test))",
+        "method.md",
+    ),
+    Picture(
+        "stabilisation",
+        "Modes from the measurement",
+        "plots.stabilisation(modes, test)",
+        "modes.md",
+    ),
+    Picture(
+        "mac-before",
+        "Modes of model and test, before",
+        "plots.mac(updyn.correlate(model, modes))",
+        "modes.md",
+    ),
+    Picture(
+        "plant",
+        "A plant for control design",
+        'plots.plant(updyn.plant(result, ["12:X"], ["12:X"], band=(0.5, 12), quantity="mobility"))',
+        "plant.md",
+    ),
+)
+
+
+def write(folder: Path) -> None:
+    """Draw the pictures, and write the page that shows them.
+
+    Parameters
+    ----------
+    folder : Path
+        Below docs/site/.
+    """
+    there = folder / "gallery"
+    there.mkdir(parents=True, exist_ok=True)
+    names: dict[str, Any] = {}
+    exec(SETUP, names)
+    for picture in PICTURES:
+        figure = eval(picture.code, names)
+        figure.savefig(there / f"{picture.name}.png", dpi=110)
+    (folder / "gallery.md").write_text(page(), encoding="utf-8")
+
+
+def page() -> str:
+    """Return the page, in MyST."""
+    lines = [
+        "# Gallery",
+        "",
+        "Each picture is drawn by the line below it when the manual is built; what the lines have",
+        "in common stands at the end. More, with numbers checked: the notebooks",
+        "[gear train](../../notebooks/gear-train.md),",
+        "[noise and data](../../notebooks/noise-and-data.md) and",
+        "[look](../../notebooks/look.md), the last with the viewer in three dimensions.",
+    ]
+    for picture in PICTURES:
+        lines += ["", f"## {picture.title}", ""]
+        lines += [f"![{picture.title}](gallery/{picture.name}.png)", ""]
+        lines += [
+            "```python",
+            picture.code,
+            "```",
+            "",
+            f"See [{picture.page}](../../{picture.page}).",
+        ]
+    lines += ["", "## What they have in common", "", "```python", SETUP.rstrip(), "```"]
+    return "\n".join(lines) + "\n"
