@@ -13,6 +13,7 @@ from typing import Any
 
 from places import ROOT
 from updyn.cli import main
+from window import serving
 
 __all__ = ["ROOT", "Block", "blocks", "run_console", "run_python", "save_toml"]
 
@@ -52,6 +53,11 @@ def run_console(block: Block, where: str) -> int:
         expected = _EXIT.search(line)
         words = shlex.split(_EXIT.sub("", line))
         assert words[0] == "updyn", f"{where}:{number}: do not know how to run {line!r}"
+        if words[1] == "serve":
+            with serving(Path.cwd(), *words[2:]) as server:
+                assert server.shows("updyn"), f"{where}:{number}: {line}"
+            done += 1
+            continue
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main(words[1:])

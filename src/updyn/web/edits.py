@@ -18,6 +18,7 @@ __all__ = [
     "exclude",
     "hold_out",
     "include_all",
+    "listed_lines",
     "match_sensor",
     "set_band",
     "set_bounds",
@@ -35,6 +36,8 @@ _SAME_PICK = 1e-3
 def set_band(low: float, high: float, test: int = 0) -> Edit:
     """Return the edit that uses the lines of a band.
 
+    Lines that ``[method]`` lists by their frequency and that lie outside are taken from the list.
+
     Parameters
     ----------
     low, high : float
@@ -45,12 +48,15 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
 
     def edit(document: TOMLDocument) -> None:
         _test(document, test)["band"] = _numbers((low, high))
+        _keep_lines(document, lambda line: low <= line <= high)
 
     return edit
 
 
 def exclude(low: float, high: float, test: int = 0) -> Edit:
     """Return the edit that leaves lines out of a test.
+
+    They are taken from those that ``[method]`` lists by their frequency, too.
 
     Parameters
     ----------
@@ -69,8 +75,26 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
             made = tomlkit.array()
             made.append(entry)
             table["exclude"] = made
+        _keep_lines(document, lambda line: not low <= line <= high)
 
     return edit
+
+
+def listed_lines(text: str) -> int:
+    """Return how many lines ``[method]`` of a job lists by their frequency.
+
+    Parameters
+    ----------
+    text : str
+        The job.
+
+    Returns
+    -------
+    int
+    """
+    method = tomlkit.parse(text).unwrap().get("method")
+    lines = method.get("lines") if isinstance(method, dict) else None
+    return len(lines) if isinstance(lines, list) else 0
 
 
 def include_all(test: int = 0) -> Edit:
@@ -329,6 +353,20 @@ def _fitting(groups: Sequence[str], patterns: Any) -> list[str]:
         for name in groups
         if any(text == "all" or fnmatch.fnmatchcase(name, text) for text in texts)
     ]
+
+
+def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
+    """Keep some of the lines that ``[method]`` lists; those of several tests are left alone."""
+    method = document.get("method")
+    several = isinstance(document.get("test"), AoT) and len(cast(AoT, document["test"])) > 1
+    if several or not isinstance(method, Table) or not isinstance(method.get("lines"), Array):
+        return
+    lines = [float(line) for line in method["lines"]]
+    kept = [line for line in lines if keep(line)]
+    if not kept:
+        method.pop("lines")
+    elif len(kept) < len(lines):
+        method["lines"] = kept
 
 
 # -- parts of a document ---------------------------------------------------------------------------

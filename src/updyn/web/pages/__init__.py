@@ -55,7 +55,7 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         try:
             content = workspace.ask(structure)
         except UpdynError as error:
-            return _plain(str(error))
+            return _plain(str(error), 200)  # the page around it says the same
         return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
 
     @app.get("/embedded/page/{name:path}")
@@ -70,7 +70,7 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
 
 
-def _plain(text: str) -> HTMLResponse:
+def _plain(text: str, status: int = 404) -> HTMLResponse:
     """Return a text as a page that says why there is no other."""
     head = '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
-    return HTMLResponse(f"{head}<p>{escape(text)}</p>", status_code=404)
+    return HTMLResponse(f"{head}<p>{escape(text)}</p>", status_code=status)

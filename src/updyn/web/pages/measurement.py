@@ -192,7 +192,15 @@ class _Measurement:
             self._edit("lines left out", edits.exclude(low, high, self._number))
 
     def _edit(self, what: str, edit: edits.Edit) -> None:
-        self._workspace.opened.edit(what, edit)
+        document = self._workspace.opened
+        before = edits.listed_lines(document.text)
+        document.edit(what, edit)
+        after = edits.listed_lines(document.text)
+        if after < before:
+            rest = f"{after} are left" if after else "all lines of the test are used now"
+            ui.notify(
+                f"{before - after} of the {before} lines that [method] lists lie there: {rest}"
+            )
 
 
 def _places(chosen: int, n: int) -> range:

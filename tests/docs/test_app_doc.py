@@ -1,0 +1,26 @@
+"""The page about the window names all its pages, and what it says of limits is what holds."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from pages import ROOT
+
+pytest.importorskip("nicegui")
+
+TEXT = (ROOT / "docs" / "app.md").read_text(encoding="utf-8")
+
+
+def test_every_page_is_described():
+    from updyn.web.pages import PAGES
+
+    described = re.findall(r"^\| ([A-Z][\w ]+?) \| ", TEXT, re.MULTILINE)
+    assert described == [name for name, _ in PAGES.values()]
+
+
+def test_limits():
+    from updyn.web.workspace import MOST_UPLOAD
+
+    assert f"at most {MOST_UPLOAD // 2**20} MB" in TEXT

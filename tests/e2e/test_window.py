@@ -1,0 +1,118 @@
+"""The window of `updyn serve` in a real browser, from the measured beam to the same numbers by command."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+
+import pytest
+
+from updyn.cli import main
+from window import browsing, serving
+
+pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+pytestmark = [
+    pytest.mark.needs("browser"),
+    # sockets and pipes of the driver of the browser, when it ends
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+
+def chart(page, mark="frf"):
+    """The box of the first chart, once it is drawn."""
+    page.wait_for_selector("canvas")
+    page.wait_for_timeout(1500)  # until it lets the pointer drag
+    return page.locator("canvas").first.bounding_box()
+
+
+def drag(page, box, start, end):
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + start, y)
+    page.mouse.down()
+    for x in (start + (end - start) / 2, end):
+        page.mouse.move(box["x"] + x, y, steps=5)
+    page.mouse.up()
+
+
+def state(page, pattern):
+    """Wait until the state of the task is as said; return it."""
+    place = page.get_by_role("status").filter(has_text=re.compile(pattern))
+    place.wait_for()
+    return place.inner_text()
+
+
+def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
+    with serving(tmp_path) as server, browsing(server) as (page, heard):
+        page.get_by_role("button", name="Open beam").click()
+        page.wait_for_url("**/measurement")
+        job = tmp_path / "beam" / "job.toml"
+        before = job.read_text(encoding="utf-8")
+
+        # the band by dragging, a line by a click
+        box = chart(page)
+        drag(page, box, 130, 420)
+        page.get_by_text("beam/job.toml (edited)").wait_for()
+        page.get_by_text("Drag or click leaves lines out").click()
+        box = chart(page)
+        page.mouse.click(box["x"] + 300, box["y"] + box["height"] / 2)
+        page.get_by_text(re.compile(r"^\d+ of 4999 lines are used")).wait_for()
+        page.get_by_role("button", name="Undo").click()
+        page.get_by_role("button", name="Redo").click()
+
+        # the unknowns in the table; what the data determine is told anew
+        page.goto(f"{server.base}/unknowns")
+        page.get_by_text(re.compile("could determine (all 6 unknowns|. of 6)")).wait_for()
+        page.get_by_role("checkbox", name="accelerometers mass").click()
+        page.get_by_text(re.compile("could determine (all 5 unknowns|. of 5)")).wait_for()
+
+        # run, watch, stop, resume
+        page.goto(f"{server.base}/run")
+        folder = page.get_by_label("Folder for the results")
+        folder.wait_for()
+        folder.fill("beam/first")
+        page.get_by_role("button", name="Save and run").click()
+        state(page, "^Running: .* misfit")
+        page.get_by_role("button", name="Stop").click()
+        assert state(page, "^Ended") == "Ended: stopped"
+        page.get_by_role("button", name="Resume").click()
+        status = state(page, "^Ended: (?!stopped)").removeprefix("Ended: ")
+
+        # a second run, side by side with the first
+        page.goto(f"{server.base}/run")
+        folder = page.get_by_label("Folder for the results")
+        folder.wait_for()
+        folder.fill("beam/second")
+        page.get_by_role("button", name="Save and run").click()
+        page.wait_for_timeout(1000)
+        state(page, "^Ended")
+        page.goto(f"{server.base}/results")
+        page.get_by_text("Report of beam/second in a tab of its own").wait_for()
+        page.frame_locator("iframe").get_by_text("beam.stiffness").first.wait_for()
+        page.get_by_label("Runs to compare").click()
+        page.get_by_role("option", name="beam/first").click()
+        page.keyboard.press("Escape")
+        header = page.get_by_role("columnheader", name="beam/first")
+        header.wait_for()
+        assert heard.wrong == []
+
+    # what was done by hand stands in the job, with its comments
+    text = job.read_text(encoding="utf-8")
+    assert [line for line in before.splitlines() if line.startswith("#")] == [
+        line for line in text.splitlines() if line.startswith("#")
+    ]
+    written = tomllib.loads(text)
+    assert (
+        written["test"]["band"][0] < written["test"]["exclude"][0][0] < written["test"]["band"][1]
+    )
+
+    def values(name):
+        record = json.loads((tmp_path / "beam" / name / "result.json").read_text(encoding="utf-8"))
+        return record["status"], {p["name"]: p["value"] for p in record["parameters"]}
+
+    main(["run", str(job), "--out", str(tmp_path / "beam" / "command")])
+    assert values("first") == values("second") == values("command")
+    assert values("command")[0] == status
+    assert len(values("command")[1]) == 5
