@@ -8,6 +8,8 @@ import pytest
 
 import updyn
 from bounds import cramer_rao
+from updyn.updating.fit.method import Starts
+from updyn.updating.fit.search import Search
 
 FLOOR, RELATIVE = 0.01, 0.01
 
@@ -29,6 +31,23 @@ def test_chain_below_a_floor_that_nobody_stated(chain12_task, add_noise, seed):
     assert "misses the data" not in found.message
     assert (np.abs(off) < 4.0 * std).all()
     assert found.noise["floor"] == pytest.approx(FLOOR, rel=0.3)
+
+
+@pytest.mark.parametrize(("stated", "status"), [(0.01, "stalled"), (0.0115, "converged")])
+def test_a_search_without_agreement_is_sure_only_of_what_noise_explains(
+    chain12_task, add_noise, monkeypatch, stated, status
+):
+    """Noise of 1.15 %: 1.3 times the chi-square that 1 % leaves. Another answer may do better."""
+    start, clean, unknowns, exact = chain12_task
+    data = add_noise(clean, np.random.default_rng(0), 0.0115)
+    x = unknowns.with_start(exact)
+    monkeypatch.setattr(Search, "run", lambda self, *args: Starts((args[0].coordinates.home,)))
+    found = updyn.update(start, data, x, noise={"relative": stated})
+    assert found.status == status
+    assert ("did not settle" in found.message) == (status == "stalled")
+    assert found.noise["chi_square"] == pytest.approx((0.0115 / stated) ** 2, rel=0.1)
+    off = np.array(list(found.values.values())) - exact
+    assert (np.abs(off) < 4.0 * np.array(list(found.std.values()))).all()
 
 
 def frame(seed, factors):

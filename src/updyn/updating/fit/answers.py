@@ -21,6 +21,7 @@ from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.noise.size import size_p
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each
 
@@ -28,6 +29,7 @@ __all__ = [
     "AS_WELL",
     "Answer",
     "as_likely",
+    "contradicts",
     "differ",
     "elsewhere",
     "equals",
@@ -48,9 +50,11 @@ AS_WELL = float(np.log(100.0))
 _USUAL_FACTOR, _USUAL_LOSS = 1.0, 0.3
 #: Two answers are one below this distance, in standard deviations.
 _APART = 3.0
-#: A reduced chi-square that is more than noise,
+#: Noise of known size leaves as much so seldom that what is left is more.
+_SELDOM = 1e-3
+#: A reduced chi-square that is more than noise, of heavy tails and of modes.
 _EXCESS = 1.5
-#: and a correlation of neighbouring lines that is; fewest lines from which it is judged.
+#: A correlation of neighbouring lines that is; fewest lines from which it is judged.
 _CORRELATED, _ENOUGH_LINES = 0.2, 8
 #: Unknowns with a larger standard deviation than this are moved,
 _UNSURE = 0.05
@@ -98,9 +102,9 @@ def explains(problem: Problem, answer: Answer) -> bool:
     It is no larger than noise that is known, and not serially correlated.
     """
     for i, part in enumerate(problem.parts):
-        e = answer.residual.of(i).weight * (part.responses(answer.x) - part.frf.values)
-        power = float(np.mean(np.abs(e) ** 2))
-        if answer.noises[i].size_known and power > 2.0 * _EXCESS:
+        H, weight = part.responses(answer.x), answer.residual.of(i).weight
+        e = weight * (H - part.frf.values)
+        if answer.noises[i].size_known and _exceeds(problem, i, e, H, answer.noises[i]):
             return False
         if len(e) >= _ENOUGH_LINES and serial_correlation(e) > _CORRELATED:
             return False
@@ -109,6 +113,25 @@ def explains(problem: Problem, answer: Answer) -> bool:
         if error.noise.size_known and squares > _EXCESS * number:
             return False
     return True
+
+
+def _exceeds(
+    problem: Problem,
+    i: int,
+    e: NDArray[np.complex128],
+    H: NDArray[np.complex128],
+    noise: NoiseModel,
+) -> bool:
+    """Whether noise of known size hardly leaves a whitened residual, shape (n_f, ...), as large."""
+    part = problem.parts[i]
+    square = float(np.sum(np.abs(e) ** 2))
+    if noise.heavy_tails:
+        return square > 2.0 * _EXCESS * e.size
+    count = 2.0 * np.count_nonzero((H != 0.0) | (part.frf.values != 0.0))
+    freedom = max(count - problem.n * part.n_values / problem.n_values, 1.0)
+    averages = None if noise.source == "stated" else part.frf.averages
+    p = float(size_p(square, count, freedom, averages))
+    return p < _SELDOM / len(problem.parts)
 
 
 def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
@@ -124,15 +147,23 @@ def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
 
 
 def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
-    """Return the other answers that fit as well and differ in what the data seem to determine.
+    """Return the other answers that fit as well and contradict what the chosen one claims.
 
-    One that ran out of steps counts: it fits as well already.
+    One that ran out of steps counts: it fits as well already. One that holds the unknowns less
+    firmly counts, too, though its own standard deviations may reach the chosen one.
     """
     found: list[Answer] = []
     for other in sorted(as_likely(chosen, others), key=lambda answer: answer.unlikelihood):
-        if all(differ(known, other) for known in [chosen, *found]):
+        if contradicts(other, chosen) and all(differ(known, other) for known in found):
             found.append(other)
     return found
+
+
+def contradicts(other: Answer, chosen: Answer) -> bool:
+    """Return whether some unknown differs by more than the chosen answer allows it."""
+    if chosen.local is None or other.local is None:
+        return False
+    return _apart(chosen, other, _std(chosen.local))
 
 
 def as_likely(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
@@ -144,7 +175,10 @@ def differ(a: Answer, b: Answer) -> bool:
     """Return whether some unknown differs by more than both answers allow it."""
     if a.local is None or b.local is None:
         return False
-    std = np.maximum(_std(a.local), _std(b.local))
+    return _apart(a, b, np.maximum(_std(a.local), _std(b.local)))
+
+
+def _apart(a: Answer, b: Answer, std: _Vector) -> bool:
     return bool((np.abs(a.x - b.x) > _APART * std + 1e-6).any())
 
 

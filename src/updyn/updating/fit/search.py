@@ -60,6 +60,9 @@ _INFLATED = (0.3, 0.1, 1.0)
 _BESIDE, _BESIDE_LOSS = (0.1, 0.2), 0.02
 #: Every so many of them begin with one unknown put back to its start.
 _BY_TURNS = 3
+#: Tries that begin in a point itself go down on these shares of the lines first, in turn: any, or
+#: neighbours.
+_ANY, _NEIGHBOURS = 1.0 / 3.0, 0.5
 #: So many for each of the tries are enough, where they find nothing better.
 _HOPS_A_TRY = 2
 #: The best of the tries goes on for so many times their steps.
@@ -244,6 +247,11 @@ class Search:
     def _try_beside(
         self, problem: Problem, way: Problem, x: _Vector, number: int, monitor: Monitor
     ) -> Outcome | None:
+        number, on_some = divmod(number, 2)
+        if on_some:
+            some = _on_some_lines(problem, number, self.seed)
+            if some is not None:
+                return self._try_from(problem, some, x, monitor)
         put_back = list(_put_back(problem, x)) if number % _BY_TURNS == _BY_TURNS - 1 else []
         if put_back:
             moved = put_back[number // _BY_TURNS % len(put_back)]
@@ -450,6 +458,31 @@ def _on_few_lines(problem: Problem) -> Problem:
     if all(part.n_lines < 2 * few for part in problem.parts):
         return problem
     return problem.thinned(few)
+
+
+def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
+    """Return the problem on a share of its lines; None where so few do not hold the unknowns.
+
+    Where all lines have a minimum of the misfit that is not the answer, some of them mostly have
+    none; the answer is a minimum on any.
+    """
+    if not problem.parts:
+        return None
+    rng = np.random.default_rng([seed, number])
+    numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
+    least = math.ceil(_NUMBERS * problem.n / numbers)
+    parts = []
+    for part in problem.parts:
+        share = _ANY if number % 2 else _NEIGHBOURS
+        n, some = part.n_lines, max(math.ceil(share * part.n_lines), least)
+        if some >= n:
+            return None
+        if number % 2:
+            own = np.sort(rng.choice(n, some, replace=False))
+        else:
+            own = rng.integers(n - some + 1) + np.arange(some)
+        parts.append(replace(part, frf=part.frf.select(lines=part.frf.freq[own])))
+    return problem.with_parts(parts)
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import eigvals_banded
 from scipy.special import ndtr
 
+from updyn.updating.problem.noise.size import size_p
+
 __all__ = [
     "EXPLAINED",
     "OUTCOMES",
@@ -250,8 +252,6 @@ OUTCOMES = ("noise", "structure", "excess", "exact", "untested")
 LEVEL = 0.02
 #: A misfit, as a share of the rms of the data, below which no test could see anything.
 _EXACT = 1e-7
-#: Real numbers over which the errors of a noise level that was estimated from averages extend.
-_SHARED = 32.0
 #: Places that are listed.
 _LISTED = 12
 #: Groups that are named.
@@ -574,18 +574,11 @@ class _Size:
 
     def p(self, square: _Real, count: _Real) -> _Real:
         """Return how likely noise makes sums of squares over `count` real numbers as large."""
-        from scipy.special import chdtrc, fdtrc
+        from scipy.special import fdtrc
 
         if self.absolute:
             freedom = np.maximum(np.where(count >= self.count, count - self.n_unknowns, count), 1.0)
-            if self.averages is None:
-                p = chdtrc(freedom, square)
-            else:
-                p = fdtrc(
-                    freedom,
-                    np.clip(count, 1.0, _SHARED) * max(self.averages - 1, 1),
-                    square / freedom,
-                )
+            p = size_p(square, count, freedom, self.averages)
         else:
             rest, other = self.square - square, self.count - count - self.n_unknowns
             usable = (other >= 1.0) & (rest > 0.0) & (count > 0.0)

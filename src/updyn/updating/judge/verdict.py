@@ -229,7 +229,7 @@ def _ended(
     if fit.reason == "unsettled":
         message = (
             "The search did not settle: what its best answer leaves of the data is not noise, and"
-            " no other try came back to it. A better answer may exist."
+            " its tries did not agree on it. A better answer may exist."
         )
         return "stalled", message, "Raise starts, start closer, or fix what is known."
     if fit.reason == "unsolvable":

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, f
 
 import updyn
 from updyn.updating.fit.answers import (
@@ -20,7 +21,7 @@ from updyn.updating.fit.answers import (
     weakly_held,
 )
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.noise import Stated
+from updyn.updating.problem.noise import Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, OutputError
 
@@ -208,6 +209,15 @@ def test_distinct_answers_that_fit_as_well_are_kept():
     assert [id(one) for one in found] == [id(third), id(image)]
 
 
+def test_an_answer_counts_that_contradicts_the_chosen_one_though_it_reaches_it_itself():
+    """A gear train: the chosen answer claimed 7 of its standard deviations that the other denied."""
+    firm, loose = answer_at(np.zeros(2)), answer_at(np.array([0.07, 0.0]), 1.0, std=[0.05, 0.01])
+    assert equals(firm, [loose]) == [loose]
+    # Seen from the other, what it claims holds for both.
+    loose, firm = replace(loose, unlikelihood=0.0), replace(firm, unlikelihood=1.0)
+    assert equals(loose, [firm]) == []
+
+
 def test_answers_that_differ_only_in_what_the_data_leave_open_are_one():
     """The first unknown is not determined: its standard deviation is above 1."""
     chosen, other = (answer_at(np.array([x, 0.0]), std=[30.0, 0.01]) for x in (0.0, 2.0))
@@ -223,22 +233,33 @@ def test_an_answer_that_ran_out_of_steps_counts_and_one_that_was_stopped_does_no
 
 
 # -- whether an answer explains the data --------------------------------------------------------
-def looked_at(added: np.ndarray, relative: float = 0.01) -> bool:
-    """Whether the true model explains its FRF with something added, in shares of |H|."""
+def looked_at(
+    added: np.ndarray,
+    relative: float = 0.01,
+    freq: np.ndarray = FREQ,
+    averages: int | None = None,
+) -> bool:
+    """Whether the true model explains its FRF with something added, in shares of |H|.
+
+    With averages, its noise is that of the data, estimated from as many.
+    """
     start = symmetric_three()
-    clean = updyn.response(start, FREQ, ["1:X", "2:X"], ["2:X"])
+    clean = updyn.response(start, freq, ["1:X", "2:X"], ["2:X"])
     values = clean.values + np.abs(clean.values) * added[:, None, None]
-    frf = updyn.FRF(clean.freq, values, clean.responses, clean.references, clean.quantity)
+    known = {}
+    if averages is not None:
+        known = {"variance": (relative * np.abs(clean.values)) ** 2, "averages": averages}
+    frf = updyn.FRF(clean.freq, values, clean.responses, clean.references, clean.quantity, **known)
     problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
-    noise = Stated(relative, 0.0)
+    noise = Stated(relative, 0.0) if averages is None else Variance()
     weight = np.sqrt(2.0 / noise.variance(clean.values, frf))
     residual = Each((OutputError(weight),))
     return explains(problem, Answer(np.zeros(2), "converged", 0.0, (noise,), residual, None))
 
 
-def white(size: float) -> np.ndarray:
+def white(size: float, lines: int = len(FREQ)) -> np.ndarray:
     """Independent circular noise of a size; its sign alternates, so no correlation is by chance."""
-    phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, len(FREQ) // 2)
+    phase = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, lines // 2)
     pairs = np.stack([np.exp(1j * phase), -np.exp(1j * phase)], axis=1)
     return size * pairs.ravel()
 
@@ -252,5 +273,27 @@ def test_a_serially_correlated_residual_is_not():
 
 
 def test_a_residual_above_noise_that_is_known_is_not():
-    assert looked_at(white(0.012))
-    assert not looked_at(white(0.013))  # 1.3^2 > 1.5
+    """160 real values, two unknowns: noise leaves as much once in a thousand times."""
+    most = 0.01 * np.sqrt(chi2.isf(1e-3, 158) / 160)
+    assert 0.011 < most < 0.012
+    assert looked_at(white(0.999 * most))
+    assert not looked_at(white(1.001 * most))
+    assert not looked_at(white(0.013))
+
+
+def test_of_more_values_a_smaller_excess_is_more_than_noise():
+    """Seen: 1,200 real values with 1.47 times the noise, far from the truth, said to be explained."""
+    freq = np.linspace(1.0, 45.0, 300)
+    most = 0.01 * np.sqrt(chi2.isf(1e-3, 1198) / 1200)
+    assert most < 0.0107
+    assert looked_at(white(0.999 * most, 300), freq=freq)
+    assert not looked_at(white(1.001 * most, 300), freq=freq)
+
+
+@pytest.mark.parametrize("averages", [4, 50])
+def test_noise_that_was_estimated_from_averages_may_be_off(averages):
+    """The ratio of two estimates has the F distribution: more excess is allowed, the fewer they are."""
+    most = 0.01 * np.sqrt(f.isf(1e-3, 158, 32 * (averages - 1)) * 158 / 160)
+    assert most > 1.005 * 0.01 * np.sqrt(chi2.isf(1e-3, 158) / 160)
+    assert looked_at(white(0.999 * most), averages=averages)
+    assert not looked_at(white(1.001 * most), averages=averages)
