@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.job import Job
+    from updyn.job import Job, Prepared
     from updyn.job.proposal import Inputs
+    from updyn.updating.judge.causes.finding import Finding
+    from updyn.updating.judge.identifiability import Analysis
+    from updyn.updating.problem.selection import Selection
     from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
@@ -139,25 +142,65 @@ def run(
         return _exit_code(_run(loaded, out, engine=chosen, resume=resume))
 
 
-def check(job: Path, /) -> int:
-    """Check a job without running it, and print the identifiability of its unknowns at their start.
+def check(job: Path, /, *, out: Path | None = None) -> int:
+    """Check a job without running it: data, unknowns, identifiability at the start.
 
+    Prints what was found, and writes the page check.html to DIR: the structure, all channels, maps
+    of agreement, modes and identifiability before any fit; none where report = false in [output].
     Exit code 3 if the data cannot determine all unknowns.
 
     Parameters
     ----------
     job
         The job file (TOML).
+    out
+        Folder DIR; by default the job's name with -check, beside it.
     """
-    from updyn.job import check_out, job_identifiability, job_selection, load_job, prepare
+    from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
 
     loaded = load_job(job)
     ready = prepare(loaded)
     folder = check_out(loaded)
+    pages = _start_folder(loaded, "check", out)
     selection = job_selection(ready)
-    found = job_identifiability(ready, selection)
-    print_text(joined(CHECK, Checked(ready, selection, found, folder)))
-    return DONE if found.complete else NOT_DETERMINED
+    analysis = job_analysis(ready, selection)
+    faults = _faults(ready)
+    print_text(joined(CHECK, Checked(ready, selection, analysis.report, faults, folder)))
+    _write_start(ready, "check", pages, selection, analysis, faults)
+    return DONE if analysis.report.complete else NOT_DETERMINED
+
+
+def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
+    """Return the folder for pages before any fit; None where the job wants no page."""
+    from updyn.job import start_folder
+
+    if not job.output.report and out is None:
+        return None
+    return start_folder(job, work, out)
+
+
+def _faults(ready: Prepared) -> dict[str, tuple[Finding, ...]]:
+    """Return what seems to be wrong with the data of each test, by its name."""
+    from updyn.job import job_findings
+
+    return {test.name: job_findings(test, ready.parameters) for test in ready.tests}
+
+
+def _write_start(
+    ready: Prepared,
+    work: str,
+    folder: Path | None,
+    selection: Selection | None,
+    analysis: Analysis,
+    faults: Mapping[str, tuple[Finding, ...]],
+) -> None:
+    """Write the pages of a job before any fit, and say where they are."""
+    from updyn.job import write_start_pages
+
+    if folder is None:
+        return
+    pages = write_start_pages(ready, work, folder, selection, analysis, faults)
+    print_text("\nBefore the fit, as a page: " + ", ".join(map(str, pages)))
 
 
 def demo(
@@ -322,27 +365,39 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
     return DONE
 
 
-def correlate(job: Path, /) -> int:
+def correlate(job: Path, /, *, out: Path | None = None) -> int:
     """Compare the model of a job with its measurement as they are, without updating.
+
+    Prints the figures, and writes the page correlate.html to DIR, as updyn check does; none where
+    report = false in [output].
 
     Parameters
     ----------
     job
         The job file (TOML).
+    out
+        Folder DIR; by default the job's name with -correlate, beside it.
     """
     from updyn.correlation import correlate as correlation_of
-    from updyn.job import load_job, prepare
+    from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes_text
     from updyn.modal import ModeSet
 
-    ready = prepare(load_job(job))
+    loaded = load_job(job)
+    ready = prepare(loaded)
+    pages = _start_folder(loaded, "correlate", out)
+    faults = _faults(ready)
     print_text(overview(ready))
     for test in ready.tests:
         if isinstance(test.data, ModeSet):
             print_text("\n" + "\n".join(filter(None, [test.name, start_modes_text(test)])))
             continue
         found = correlation_of(test.model, test.data)
-        print_text("\n" + joined(CORRELATE, Compared(ready, test.name, found)))
+        print_text("\n" + joined(CORRELATE, Compared(ready, test.name, found, faults)))
+    if pages is not None:
+        selection = job_selection(ready)
+        analysis = job_analysis(ready, selection)
+        _write_start(ready, "correlate", pages, selection, analysis, faults)
     return DONE
 
 

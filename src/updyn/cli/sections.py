@@ -6,7 +6,7 @@ line between them. Colours are added when the text is printed (`updyn.cli.highli
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from updyn.job.prepared import PreparedTest
     from updyn.job.run import JobRun
     from updyn.job.schema import Job
+    from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.identifiability import Identifiability
-    from updyn.updating.problem.parameters import ParameterSet
     from updyn.updating.problem.selection import Selection
 
 __all__ = ["CHECK", "CORRELATE", "RUN", "Checked", "Compared", "Ran", "joined", "overview"]
@@ -101,6 +101,8 @@ class Checked:
         What was joined and chosen of the unknowns.
     found : Identifiability
         What the data could determine.
+    faults : mapping of str to tuple of Finding
+        What seems to be wrong with the data, by the names of the tests.
     folder : Path
         Where its results would go.
     """
@@ -108,6 +110,7 @@ class Checked:
     ready: Prepared
     selection: Selection | None
     found: Identifiability
+    faults: Mapping[str, tuple[Finding, ...]]
     folder: Path
 
 
@@ -144,7 +147,7 @@ def _identifiability(checked: Checked) -> str:
 
 
 def _faults(checked: Checked) -> str:
-    return _causes(checked.ready.tests, checked.ready.parameters)
+    return _causes(checked.ready.tests, checked.faults)
 
 
 def _can_run(checked: Checked) -> str:
@@ -177,11 +180,14 @@ class Compared:
         Name of the test; empty where it has none.
     found : Correlation
         Model against test.
+    faults : mapping of str to tuple of Finding
+        What seems to be wrong with the data, by the names of the tests.
     """
 
     ready: Prepared
     test: str
     found: Correlation
+    faults: Mapping[str, tuple[Finding, ...]]
 
 
 def _test(compared: Compared) -> str:
@@ -204,7 +210,7 @@ def _by_response(compared: Compared) -> str:
 
 def _faults_of(compared: Compared) -> str:
     tests = [test for test in compared.ready.tests if test.name == compared.test]
-    return _causes(tests, compared.ready.parameters)
+    return _causes(tests, compared.faults)
 
 
 def _modes(compared: Compared) -> str:
@@ -226,16 +232,15 @@ CORRELATE: tuple[Callable[[Compared], str], ...] = (
 
 
 # -- several commands ------------------------------------------------------------------------------
-def _causes(tests: Sequence[PreparedTest], unknowns: ParameterSet) -> str:
+def _causes(tests: Sequence[PreparedTest], faults: Mapping[str, tuple[Finding, ...]]) -> str:
     """Return what seems to be wrong with the data of tests, each with what to do about it."""
-    from updyn.job import job_findings
     from updyn.modal import ModeSet
 
     if all(isinstance(test.data, ModeSet) for test in tests):
         return ""  # faults are known of FRFs only
     texts = []
     for test in tests:
-        for one in job_findings(test, unknowns):
+        for one in faults[test.name]:
             where = f"{test.name}: " if test.name else ""
             texts.append(f"{where}{one.statement}\n{one.remedy}")
     if not texts:

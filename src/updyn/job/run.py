@@ -34,15 +34,23 @@ from updyn.updating.judge.selection import MAX_COLLINEARITY, cluster_jointly, se
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.selection import Selection
 from updyn.updating.result import JointResult, UpdateResult
-from updyn.updating.update import joint_identifiability, update, update_jointly
+from updyn.updating.update import start_analysis, update, update_jointly
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.updating.judge.identifiability import Identifiability
+    from updyn.updating.judge.identifiability import Analysis, Identifiability
 
-__all__ = ["JobRun", "as_tests", "job_identifiability", "job_selection", "run_job", "update_keys"]
+__all__ = [
+    "JobRun",
+    "as_tests",
+    "job_analysis",
+    "job_identifiability",
+    "job_selection",
+    "run_job",
+    "update_keys",
+]
 
 #: A run that ended so can go on.
 _UNFINISHED = ("stopped", "max-iterations")
@@ -208,9 +216,29 @@ def job_identifiability(prepared: Prepared, selection: Selection | None = None) 
     SolverError
         If the model cannot be solved at a line.
     """
+    return job_analysis(prepared, selection).report
+
+
+def job_analysis(prepared: Prepared, selection: Selection | None = None) -> Analysis:
+    """Return `job_identifiability` with the numbers behind it.
+
+    Parameters
+    ----------
+    prepared, selection
+        As for `job_identifiability`.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    JobError, SolverError
+        As `job_identifiability`.
+    """
     tests = as_tests(prepared, held_out=False)
     with update_keys(prepared.job):
-        return joint_identifiability(tests, selection or prepared.parameters)
+        return start_analysis(tests, selection or prepared.parameters)
 
 
 def as_tests(prepared: Prepared, *, held_out: bool = True) -> list[Test]:

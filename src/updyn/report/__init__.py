@@ -1,7 +1,9 @@
 """Results as figures, in one self-contained page."""
 
+from updyn.report.before import write_start
 from updyn.report.comparison import write_comparison
 from updyn.report.page import write_report
 from updyn.report.planning import write_plan
+from updyn.report.start import Start
 
-__all__ = ["write_comparison", "write_plan", "write_report"]
+__all__ = ["Start", "write_comparison", "write_plan", "write_report", "write_start"]

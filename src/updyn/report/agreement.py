@@ -296,6 +296,7 @@ class Agreement(Section):
     place = 200
     template = "updyn.report/agreement.html"
     needs_frfs = True
+    of_start = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return the maps of the FRF correlation, CSAC and CSF over frequency, and FDAC."""
@@ -305,7 +306,8 @@ class Agreement(Section):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the lines compared and the figures of agreement of the fit."""
-        data, correlation = content.data, content.result.correlation
+        data = content.data
+        correlation = content.result.correlation if data.fitted else {}
         lines = data.freq[data.compared]
         return {
             "n_lines": len(lines),

@@ -40,6 +40,7 @@ class Channels(Section):
     place = 60
     template = "updyn.report/channels.html"
     needs_frfs = True
+    of_start = True
     first_screen = True
 
     def figures(self, content: Content) -> dict[str, Figure]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.report.start import Start
 from updyn.updating.result import UpdateResult, gains_of
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "computed",
     "fine_grid",
     "gather",
+    "gather_start",
     "keep_lines",
 ]
 
@@ -81,6 +83,12 @@ class ReportData:
         (it is 1 then).
     notes : tuple of str
         What was left out or thinned, in sentences for the reader.
+    fit_band, validation_band : (float, float) or None
+        First and last line of the fit, and the band that was held out of it, in Hz.
+    n_lines : int
+        How many lines the fit uses.
+    fitted : bool
+        Whether there was a fit; else there is a start only.
     """
 
     freq: NDArray[np.float64]
@@ -106,6 +114,10 @@ class ReportData:
     csac_before: NDArray[np.float64] | None
     csac_after: NDArray[np.float64] | None
     notes: tuple[str, ...]
+    fit_band: tuple[float, float] | None = None
+    validation_band: tuple[float, float] | None = None
+    n_lines: int = 0
+    fitted: bool = True
 
 
 def gather(result: UpdateResult) -> ReportData:
@@ -115,18 +127,74 @@ def gather(result: UpdateResult) -> ReportData:
     grid for their curves. Above `EVALUATION_BUDGET` (lines x DOFs) the lines are thinned, peaks
     kept, and a note says so.
     """
-    frf, options = result.frf, result.options
+    gains = gains_of(result)
+    made = _gathered(
+        result.frf,
+        (result.start, result.model),
+        result.lines,
+        result.validation_responses,
+        result.validation_band,
+        result.options,
+        gains,
+        stopped=result.status == "stopped",
+    )
+    if gains is None:
+        return made
+    note = "The updated model is shown as the sensors read it: times their calibration factors."
+    return replace(made, notes=(*made.notes, note))
+
+
+def gather_start(start: Start) -> ReportData:
+    """Compute a model where its update would start, and compare it with what was measured.
+
+    Parameters
+    ----------
+    start : Start
+        Of a test that measured FRFs.
+
+    Returns
+    -------
+    ReportData
+        Without an updated model.
+    """
+    assert isinstance(start.data, FRF)
+    made = _gathered(
+        start.data,
+        (start.model, None),
+        start.lines,
+        start.validation_responses,
+        start.validation_band,
+        start.options,
+        None,
+        stopped=False,
+    )
+    return replace(made, fitted=False)
+
+
+def _gathered(
+    frf: FRF,
+    models: tuple[Model, Model | None],
+    lines: NDArray[np.float64],
+    validation_responses: Sequence[str],
+    validation_band: tuple[float, float] | None,
+    options: Mapping[str, Any],
+    gains: NDArray[np.float64] | None,
+    *,
+    stopped: bool,
+) -> ReportData:
+    """Return the data and the FRFs of the start and, where there is one, of the updated model."""
+    start, updated = models
     notes: list[str] = []
-    used = _is_used(frf, result.lines)
+    used = _is_used(frf, lines)
     keep = np.arange(len(frf.freq))
     if frf.freq[0] == 0.0:
         keep = keep[1:]
         notes.append("The line at 0 Hz is not drawn.")
-    reduced, stopped = options.get("tier") == "reduced", result.status == "stopped"
-    per_line = 1 if reduced else result.model.n_dofs
+    reduced = options.get("tier") == "reduced"
+    per_line = 1 if reduced else start.n_dofs
     limit = int(np.clip(EVALUATION_BUDGET // per_line, _FEWEST_LINES, _MOST_LINES))
     if stopped:
-        limit = max(min(limit, _STOPPED_BUDGET // result.model.n_dofs), _LEAST_LINES)
+        limit = max(min(limit, _STOPPED_BUDGET // start.n_dofs), _LEAST_LINES)
     if keep.size > limit:
         chosen = keep_lines(frf.values[keep], used[keep], limit)
         notes.append(
@@ -136,32 +204,30 @@ def gather(result: UpdateResult) -> ReportData:
         )
         keep = keep[chosen]
     freq, measured, used = frf.freq[keep], frf.values[keep], used[keep]
-    fine = freq if stopped else fine_grid([result.start, result.model], freq, reduced=reduced)
+    drawn = [model for model in models if model is not None]
+    fine = freq if stopped else fine_grid(drawn, freq, reduced=reduced)
     for grid in (fine, freq):
         refused: list[str] = []
-        if stopped and len(grid) * result.model.n_dofs > _STOPPED_BUDGET:
+        if stopped and len(grid) * start.n_dofs > _STOPPED_BUDGET:
             before_curve = after_curve = None
             refused.append(
                 "The models are not drawn: the run was stopped before they were computed."
             )
             break
-        before_curve = computed(result.start, frf, grid, "start model", refused, options)
-        after_curve = computed(result.model, frf, grid, "updated model", refused, options)
+        before_curve = computed(start, frf, grid, "start model", refused, options)
+        after_curve = None
+        if updated is not None:
+            after_curve = computed(updated, frf, grid, "updated model", refused, options)
         if not refused:  # else one of them is singular: it may be so between lines only
             break
     notes += refused
-    gains = gains_of(result)
-    if gains is not None:
-        notes.append(
-            "The updated model is shown as the sensors read it: times their calibration factors."
-        )
-        if after_curve is not None:
-            after_curve = after_curve * gains
+    if gains is not None and after_curve is not None:
+        after_curve = after_curve * gains
     at = np.searchsorted(grid, freq)
     before = None if before_curve is None else before_curve[at]
     after = None if after_curve is None else after_curve[at]
-    compared = _outside(freq, result.validation_band)
-    validation = set(result.validation_responses)
+    compared = _outside(freq, validation_band)
+    validation = set(validation_responses)
     return ReportData(
         freq=freq,
         measured=measured,
@@ -186,6 +252,9 @@ def gather(result: UpdateResult) -> ReportData:
         csac_before=_csac(measured, before),
         csac_after=_csac(measured, after),
         notes=tuple(notes),
+        fit_band=(float(lines.min()), float(lines.max())) if len(lines) else None,
+        validation_band=validation_band,
+        n_lines=len(lines),
     )
 
 

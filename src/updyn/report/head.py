@@ -25,7 +25,7 @@ from updyn.report.templates import render_template
 from updyn.updating.judge.trust import Trust
 from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["TESTS", "Part", "Verdict", "agreement", "head", "joint_head", "verdict"]
+__all__ = ["TESTS", "Part", "Verdict", "agreement", "head", "joint_head", "key_figure", "verdict"]
 
 #: Short word for the badge and kind of colour by status.
 STATUS_WORDS = {
@@ -65,6 +65,22 @@ _KEY_FIGURES: tuple[tuple[str, str, Callable[[float], str], str, float], ...] = 
 )
 
 _Figures = Mapping[str, Mapping[str, float]]
+
+
+def key_figure(name: str, value: float) -> tuple[str, str, str]:
+    """Return title, value and ideal of a figure of agreement of one model.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"frac_median"``.
+    value : float
+        Its value.
+    """
+    title, say, ideal = next(
+        (title, say, ideal) for known, title, say, ideal, _ in _KEY_FIGURES if known == name
+    )
+    return title, say(value), ideal
 
 
 def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:

@@ -233,15 +233,24 @@ def _comac_map(
     }
 
 
-def modal_rows(table: ModalTable) -> list[tuple[list[str], str]]:
-    """Return the cells of each row of the table, and the class of the row."""
+def modal_rows(table: ModalTable, *, fitted: bool = True) -> list[tuple[list[str], str]]:
+    """Return the cells of each row of the table, and the class of the row.
+
+    Parameters
+    ----------
+    table : ModalTable
+        The modes.
+    fitted : bool
+        Whether there is an updated model.
+    """
     shown = []
     for count, row in enumerate(table.rows, 1):
+        computed = [row.start, row.updated] if fitted else [row.start]
         cells = [str(count), _cell(row.test, "frequency", 5)]
-        for entry in (row.start, row.updated):
+        for entry in computed:
             cells += [_cell(entry, "frequency", 5), _change(entry), _mac(entry)]
-        cells += [_cell(entry, "loss_factor", 3) for entry in (row.test, row.start, row.updated)]
-        alone = row.test is None or row.updated is None
+        cells += [_cell(entry, "loss_factor", 3) for entry in (row.test, *computed)]
+        alone = row.test is None or computed[-1] is None
         shown.append((cells, "open" if alone else ""))
     return shown
 
@@ -294,10 +303,11 @@ class ModesSection(Section):
 
     anchor = "modes"
     name = "Modes"
-    heading = "Modes: test, start and updated"
+    heading = "Modes of test and model"
     place = 40
     template = "updyn.report/modes.html"
     first_screen = True
+    of_start = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return MAC before and after, AutoMAC, COMAC as bars and in place, cross-orthogonality."""
@@ -319,12 +329,12 @@ class ModesSection(Section):
             made["cross-orthogonality"] = mode_map(
                 values, table.updated, table.test, whose, "modulus"
             )
-        return existing(made) | comac_maps(table, content.result.start.geometry)
+        return existing(made) | comac_maps(table, content.start_model.geometry)
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the rows of the table, and what is said of them."""
         table = content.modes
-        rows = modal_rows(table)
+        rows = modal_rows(table, fitted=content.start is None)
         return {
             "known": table.known,
             "verdict": _verdict(table) if table.known else "",

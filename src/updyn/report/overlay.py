@@ -13,7 +13,6 @@ from updyn.report.formats import unit
 from updyn.report.plots import labels, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset
-from updyn.updating.result import UpdateResult
 
 __all__ = ["DRAWING_BUDGET", "FRFS", "overlay"]
 
@@ -32,6 +31,7 @@ class Overlay(Section):
     place = 100
     template = "updyn.report/frfs.html"
     needs_frfs = True
+    of_start = True
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the channels to pick from, the bands and the notes."""
@@ -41,15 +41,15 @@ class Overlay(Section):
             "responses": list(zip(data.responses, data.held_out, strict=True)),
             "references": data.references,
             "height": 560 if data.coherence is None else 640,
-            "fit_band": _fit_band(content.result),
-            "held_band": content.result.validation_band,
-            "n_lines": len(content.result.lines),
+            "fit_band": data.fit_band,
+            "held_band": data.validation_band,
+            "n_lines": data.n_lines,
             "notes": [thinned, *data.notes],
         }
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return the FRFs that are drawn."""
-        return {"updyn-frf": overlay(content.result, content.data)[0]}
+        return {"updyn-frf": overlay(content.data)[0]}
 
     def script(self) -> str:
         """Return the script of the channel picker."""
@@ -59,17 +59,13 @@ class Overlay(Section):
 FRFS = Overlay()
 
 
-def overlay(
-    result: UpdateResult, data: ReportData, budget: int = DRAWING_BUDGET
-) -> tuple[dict[str, Any], str]:
+def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, Any], str]:
     """Return the arrays of the FRF overlay, and a note where lines were thinned.
 
     Parameters
     ----------
-    result : UpdateResult
-        The result.
     data : ReportData
-        Its measured and computed FRFs, from `updyn.report.data.gather`.
+        Measured and computed FRFs, from `updyn.report.data.gather`.
     budget : int
         Bytes of arrays at most.
 
@@ -104,9 +100,9 @@ def overlay(
         "quantity": data.quantity,
         "units": _units(data),
         "used": np.flatnonzero(data.used[keep]).tolist(),
-        "fitBand": _fit_band(result),
+        "fitBand": _floats(data.fit_band),
         "everyLineUsed": _every_line(data),
-        "validationBand": _floats(result.validation_band),
+        "validationBand": _floats(data.validation_band),
     }
     return payload, note
 
@@ -143,13 +139,6 @@ def _units(data: ReportData) -> list[list[str]]:
     for response in data.responses:
         out.append([unit(data.quantity, response, reference) for reference in data.references])
     return out
-
-
-def _fit_band(result: UpdateResult) -> list[float] | None:
-    """Return the first and the last line of the fit in Hz; None where it used none."""
-    if not len(result.lines):
-        return None
-    return [float(result.lines.min()), float(result.lines.max())]
 
 
 def _floats(band: tuple[float, float] | None) -> list[float] | None:

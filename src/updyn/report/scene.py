@@ -13,7 +13,9 @@ from updyn.correlation.modes import model_modes
 from updyn.dofs import Dof
 from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError
+from updyn.frf import FRF
 from updyn.geometry import Geometry
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
@@ -35,7 +37,7 @@ from updyn.viewer.scene import (
     Scene,
 )
 
-__all__ = ["scene_of"]
+__all__ = ["deviations", "scene_of", "sensors_of"]
 
 #: Displacements of the mode shapes of a page at most, but this many modes at least: 2 MB.
 _MOST_DISPLACEMENTS = 750_000
@@ -46,53 +48,59 @@ _FEWEST_LINES = 40
 _MOST_REFERENCES = 8
 #: Frequencies of one mode from two computations differ by less than this share.
 _SAME = 1e-6
-#: Layers: their colours, and how they are drawn.
+#: Layers: their colours, and how they are drawn; of a page before any fit.
 _LOOKS = {
     "updated": ("after", "surface"),
     "start": ("before", "wire"),
     "test": ("test", "dots"),
 }
+_START_LOOKS = {"start": ("before", "surface"), "test": ("test", "dots")}
 
 
 def scene_of(
     content: Content,
-    result: UpdateResult,
-    responses: Sequence[str],
-    references: Sequence[str],
-    change: Colouring,
+    models: Mapping[str, Model],
+    data: Sequence[FRF | ModeSet],
+    colourings: Sequence[Colouring],
+    title: str,
+    *,
+    moves: bool,
 ) -> Scene | None:
-    """Return the scene of an update; None where the model has no geometry.
+    """Return the scene of a page; None where the model has no geometry.
 
     Parameters
     ----------
     content : Content
         What the page shows: its modal table and its FRFs where it is about one test.
-    result : UpdateResult
-        The result that gives the model.
-    responses, references : sequence of str
-        Sensors and forces of all tests.
-    change : Colouring
-        How much each group changed.
+    models : mapping of str to Model
+        ``"start"`` and, where there was a fit, ``"updated"``.
+    data : sequence of FRF or ModeSet
+        The measurements of all tests: where sensors and forces are.
+    colourings : sequence of Colouring
+        Of the groups.
+    title : str
+        Of the scene.
+    moves : bool
+        Whether modes and operating shapes are shown.
 
     Returns
     -------
     Scene or None
     """
-    model = result.start
+    model = models["start"]
     geometry = model.geometry
     if geometry is None or not len(geometry.nodes):
         return None
+    responses, references = sensors_of(data)
     body = model_body(model, [*responses, *references])
     arrows, _ = arrows_at(body, geometry, responses, references)
-    deviations = _deviations(result)
-    colourings = [one for one in (change, deviations) if one is not None]
-    bodies, notes = [body], []
+    bodies, notes, colourings = [body], [], list(colourings)
     modes: ModeShapes | None = None
     operating: OperatingShapes | None = None
     seen = np.isin(geometry.nodes, [Dof.parse(label).node for label in responses]).any()
-    if content.of_one_test and result.status != "stopped" and seen:
-        measured = sensor_body(_drawn_geometry(result), responses)
-        shapes = _Shapes.of(content.modes, result)
+    if moves and seen:
+        measured = sensor_body(_drawn_geometry(geometry, data[0]), responses)
+        shapes = _Shapes.of(content.modes, models)
         if shapes is not None:
             modes = shapes.shown(body, measured)
             energy = shapes.strain_energy()
@@ -111,20 +119,31 @@ def scene_of(
             notes += said
         if modes is not None or operating is not None:
             bodies.append(measured)
-    return Scene(bodies, result.title, colourings, arrows, modes, operating, tuple(notes))
+    return Scene(bodies, title, colourings, arrows, modes, operating, tuple(notes))
 
 
-def _drawn_geometry(result: UpdateResult) -> Geometry:
+def sensors_of(data: Sequence[FRF | ModeSet]) -> tuple[list[str], list[str]]:
+    """Return the labels of the sensors and of the forces of some measurements, each once."""
+    responses: dict[str, None] = {}
+    references: dict[str, None] = {}
+    for one in data:
+        if isinstance(one, ModeSet):
+            responses |= dict.fromkeys(one.dofs.labels)
+            continue
+        responses |= dict.fromkeys(one.responses.labels)
+        references |= dict.fromkeys(one.references.labels)
+    return list(responses), list(references)
+
+
+def _drawn_geometry(own: Geometry, data: FRF | ModeSet) -> Geometry:
     """Return the geometry of the model with the lines of the test, where it has some."""
-    own = result.start.geometry
-    assert own is not None
-    test = getattr(result.data, "geometry", None)
+    test = getattr(data, "geometry", None)
     if test is None or not len(test.lines) or not np.isin(test.lines, own.nodes).all():
         return own
     return Geometry(own.nodes, own.xyz, test.lines, own.axes)
 
 
-def _deviations(result: UpdateResult) -> Colouring | None:
+def deviations(result: UpdateResult) -> Colouring | None:
     """Return colours by the largest standard deviation of the unknowns of each group."""
     names = list(result.start.groups)
     values = np.full(len(names), np.nan)
@@ -152,10 +171,10 @@ class _Shapes:
     test: Modes
 
     @classmethod
-    def of(cls, table: ModalTable, result: UpdateResult) -> _Shapes | None:
+    def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _Shapes | None:
         """Return the shapes; None where there are none."""
-        models = {"updated": result.model, "start": result.start}
-        if not table.known or table.test is None or result.start.n_dofs > LARGEST:
+        n_dofs = models["start"].n_dofs
+        if not table.known or table.test is None or n_dofs > LARGEST:
             return None
         full: dict[str, Modes] = {}
         for name, model in models.items():
@@ -168,9 +187,14 @@ class _Shapes:
                     continue
         if not full:
             return None
-        most = max(_MOST_DISPLACEMENTS // (6 * result.start.n_dofs), _FEWEST_ROWS)
+        most = max(_MOST_DISPLACEMENTS // (6 * n_dofs), _FEWEST_ROWS)
         kept = table.rows[:most]
         return cls(kept, len(table.rows) - len(kept), models, full, table.test)
+
+    @property
+    def looks(self) -> Mapping[str, tuple[str, str]]:
+        """Colour and style of each layer by its name."""
+        return _LOOKS if "updated" in self.models else _START_LOOKS
 
     def member(self, name: str, row: ModalRow) -> int:
         """Return the number of a mode of the row among the shapes of a layer; -1: none."""
@@ -189,7 +213,7 @@ class _Shapes:
         """Return the layers; those of a row are turned and scaled onto the first of them."""
         geometry = self.models["start"].geometry
         assert geometry is not None
-        found: dict[str, list[NDArray[Any]]] = {name: [] for name in _LOOKS}
+        found: dict[str, list[NDArray[Any]]] = {name: [] for name in self.looks}
         rows = []
         for number, row in enumerate(self.rows, 1):
             members = []
@@ -201,7 +225,7 @@ class _Shapes:
                 members.append(len(found[name]) - 1)
             rows.append(ModeRow(f"{number}: {_row_text(row)}", tuple(members)))
         layers = []
-        for name, (role, style) in _LOOKS.items():
+        for name, (role, style) in self.looks.items():
             moved, at = (measured, 1) if name == "test" else (body, 0)
             dofs = self.test.dofs if name == "test" else self.models[name].dofs
             shapes = np.array(found[name]).reshape(-1, len(dofs)).T
@@ -211,10 +235,10 @@ class _Shapes:
 
     def _aligned(self, row: ModalRow) -> dict[str, NDArray[Any] | None]:
         """Return the shapes of a row; those of the test are turned and scaled onto a model's."""
-        out: dict[str, NDArray[Any] | None] = dict.fromkeys(_LOOKS)
+        out: dict[str, NDArray[Any] | None] = dict.fromkeys(self.looks)
         first: NDArray[Any] | None = None
         seen: NDArray[Any] | None = None
-        for name in ("updated", "start"):
+        for name in self.models:
             at = self.member(name, row)
             if at < 0:
                 continue
@@ -230,7 +254,7 @@ class _Shapes:
 
     def strain_energy(self) -> NDArray[np.float64]:
         """Return the share of each group in the strain energy of each row, shape (r, g)."""
-        groups = list(self.models["updated"].groups.values())
+        groups = self.models["start"].groups
         out = np.full((len(self.rows), len(groups)), np.nan)
         for number, row in enumerate(self.rows):
             name = "updated" if self.member("updated", row) >= 0 else "start"

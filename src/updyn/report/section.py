@@ -30,12 +30,14 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from updyn.frf import FRF
+from updyn.model import Model
 from updyn.registry import Registry
-from updyn.report.data import ReportData, gather
+from updyn.report.data import ReportData, gather, gather_start
 from updyn.report.plots import Figure
+from updyn.report.start import Start
 from updyn.report.templates import render_template
 from updyn.updating.judge.modal_table import ModalTable
-from updyn.updating.modes import modal_table
+from updyn.updating.modes import modal_table, start_table
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["SECTIONS", "Content", "Section", "objects_shown", "sections_of"]
@@ -64,8 +66,21 @@ class Content:
         return self.update.results
 
     @property
+    def start(self) -> Start | None:
+        """The model and the test before any fit, on a page about these."""
+        found = self.further.get("start")
+        return found if isinstance(found, Start) else None
+
+    @property
+    def start_model(self) -> Model:
+        """The model before the update."""
+        return self.result.start if self.start is None else self.start.model
+
+    @property
     def has_frfs(self) -> bool:
-        """Whether the page shows the update of one test that measured FRFs."""
+        """Whether the page shows one test that measured FRFs."""
+        if self.start is not None:
+            return isinstance(self.start.data, FRF)
         return isinstance(self.update, UpdateResult) and isinstance(self.update.data, FRF)
 
     @property
@@ -90,12 +105,14 @@ class Content:
 
     @cached_property
     def data(self) -> ReportData:
-        """Measured and computed FRFs of `result`, computed when first asked for."""
-        return gather(self.result)
+        """Measured and computed FRFs, computed when first asked for."""
+        return gather(self.result) if self.start is None else gather_start(self.start)
 
     @cached_property
     def modes(self) -> ModalTable:
-        """Modal table of `result`, made when first asked for where the update has none."""
+        """Modal table, made when first asked for where the update has none."""
+        if self.start is not None:
+            return start_table(self.start.model, self.start.data, self.start.modes)
         return self.result.modes or modal_table(self.result)
 
 
@@ -117,6 +134,8 @@ class Section:
         Package and file of its template, as `updyn.report.templates` has it.
     needs_frfs : bool
         Whether it shows measured FRFs, so that a test that measured modes does not have it.
+    of_start : bool
+        Whether it belongs to the page about a model and a test before any fit, too.
     first_screen : bool
         Whether it is open where the sections of a page are folded, as in the report of an update.
     """
@@ -127,18 +146,23 @@ class Section:
     place: ClassVar[float]
     template: ClassVar[str]
     needs_frfs: ClassVar[bool] = False
+    of_start: ClassVar[bool] = False
     first_screen: ClassVar[bool] = False
 
     def applies(self, content: Content) -> bool:
         """Whether a page with this content has the section; by default that of one test has."""
-        return content.has_frfs if self.needs_frfs else content.of_one_test
+        if content.start is not None and not self.of_start:
+            return False
+        if self.needs_frfs:
+            return content.has_frfs
+        return content.of_one_test or content.start is not None
 
     def figures(self, content: Content) -> dict[str, Figure]:
         """Return its figures as plotly data, by a name that is unique in the page."""
         return {}
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the variables of the template by name; ``figures`` is added to them."""
+        """Return the variables of the template by name; ``figures`` and ``fitted`` are added."""
         return {}
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
@@ -156,7 +180,9 @@ class Section:
         str
             HTML. Where it is blank the section is left out.
         """
-        return render_template(self.template, figures=figures, **self.context(content))
+        context = self.context(content)
+        fitted = content.start is None
+        return render_template(self.template, figures=figures, fitted=fitted, **context)
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return data for its scripts, ready for JSON, by the id of the element that holds them."""
@@ -224,6 +250,9 @@ SECTIONS: Registry[Section] = Registry(
         "plan.expected": "updyn.report.planning:EXPECTED",
         "plan.worth": "updyn.report.planning:WORTH",
         "plan.criteria": "updyn.report.planning:RIVALS",
+        "start.findings": "updyn.report.before:FINDINGS",
+        "start.expected": "updyn.report.before:EXPECTED",
+        "start.matching": "updyn.report.before:MATCHING",
         "identified.diagram": "updyn.report.identified:DIAGRAM",
         "identified.modes": "updyn.report.identified:MODES",
     },

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from updyn.modal import ModeSet
+from updyn.model import Model
 from updyn.report.changes import is_significant
 from updyn.report.formats import quantity_words
 from updyn.report.picture import picture
 from updyn.report.plots import Figure
-from updyn.report.scene import scene_of
+from updyn.report.scene import deviations, scene_of, sensors_of
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template
 from updyn.updating.result import UpdateResult
@@ -52,12 +52,14 @@ class Viewer(Section):
 
     anchor = "viewer"
     name = "Viewer"
-    heading = "Structure before and after"
+    heading = "Structure in three dimensions"
     place = 10
     first_screen = True
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows an update of a model that has a geometry."""
+        """Whether the page shows a model that has a geometry."""
+        if content.start is not None:
+            return _is_drawn(content.start.model)
         return _largest(list(content.tests.values())) is not None
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
@@ -65,8 +67,13 @@ class Viewer(Section):
         scene = _scene(content)
         if scene is None:
             return ""
+        moves = scene.modes is not None or scene.operating is not None
         return render_template(
-            "updyn.report/viewer.html", fragment=fragment(scene), notes=scene.notes
+            "updyn.report/viewer.html",
+            fragment=fragment(scene),
+            notes=scene.notes,
+            moves=moves,
+            fitted=content.start is None,
         )
 
     def script(self) -> str:
@@ -86,12 +93,18 @@ class Structure(Section):
     place = 300
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows an update."""
-        return content.update is not None
+        """Whether the page shows an update, or a model before one."""
+        return content.update is not None or content.start is not None
 
     def body(self, content: Content, figures: Mapping[str, Figure]) -> str:
         """Return picture and legend; empty where no model has a geometry to draw."""
-        return structure_of(list(content.tests.values()))
+        if content.start is None:
+            return structure_of(list(content.tests.values()))
+        if not _is_drawn(content.start.model):
+            return ""
+        responses, references = sensors_of([content.start.data])
+        about = "Where the sensors and forces are."
+        return picture(content.start.model, responses, references, {}, about=about)
 
 
 STRUCTURE = Structure()
@@ -113,7 +126,7 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
     result = _largest(results)
     if result is None:
         return ""
-    responses, references = _measured(results)
+    responses, references = sensors_of([one.data for one in results])
     changes = _Changes.of(result)
     return picture(
         result.start,
@@ -129,32 +142,32 @@ def structure_of(results: Sequence[UpdateResult]) -> str:
 
 def _largest(results: Sequence[UpdateResult]) -> UpdateResult | None:
     """Return the result with the largest model that has a geometry."""
-    drawn = [r for r in results if r.start.geometry is not None and len(r.start.geometry.nodes)]
+    drawn = [r for r in results if _is_drawn(r.start)]
     return max(drawn, key=lambda r: r.start.n_dofs, default=None)
 
 
-def _measured(results: Sequence[UpdateResult]) -> tuple[list[str], list[str]]:
-    """Return the sensors and the forces of all tests."""
-    responses: dict[str, None] = {}
-    references: dict[str, None] = {}
-    for one in results:
-        if isinstance(one.data, ModeSet):
-            responses |= dict.fromkeys(one.data.dofs.labels)
-            continue
-        responses |= dict.fromkeys(one.data.responses.labels)
-        references |= dict.fromkeys(one.data.references.labels)
-    return list(responses), list(references)
+def _is_drawn(model: Model) -> bool:
+    return model.geometry is not None and len(model.geometry.nodes) > 0
 
 
 def _scene(content: Content) -> Scene | None:
     """Return the scene of the viewer; None where no model has a geometry to draw."""
+    if content.start is not None:
+        model, data = content.start.model, content.start.data
+        return scene_of(content, {"start": model}, [data], [], content.start.title, moves=True)
     results = list(content.tests.values())
     result = _largest(results)
     if result is None:
         return None
-    changes = _Changes.of(result)
+    change = _Changes.of(result).colouring(list(result.start.groups))
+    colourings = [one for one in (change, deviations(result)) if one is not None]
     return scene_of(
-        content, result, *_measured(results), changes.colouring(list(result.start.groups))
+        content,
+        {"updated": result.model, "start": result.start},
+        [one.data for one in results],
+        colourings,
+        result.title,
+        moves=content.of_one_test and result.status != "stopped",
     )
 
 

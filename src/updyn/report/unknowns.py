@@ -36,16 +36,19 @@ from updyn.report.plots import (
     rows_height,
 )
 from updyn.report.section import Content, Section
+from updyn.report.start import Start
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Iteration, iterations_made
 from updyn.updating.judge.alternatives import differences
-from updyn.updating.problem.parameters import Parameter
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.result import UpdateResult
 
 __all__ = [
     "CONVERGENCE",
     "IDENTIFIABILITY",
     "UNKNOWNS",
+    "combinations_map",
     "correlation_map",
     "correlations",
     "cost_path",
@@ -72,8 +75,8 @@ class _OfUnknowns(Section):
     """A section that one test and several tests have alike."""
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows an update."""
-        return content.update is not None
+        """Whether the page shows an update, or what is known before one."""
+        return content.update is not None or (self.of_start and content.start is not None)
 
 
 def _by_figure(
@@ -388,18 +391,23 @@ class IdentifiabilitySection(_OfUnknowns):
     heading = "Identifiability"
     place = 600
     template = "updyn.report/identifiability.html"
+    of_start = True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return singular values and correlations."""
+        """Return singular values, undetermined combinations as a matrix, and correlations."""
+        found: UpdateResult | Start = content.start or content.result
         return existing(
             {
-                "singular-values": singular_values(content.result),
-                "correlation": correlation_map(content.result),
+                "singular-values": singular_values(found.identifiability),
+                "combinations": combinations_map(found.identifiability),
+                "correlation": correlation_map(found.parameters, found.covariance),
             }
         )
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the identifiability of the unknowns."""
+        if content.start is not None:  # the head says the advice
+            return {"ident": content.start.identifiability, "advice": "", "answers": None}
         result = content.result
         advice = result.identifiability.advice
         return {
@@ -444,12 +452,11 @@ def _numbered(n_others: int) -> list[str]:
 IDENTIFIABILITY = IdentifiabilitySection()
 
 
-def singular_values(result: UpdateResult) -> Figure | None:
+def singular_values(ident: Identifiability) -> Figure | None:
     """Return the singular values of the scaled Jacobian, determined and undetermined ones apart.
 
     Zeros stand at the foot of the logarithmic axis.
     """
-    ident = result.identifiability
     values = np.array(ident.singular_values, dtype=np.float64)
     values = values[np.isfinite(values)]
     if values.size < 2:
@@ -526,27 +533,74 @@ def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(out), np.clip(out, -1.0, 1.0), np.nan)
 
 
-def correlation_map(result: UpdateResult) -> Figure | None:
-    """Return the correlation of the unknowns, blank where an unknown is not determined."""
-    names = _names(tuple(result.parameters))
-    if len(names) < 2 or result.covariance.shape != (len(names), len(names)):
+def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -> Figure | None:
+    """Return the correlation of the unknowns, blank where an unknown is not determined.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The n unknowns.
+    covariance : ndarray of float, shape (n, n)
+        Of them.
+
+    Returns
+    -------
+    Figure or None
+        None of a single unknown, and where no correlation is known.
+    """
+    names = _names(tuple(parameters))
+    if len(names) < 2 or covariance.shape != (len(names), len(names)):
         return None
-    matrix = correlations(np.asarray(result.covariance, dtype=np.float64))
+    matrix = correlations(np.asarray(covariance, dtype=np.float64))
     if not np.isfinite(matrix).any():
         return None
-    height = max(rows_height(len(names), extra=220), 320)
+    return _signed_map(matrix, names, names, "correlation")
+
+
+def combinations_map(ident: Identifiability) -> Figure | None:
+    """Return the undetermined combinations as a matrix: unknowns down, combinations across.
+
+    Parameters
+    ----------
+    ident : Identifiability
+        With its undetermined combinations.
+
+    Returns
+    -------
+    Figure or None
+        None where the data determine every unknown.
+    """
+    directions = ident.null_directions
+    if not directions:
+        return None
+    involved = list(dict.fromkeys(name for weights in directions for name in weights))
+    matrix = np.array([[weights.get(name, 0.0) for weights in directions] for name in involved])
+    rows = [f"{group}: {quantity_words(quantity)}" for group, _, quantity in map(_split, involved)]
+    columns = [f"combination {number}" for number in range(1, len(directions) + 1)]
+    return _signed_map(matrix, labels(rows), columns, "weight")
+
+
+def _split(name: str) -> tuple[str, str, str]:
+    return name.rpartition(".")
+
+
+def _signed_map(
+    matrix: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str], what: str
+) -> Figure:
+    """Return a heat map on the scale -1 to 1, with the values in its cells where these are few."""
+    height = max(rows_height(len(rows), extra=220), 320)
     trace = {
         "type": "heatmap",
         "z": numbers(matrix),
-        "x": names,
-        "y": names,
+        "x": list(columns),
+        "y": list(rows),
         "zmin": -1.0,
         "zmax": 1.0,
         "colorscale": DIVERGING,
         "xgap": 1,
         "ygap": 1,
         "hovertemplate": "%{y}<br>%{x}<br>%{z:.3f}<extra></extra>",
-        "colorbar": colour_bar("correlation", (-1, -0.5, 0, 0.5, 1), height - 100),
+        "colorbar": colour_bar(what, (-1, -0.5, 0, 0.5, 1), height - 100),
     }
     if matrix.size <= PRINTED_CELLS:
         trace["text"] = [list(map(_coefficient, row)) for row in matrix]
@@ -555,13 +609,12 @@ def correlation_map(result: UpdateResult) -> Figure | None:
         "type": "category",
         "showgrid": False,
         "zeroline": False,
-        "tickfont": names_font(names),
     }
-    columns = axis | {"tickangle": -50}
-    if len(names) <= 40:
-        columns["dtick"] = 1
-    rows = axis | {"autorange": "reversed", "dtick": 1}
-    return {"data": [trace], "height": height, "layout": {"xaxis": columns, "yaxis": rows}}
+    across = axis | {"tickangle": -50, "tickfont": names_font(columns)}
+    if len(columns) <= 40:
+        across["dtick"] = 1
+    down = axis | {"autorange": "reversed", "dtick": 1, "tickfont": names_font(rows)}
+    return {"data": [trace], "height": height, "layout": {"xaxis": across, "yaxis": down}}
 
 
 def _coefficient(value: float) -> str:

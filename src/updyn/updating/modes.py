@@ -13,7 +13,7 @@ from updyn.model import Model
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.result import UpdateResult, gains_of
 
-__all__ = ["LARGEST", "modal_table", "modes_like"]
+__all__ = ["LARGEST", "modal_table", "modes_like", "start_table"]
 
 #: Size in DOFs up to which the modes of models are computed without being asked for: seconds.
 LARGEST = 20_000
@@ -54,38 +54,70 @@ def modal_table(
             f"modal_table: expected the result of one test, found {type(result).__name__}; of"
             " several tests, one of result.results"
         )
-    size = result.model.n_dofs
-    if size > largest:
-        note = (
-            f"The modes of a model of {size} DOFs are computed when asked for:"
-            f" updyn.modal_table(result, largest={size})."
-        )
-        return ModalTable(notes=(note,))
     given = modes or (
         result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
     )
     if isinstance(given, ModeSet):
-        return compare_modes(result.start, result.model, given)
+        return _table(result.start, result.model, given, (), largest)
+    return _table(result.start, result.model, *_measured(result), largest)
+
+
+def start_table(
+    model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
+) -> ModalTable:
+    """Compare the modes of the test with those of the model before any update.
+
+    Parameters
+    ----------
+    model : Model
+        Where an update would start.
+    data : FRF or ModeSet
+        The measurement.
+    modes : ModeSet, optional
+        The modes of the test, where they are known beside FRFs.
+    largest : int
+        Most DOFs of a model whose modes are computed.
+
+    Returns
+    -------
+    ModalTable
+        As `modal_table`, without an updated model.
+    """
+    return _table(model, None, modes or data, (), largest)
+
+
+def _table(
+    start: Model,
+    updated: Model | None,
+    test: FRF | ModeSet,
+    notes: tuple[str, ...],
+    largest: int,
+) -> ModalTable:
+    """Return the table with the modes of a test, those of FRFs identified."""
+    if start.n_dofs > largest:
+        note = (
+            f"The modes of a model of {start.n_dofs} DOFs are computed when asked for:"
+            f" updyn.modal_table(result, largest={start.n_dofs})."
+        )
+        return ModalTable(notes=(note,))
+    if isinstance(test, ModeSet):
+        return compare_modes(start, updated, test)
     try:
-        found, notes = _identified(result)
+        found = modes_like(updated or start, test)
     except (UpdynError, np.linalg.LinAlgError) as error:
         why = str(error).removeprefix("modes: ")
         return ModalTable(notes=(f"No modes could be identified from the FRFs: {why}.",))
-    band = float(result.frf.freq[0]), float(result.frf.freq[-1])
-    table = compare_modes(result.start, result.model, found, band)
+    table = compare_modes(start, updated, found, (float(test.freq[0]), float(test.freq[-1])))
     return replace(table, notes=(*notes, *table.notes))
 
 
-def _identified(result: UpdateResult) -> tuple[ModeSet, tuple[str, ...]]:
-    """Return the modes of the FRFs, and what has to be known of them."""
-    frf, notes = result.frf, []
-    gains = gains_of(result)
-    if gains is not None:
-        frf = replace(frf, values=frf.values / gains)
-        notes.append(
-            "The modes of the test are those of its FRFs over the estimated calibration factors."
-        )
-    return modes_like(result.model, frf), tuple(notes)
+def _measured(result: UpdateResult) -> tuple[FRF, tuple[str, ...]]:
+    """Return the FRFs that modes are identified from, and what has to be known of them."""
+    frf, gains = result.frf, gains_of(result)
+    if gains is None:
+        return frf, ()
+    note = "The modes of the test are those of its FRFs over the estimated calibration factors."
+    return replace(frf, values=frf.values / gains), (note,)
 
 
 def modes_like(model: Model, frf: FRF) -> ModeSet:

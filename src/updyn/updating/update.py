@@ -21,7 +21,7 @@ from updyn.progress import Stage, shown_progress
 from updyn.updating.fit.methods import make_method
 from updyn.updating.fit.monitor import JUDGE, Progress
 from updyn.updating.judge.assessment import at_start
-from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.judge.identifiability import Analysis, Identifiability
 from updyn.updating.problem.data import Test, check
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
@@ -32,7 +32,13 @@ from updyn.updating.run import RunOptions, run
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["identifiability", "joint_identifiability", "update", "update_jointly"]
+__all__ = [
+    "identifiability",
+    "joint_identifiability",
+    "start_analysis",
+    "update",
+    "update_jointly",
+]
 
 
 def update(
@@ -301,8 +307,28 @@ def joint_identifiability(
     SolverError
         If a model cannot be solved at a line.
     """
+    return start_analysis(tests, parameters).report
+
+
+def start_analysis(tests: Sequence[Test], parameters: ParameterSet | Selection) -> Analysis:
+    """Return `joint_identifiability` with the numbers behind it.
+
+    Parameters
+    ----------
+    tests, parameters
+        As for `joint_identifiability`.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    InputError, SolverError
+        As `joint_identifiability`.
+    """
     chosen = Selection.of(parameters)
     tests = [replace(test, model=chosen.start_of(test.model)) for test in tests]
     check(tests, chosen.parameters)
     analysis, advice = at_start(*problem_of(tests, chosen.parameters))
-    return replace(analysis.report, advice=advice)
+    return replace(analysis, report=replace(analysis.report, advice=advice))

@@ -233,6 +233,27 @@ def test_check_says_what_can_be_known(
     assert "\nfit: d-optimal:30 of 60 lines, 4 of 5 responses; held out: 7:X\n" in out
     assert "The data determine 12 of 12 unknowns" in out
     assert not (chain_folder / "job").exists()
+    assert not (chain_folder / "job-check").exists()  # report = false
+
+
+def test_check_and_correlate_write_the_page_of_the_start(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write(chain_folder, JOB.replace("report = false", "report = true"))
+    for command in ("check", "correlate"):
+        for _ in range(2):  # again: its own page may be replaced
+            assert main([command, str(job)]) == 0
+        page = chain_folder / f"job-{command}" / f"{command}.html"
+        assert f"Before the fit, as a page: {page}\n" in capsys.readouterr().out
+        text = page.read_text(encoding="utf-8")
+        assert "All unknowns can be determined" in text
+        assert "<h1>Chain</h1>" in text
+    assert not (chain_folder / "job").exists()
+    assert main(["check", str(job), "--out", str(chain_folder / "seen")]) == 0
+    assert {p.name for p in (chain_folder / "seen").iterdir()} == {"check.html", "manifest.json"}
+    (chain_folder / "seen" / "check.html").write_text("mine", encoding="utf-8")
+    assert main(["check", str(job), "--out", str(chain_folder / "seen")]) == 2
+    assert "not its own" in capsys.readouterr().err
 
 
 def test_check_says_3_where_the_data_leave_something_open(

@@ -168,7 +168,7 @@ def test_thinning_keeps_ends_and_sharp_peaks():
 
 
 def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
-    drawn, note = overlay(result, data)
+    drawn, note = overlay(data)
     assert note == ""
     assert np.array_equal(np.frombuffer(base64.b64decode(drawn["freq"]), "<f8"), data.freq)
     assert np.array_equal(np.frombuffer(base64.b64decode(drawn["grid"]), "<f8"), data.grid)
@@ -183,7 +183,7 @@ def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
         )
     assert drawn["everyLineUsed"] is False
     np.testing.assert_array_equal(data.freq[drawn["used"]], result.lines)
-    thin, note = overlay(result, data, budget=2 * 200 * 10 * 12)
+    thin, note = overlay(data, budget=2 * 200 * 10 * 12)
     kept = np.frombuffer(base64.b64decode(thin["freq"]), "<f8")
     assert len(kept) <= 200
     assert len(np.frombuffer(base64.b64decode(thin["grid"]), "<f8")) <= 200
@@ -209,7 +209,7 @@ def test_every_figure_is_there_and_finite(result, data):
     figures = all_figures(result)
     assert set(figures) == {
         "changes", "worst-channel", "median-channel", "frf-correlation-before", "frf-correlation-after", "csac", "csf",
-        "singular-values", "correlation", "cost", "factor-paths", "loss-factor-paths", "level-differences",
+        "singular-values", "combinations", "correlation", "cost", "factor-paths", "loss-factor-paths", "level-differences",
         "residual-by-channel", "misfit-map",
         "fdac-before", "fdac-after", "mac-start", "mac-updated", "auto-mac", "cross-orthogonality", "comac",
     }  # fmt: skip

@@ -108,7 +108,7 @@ def test_a_mode_that_one_lacks_is_marked_and_counted(result):
 def test_what_is_not_known_is_said(result):
     none = ModalTable(notes=("Too few lines to identify a mode.",))
     page = Page(render(dataclasses.replace(result, modes=none)))
-    assert "Modes: test, start and updated Too few lines to identify a mode." in page.words
+    assert "Modes of test and model Too few lines to identify a mode." in page.words
     assert MODES.figures(Content(dataclasses.replace(result, modes=none))) == {}
 
 

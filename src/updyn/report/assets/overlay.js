@@ -112,7 +112,7 @@ const updynOverlay = (() => {
     const of = (name) => data[name] ? data[name][i][j] : null;
     const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2).replace("-", "−") : v < 0.9995 ? v.toFixed(3) : ">0.999";
     const percent = (v) => v === null ? "–" : v < 1e-4 ? "<0.01 %" : `${100 * v < 10 ? (100 * v).toPrecision(2) : (100 * v).toFixed(0)} %`;
-    const both = (what, name, say) => `${what} ${say(of(name + "Before"))} → ${say(of(name + "After"))}`;
+    const both = (what, name, say) => `${what} ${["Before", "After"].filter((when) => data[name + when]).map((when) => say(of(name + when))).join(" → ") || "–"}`;
     find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
       `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
     find("channel-figures").textContent = [both("FRAC", "frac", digits), both("correlation", "correlation", digits),

@@ -204,7 +204,7 @@ def _number(entry: ModeEntry | None, name: str, form: str, unit: str = "") -> st
 
 def compare_modes(
     start: Model,
-    updated: Model,
+    updated: Model | None,
     test: ModeShapes,
     band: tuple[float, float] | None = None,
 ) -> ModalTable:
@@ -212,8 +212,10 @@ def compare_modes(
 
     Parameters
     ----------
-    start, updated : Model
-        The model before and after.
+    start : Model
+        The model before.
+    updated : Model or None
+        The model after; None before any update.
     test : ModeSet or Modes
         The measured modes, at DOFs of the models.
     band : (float, float), optional
@@ -229,6 +231,8 @@ def compare_modes(
     models = {"start": start, "updated": updated}
     found: dict[str, Modes] = {}
     for name, model in models.items():
+        if model is None:
+            continue
         try:
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always", UpdynWarning)
@@ -239,7 +243,7 @@ def compare_modes(
         notes += [f"The {name} model: {one.message}." for one in said]
     measured = Modes(test.frequency, test.loss_factor, test.shapes, test.dofs)
     cross, own = None, None
-    if "updated" in found and len(test.dofs) <= _MOST_REDUCED:
+    if updated is not None and "updated" in found and len(test.dofs) <= _MOST_REDUCED:
         cross, own = _orthogonality(updated, found["updated"], measured, notes)
     return ModalTable(measured, found.get("start"), found.get("updated"), cross, own, tuple(notes))
 

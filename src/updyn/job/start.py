@@ -1,0 +1,157 @@
+"""`write_start_pages`: the pages of ``check`` and ``correlate``, about a job before any fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.job.folder import check_out, default_out
+from updyn.job.prepared import Prepared, PreparedTest
+from updyn.job.schema import Job
+from updyn.outputs.switch import open_folder, replaced
+from updyn.updating.problem.selection import Selection
+
+if TYPE_CHECKING:
+    from updyn.report.start import Start
+    from updyn.updating.judge.causes.finding import Finding
+    from updyn.updating.judge.identifiability import Analysis
+
+__all__ = ["start_folder", "write_start_pages"]
+
+
+def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
+    """Return the folder of the pages, checked: they may be written there.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    work : str
+        ``"check"`` or ``"correlate"``.
+    out : Path, optional
+        The folder; by default the job's stem with the work behind it, beside the job.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    JobError
+        If the folder cannot be used.
+    """
+    return check_out(job, out or default_out(job, work), _names(job, work))
+
+
+def write_start_pages(
+    ready: Prepared,
+    work: str,
+    folder: Path,
+    selection: Selection | None,
+    analysis: Analysis,
+    findings: Mapping[str, Sequence[Finding]],
+) -> list[Path]:
+    """Write the page of each test of a job before any fit.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The job.
+    work : str
+        ``"check"`` or ``"correlate"``.
+    folder : Path
+        From `start_folder`.
+    selection : Selection or None
+        What was joined and chosen of the unknowns.
+    analysis : Analysis
+        What the data could determine of them, from `updyn.job.run.job_analysis`.
+    findings : mapping of str to sequence of Finding
+        What seems to be wrong with the data, by the names of the tests.
+
+    Returns
+    -------
+    list of Path
+        The pages: ``check.html`` or ``correlate.html`` in the folder, of several tests in folders
+        of their names.
+    """
+    from updyn.report import write_start
+
+    names = _names(ready.job, work)
+    with open_folder(folder):
+        check_out(ready.job, folder, names)  # once more: now no other run can change it
+        with replaced(folder, work, names) as new:
+            for test, name in zip(ready.tests, names, strict=True):
+                (new / name).parent.mkdir(exist_ok=True)
+                start = _start(ready, test, selection, analysis, findings.get(test.name, ()))
+                write_start(start, new / name)
+    return [folder / name for name in names]
+
+
+def _names(job: Job, work: str) -> list[str]:
+    """Return the files, relative to their folder."""
+    if len(job.parts) == 1:
+        return [f"{work}.html"]
+    return [f"{part.test.name}/{work}.html" for part in job.parts]
+
+
+def _start(
+    ready: Prepared,
+    test: PreparedTest,
+    selection: Selection | None,
+    analysis: Analysis,
+    findings: Sequence[Finding],
+) -> Start:
+    """Return what the page of a test shows."""
+    from updyn.report.start import Start
+
+    job = test.job
+    chosen = Selection.of(selection or ready.parameters)
+    title = ready.job.title or ready.job.path.stem
+    responses, band = _held_out(test)
+    return Start(
+        model=chosen.start_of(test.model),
+        data=test.data,
+        parameters=chosen.parameters,
+        identifiability=analysis.report,
+        covariance=_covariance(analysis),
+        findings=tuple(findings),
+        matching=str(test.matching),
+        title=f"{title}: {test.name}" if test.name else title,
+        lines=_lines(test),
+        validation_responses=responses,
+        validation_band=band,
+        modes=test.modes,
+        options={"tier": job.method.tier},
+    )
+
+
+def _held_out(test: PreparedTest) -> tuple[tuple[str, ...], tuple[float, float] | None]:
+    """Return the responses and the band of FRFs that are held out for validation."""
+    held: Any = test.job.validation
+    if not held or not isinstance(test.data, FRF) or not isinstance(test.fitted, FRF):
+        return (), None
+    if isinstance(held[0], str):
+        kept = set(test.fitted.responses.labels)
+        return tuple(label for label in test.data.responses.labels if label not in kept), None
+    return (), (float(held[0]), float(held[1]))
+
+
+def _lines(test: PreparedTest) -> NDArray[np.float64]:
+    """Return the lines of the fit; none where the fit chooses them, and of modes."""
+    if not isinstance(test.fitted, FRF) or isinstance(test.job.method.lines, str):
+        return np.empty(0)
+    given = test.job.lines_to_fit
+    return np.asarray(test.fitted.freq if given is None else given, dtype=np.float64)
+
+
+def _covariance(analysis: Analysis) -> NDArray[np.float64]:
+    """Return the covariance with rows of inf for what the data cannot determine."""
+    out = np.array(analysis.covariance)
+    out[analysis.involved, :] = np.inf
+    out[:, analysis.involved] = np.inf
+    return out

@@ -1,0 +1,185 @@
+"""`write_start`: a model beside a test before any fit, as one self-contained HTML page."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from updyn import __version__
+from updyn.report.agreement import level_difference
+from updyn.report.data import ReportData
+from updyn.report.formats import counted, extent, number, percentage, quantity_words
+from updyn.report.head import Part, key_figure
+from updyn.report.page import assemble
+from updyn.report.section import Content, Section
+from updyn.report.start import Start
+from updyn.report.templates import render_template, write_page
+from updyn.updating.problem.parameters import Parameter
+
+__all__ = ["write_start"]
+
+
+def write_start(start: Start, path: str | PathLike[str]) -> Path:
+    """Write a model beside a test before any fit as one HTML page that needs no network.
+
+    The page shows what the report of an update shows of its start: the structure in three
+    dimensions, all channels, maps of their agreement, modes, and the identifiability of the
+    unknowns; besides, what seems to be wrong with the data, and who sits where.
+
+    Parameters
+    ----------
+    start : Start
+        Model, test and unknowns.
+    path : str or path-like
+        The file; an existing one is replaced only once the new page is complete.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    return write_page(render(start), path)
+
+
+def render(start: Start) -> str:
+    """Return the page as text."""
+    content = Content(further={"start": start})
+    title = start.title or "Before the update"
+    return assemble(content, _head(content, start), title, __version__, folds=True)
+
+
+def _head(content: Content, start: Start) -> str:
+    """Return title, what the data can determine, faults, and figures of agreement."""
+    complete = start.identifiability.complete
+    badge, kind = ("Not all unknowns can be determined", "warn")
+    if complete:
+        badge, kind = ("All unknowns can be determined", "good")
+    if start.findings:
+        badge, kind = ("Look at the data first", "warn")
+    return render_template(
+        "updyn.report/head.html",
+        title=start.title,
+        about=f"Before any fit; {counted(len(start.parameters), 'unknown')}; {extent(start.data)}",
+        badge=badge,
+        kind=kind,
+        parts=[_determined(start), _sound(start, has_frfs=content.has_frfs)],
+        cause=start.identifiability.advice,
+        remedy="",
+        key_figures=_tiles(content.data) if content.has_frfs else [],
+    )
+
+
+def _determined(start: Start) -> Part:
+    rank, n = start.identifiability.rank, start.identifiability.n_parameters
+    said = f"The data can determine all of {counted(n, 'unknown')}."
+    if rank < n:
+        said = f"The data can determine {rank} independent combinations of {n} unknowns."
+    return Part("Determined", rank >= n, said)
+
+
+def _sound(start: Start, *, has_frfs: bool) -> Part:
+    if not has_frfs:
+        return Part("Data sound", None, "Faults are looked for in FRFs only.")
+    if not start.findings:
+        return Part("Data sound", True, "No known fault was found before any fit.")
+    return Part("Data sound", False, start.findings[0].statement)
+
+
+def _tiles(data: ReportData) -> list[tuple[str, str, str]]:
+    """Return the figures of agreement of the start over the responses of the fit."""
+    fitted = ~np.array(data.held_out, dtype=np.bool_)
+    if data.before is None or not fitted.any():
+        return []
+    assert data.frac_before is not None
+    assert data.correlation_before is not None
+    assert data.residual_before is not None
+    figures = {
+        "frac_median": float(np.median(data.frac_before[fitted])),
+        "correlation_min": float(np.min(data.correlation_before[fitted])),
+        "residual_median": float(np.median(data.residual_before[fitted])),
+    }
+    at = np.ix_(data.compared, fitted)
+    level = level_difference(data.measured[at], data.before[at])
+    if level.size:
+        figures["db_error_median"] = float(np.median(np.abs(level)))
+    return [key_figure(name, value) for name, value in figures.items()]
+
+
+# -- sections ------------------------------------------------------------------------------------
+class _OfStart(Section):
+    """A section that only a page before any fit has."""
+
+    of_start = True
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page is about a model and a test before any fit."""
+        return content.start is not None
+
+
+class FindingsSection(_OfStart):
+    """What seems to be wrong with data or model; left out where nothing does."""
+
+    anchor = "findings"
+    name = heading = "Findings"
+    place = 30
+    template = "updyn.report/start_findings.html"
+    first_screen = True
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the findings, the likeliest first."""
+        assert content.start is not None
+        return {"findings": content.start.findings}
+
+
+class ExpectedSection(_OfStart):
+    """The unknowns with the standard deviations to be expected."""
+
+    anchor = "unknowns"
+    name = heading = "Unknowns"
+    place = 70
+    template = "updyn.report/start_unknowns.html"
+    first_screen = True
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the rows of the table: start, bounds, expected standard deviation."""
+        start = content.start
+        assert start is not None
+        std = np.sqrt(np.diag(start.covariance))
+        rows = [_row(p, float(s)) for p, s in zip(start.parameters, std, strict=True)]
+        return {
+            "rows": rows,
+            "head": ["group", "quantity", "start", "bounds", "expected std. dev."],
+        }
+
+
+class MatchingSection(_OfStart):
+    """Who sits where."""
+
+    anchor = "matching"
+    name = heading = "Sensors and DOFs"
+    place = 350
+    template = "updyn.report/start_matching.html"
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the table of matches as text."""
+        assert content.start is not None
+        return {"text": content.start.matching}
+
+
+FINDINGS = FindingsSection()
+EXPECTED = ExpectedSection()
+MATCHING = MatchingSection()
+
+
+def _row(p: Parameter, std: float) -> tuple[list[str], str]:
+    """Return the cells of an unknown and the class of its row; of a factor in percent."""
+    known = bool(np.isfinite(std))
+    shown = "not determined"
+    if known:
+        shown = f"±{percentage(std)}" if p.is_factor else f"±{number(std, 2)}"
+    bounds = f"{number(p.lower, 3)} to {number(p.upper, 3)}"
+    cells = [p.group, quantity_words(p.quantity), number(p.start), bounds, shown]
+    return cells, "" if known else "open"

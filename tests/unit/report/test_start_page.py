@@ -1,0 +1,148 @@
+"""The page before any fit: what it shows is what the library gives, and it is drawn in a browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from pages_read import Page, attributes, dump, unfolded
+from report_case import realistic
+from updyn.correlation.figures import FIGURE_NAMES
+from updyn.report import Start, write_start
+from updyn.report.unknowns import combinations_map
+from updyn.updating.problem.data import Test
+from updyn.updating.update import start_analysis
+from viewer_case import block
+
+SENSORS = ["5:Z", "20:-Y", "10:Z"]
+NOISE = {"relative": 0.02}
+
+
+@pytest.fixture(scope="module")
+def start():
+    """A block of solids that is off by a fifth in one half, measured without noise."""
+    model = block((4, 1, 1))
+    model = model.scaled({name: {"loss_factor": 0.03} for name in model.groups})
+    freq = np.linspace(200.0, 3000.0, 113)
+    true = model.scaled({"right": {"stiffness": 0.8}})
+    frf = updyn.response(true, freq, SENSORS, ["5:Z"], "accelerance")
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor=["left"])
+    found = start_analysis([Test(model, frf, "", None, NOISE)], unknowns)
+    return Start(
+        model, frf, unknowns, found.report, found.covariance, title="Block <b>", lines=freq
+    )
+
+
+@pytest.fixture(scope="module")
+def html(start, tmp_path_factory):
+    path = write_start(start, tmp_path_factory.mktemp("start") / "check.html")
+    return path.read_text(encoding="utf-8")
+
+
+def embedded(html, name):
+    found = re.search(
+        rf'<script type="application/json" id="{name}">(.*?)</script>', html, re.DOTALL
+    )
+    return json.loads(found[1])
+
+
+def test_sections_of_the_start_and_no_others(html):
+    page = Page(html)
+    assert page.open == []
+    anchors = [a["id"] for a in page.of("section")]
+    assert anchors == [
+        *("verdict", "viewer", "modes", "channels", "unknowns"),
+        *("frfs", "agreement", "structure", "identifiability"),
+    ]
+    assert "updated" not in page.words.replace("not updated", "")
+    assert "<b>" not in html.split("<body>")[1].split("<script")[0].split("</h1>")[0]
+
+
+def test_key_figures_are_those_of_correlate(start, html):
+    found = updyn.correlate(start.model, start.data).figures()
+    tiles = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)<small>", html))
+    assert float(tiles["FRAC, median"]) == pytest.approx(found["frac_median"], abs=0.005)
+    assert float(tiles["Correlation, worst"].replace("\u2212", "-")) == pytest.approx(
+        found["correlation_min"], abs=0.005
+    )
+    share = float(tiles["Relative residual, median"].removesuffix(" %"))
+    assert share == pytest.approx(100 * found["residual_median"], rel=0.05)
+    level = float(tiles["Level difference, median"].removesuffix(" dB"))
+    assert level == pytest.approx(found["db_error_median"], rel=0.05)
+    assert set(FIGURE_NAMES) >= set(found)
+
+
+def test_every_channel_is_embedded_measured_and_of_the_start(start, html):
+    data = embedded(html, "updyn-frf")
+    assert data["after"] is None
+    values = np.frombuffer(base64.b64decode(data["measured"]), "<c8").reshape(3, 1, -1)
+    np.testing.assert_allclose(values, start.data.values.transpose(1, 2, 0), rtol=1e-6)
+    grid = np.frombuffer(base64.b64decode(data["grid"]), "<f8")
+    curve = np.frombuffer(base64.b64decode(data["before"]), "<c8").reshape(3, 1, -1)
+    expected = updyn.response(start.model, grid, SENSORS, ["5:Z"], "accelerance").values
+    np.testing.assert_allclose(curve, expected.transpose(1, 2, 0), rtol=1e-5, atol=1e-9)
+
+
+def test_expected_deviations_are_those_of_differences(start, html):
+    """Cramer-Rao bound with a Jacobian by central differences of whole responses."""
+
+    def responses(left, right, loss):
+        model = start.model.scaled(
+            {"left": {"stiffness": left, "loss_factor": loss}, "right": {"stiffness": right}}
+        )
+        return updyn.response(model, start.data.freq, SENSORS, ["5:Z"], "accelerance").values
+
+    at = np.array([1.0, 1.0, 0.03])
+    H = responses(*at)
+    std = NOISE["relative"] * np.abs(H) / np.sqrt(2.0)  # of the real and of the imaginary part
+    columns = []
+    for k in range(3):
+        step = np.zeros(3)
+        step[k] = 1e-5
+        slope = (responses(*(at + step)) - responses(*(at - step))) / 2e-5 / std
+        columns.append(np.concatenate([slope.real.ravel(), slope.imag.ravel()]))
+    J = np.array(columns).T
+    names = ["left.stiffness", "right.stiffness", "left.loss_factor"]
+    order = [names.index(name) for name in start.parameters.names]
+    expected = np.sqrt(np.diag(np.linalg.solve(J.T @ J, np.eye(3))))[order]
+    np.testing.assert_allclose(np.sqrt(np.diag(start.covariance)), expected, rtol=1e-4)
+    section = html[html.index('<section id="unknowns"') :]
+    cells = re.findall(r"<td>\u00b1([\d.]+)( %)?</td>", section[: section.index("</section>")])
+    shown = [float(value) / (100 if percent else 1) for value, percent in cells]
+    np.testing.assert_allclose(shown, expected, rtol=0.06)  # two digits are shown
+
+
+def test_the_viewer_shows_start_and_test(html):
+    scene = embedded(html, "updyn-scene")
+    layers = [(layer["name"], layer["style"]) for layer in scene["modes"]["layers"]]
+    assert layers == [("start", "surface"), ("test", "dots")]
+    assert [layer["name"] for layer in scene["operating"]["references"][0]["layers"]] == [
+        "measured",
+        "start",
+    ]
+    assert [one["name"] for one in scene["colourings"]] == ["Strain energy of the mode"]
+
+
+def test_undetermined_combinations_are_a_matrix():
+    ident = realistic().identifiability
+    figure = combinations_map(ident)
+    (trace,) = figure["data"]
+    assert trace["x"] == [f"combination {i + 1}" for i in range(len(ident.null_directions))]
+    z = np.array(trace["z"], dtype=float)
+    for column, weights in zip(z.T, ident.null_directions, strict=True):
+        assert sorted(column[column != 0.0]) == sorted(weights.values())
+    assert combinations_map(replace(ident, null_directions=[])) is None
+
+
+@pytest.mark.needs("browser")
+def test_the_page_is_drawn(start, tmp_path):
+    path = write_start(start, tmp_path / "check.html")
+    found = attributes(dump(unfolded(path), tmp_path / "profile"))
+    assert "errors" not in found, found["errors"]
+    assert int(found["drawn"]) > 10
