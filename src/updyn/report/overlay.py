@@ -1,4 +1,4 @@
-"""The section with measured and computed FRFs over each other, and a channel picker."""
+"""The sections with measured and computed FRFs: all channels at once, and one with a picker."""
 
 from __future__ import annotations
 
@@ -14,12 +14,46 @@ from updyn.report.plots import labels, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset
 
-__all__ = ["DRAWING_BUDGET", "FRFS", "overlay"]
+__all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "overlay"]
 
 #: Bytes of FRFs that the page carries at most, before base64: about two thirds of the size of the
 #: largest page.
 DRAWING_BUDGET = 16_000_000
 _FEWEST_LINES = 50
+
+
+class AllChannels(Section):
+    """The levels of all channels in one picture; its data are those of `Overlay`."""
+
+    anchor = "all-channels"
+    name = "All channels"
+    heading = "All channels"
+    place = 55
+    template = "updyn.report/all_channels.html"
+    needs_frfs = True
+    of_start = True
+    first_screen = True
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows several channels of one test."""
+        return super().applies(content) and _n_channels(content.data) > 1
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the number of channels, the sets of curves and the units among them."""
+        data = content.data
+        sets = [("measured", "measured", True)]
+        last = "before" if data.after_curve is None else "after"
+        for key, name, curves in (
+            ("before", "start", data.before_curve),
+            ("after", "updated", data.after_curve),
+        ):
+            if curves is not None:
+                sets.append((key, name, key == last))
+        units = dict.fromkeys(unit for row in _units(data) for unit in row)
+        return {"n_channels": _n_channels(data), "sets": sets, "units": list(units)}
+
+
+ALL_CHANNELS = AllChannels()
 
 
 class Overlay(Section):
@@ -52,8 +86,8 @@ class Overlay(Section):
         return {"updyn-frf": overlay(content.data)[0]}
 
     def script(self) -> str:
-        """Return the script of the channel picker."""
-        return asset("overlay.js")
+        """Return the scripts of the channel picker and of the picture of all channels."""
+        return f"{asset('channels.min.js')}\n{asset('overlay.js')}"
 
 
 FRFS = Overlay()

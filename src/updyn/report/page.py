@@ -34,11 +34,12 @@ def write_report(
     """Write an update as one HTML page that needs no network and no other file.
 
     Its first screen shows the verdict, the structure in three dimensions where the model has a
-    geometry, the changes of the unknowns with their intervals, and the worst and the median
-    channel. Folded below it, and drawn when they are unfolded: measured FRFs over those of the
-    model before and after, the correlation channel by channel, a picture of the structure where the
-    model has a geometry, the unknowns with their uncertainty, their identifiability, the
-    convergence history, the validation, the residual, the noise and the provenance. The models'
+    geometry, the changes of the unknowns with their intervals, all channels in one picture, and the
+    worst and the median channel. Folded below it, and drawn when they are unfolded: measured FRFs
+    over those of the model before and after, the correlation channel by channel, a picture of the
+    structure where the model has a geometry, the unknowns with their uncertainty, their
+    identifiability, the convergence history, the validation, the residual, the noise and the
+    provenance. The models'
     FRFs are computed for it at the lines of the data, and between them where a resonance needs it.
 
     Parameters

@@ -225,6 +225,7 @@ SECTIONS: Registry[Section] = Registry(
         "changes": "updyn.report.changes:CHANGES",
         "tests": "updyn.report.head:TESTS",
         "channels": "updyn.report.channels:CHANNELS",
+        "all-channels": "updyn.report.overlay:ALL_CHANNELS",
         "frfs": "updyn.report.overlay:FRFS",
         "agreement": "updyn.report.agreement:AGREEMENT",
         "modes": "updyn.report.modes:MODES",

@@ -57,7 +57,7 @@ def test_sections_of_the_start_and_no_others(html):
     assert page.open == []
     anchors = [a["id"] for a in page.of("section")]
     assert anchors == [
-        *("verdict", "viewer", "modes", "channels", "unknowns"),
+        *("verdict", "viewer", "modes", "all-channels", "channels", "unknowns"),
         *("frfs", "agreement", "structure", "identifiability"),
     ]
     assert "updated" not in page.words.replace("not updated", "")

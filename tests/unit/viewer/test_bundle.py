@@ -1,4 +1,4 @@
-"""The kept script is what its sources give, by digests always and by another build where node and its packages are at hand."""
+"""The kept scripts are what their sources give, by digests always and by another build where node and its packages are at hand."""
 
 from __future__ import annotations
 
@@ -11,12 +11,20 @@ from pathlib import Path
 
 import pytest
 
-from updyn.viewer.page import script
-
 ROOT = Path(__file__).parents[3]
 SOURCES = ROOT / "viewer"
-ASSETS = ROOT / "src" / "updyn" / "viewer" / "assets"
-RECORD = json.loads((ASSETS / "viewer.json").read_text(encoding="utf-8"))
+PACKAGE = ROOT / "src" / "updyn"
+#: By name: folder of the kept file in the package, folder of the sources, and whose licences it holds.
+BUNDLES = {
+    "viewer": ("viewer/assets", "src", ("three.js authors", "Matt DesLauriers")),
+    "channels": ("report/assets", "channels", ("Leon Sorokin",)),
+}
+each = pytest.mark.parametrize("name", BUNDLES)
+
+
+def record(name: str) -> dict:
+    path = PACKAGE / BUNDLES[name][0] / f"{name}.json"
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def digest(path: Path) -> str:
@@ -24,22 +32,24 @@ def digest(path: Path) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def test_the_kept_file_was_made_from_these_sources():
-    files = [SOURCES / name for name in ("build.mjs", "package.json", "package-lock.json")]
-    files += sorted((SOURCES / "src").iterdir())
+@each
+def test_the_kept_file_was_made_from_these_sources(name):
+    kept, folder, _ = BUNDLES[name]
+    files = [SOURCES / file for file in ("build.mjs", "package.json", "package-lock.json")]
+    files += sorted((SOURCES / folder).iterdir())
     found = {path.relative_to(SOURCES).as_posix(): digest(path) for path in files}
-    assert found == RECORD["sources"], "run make viewer"
-    assert digest(ASSETS / "viewer.min.js") == RECORD["bundle"], "run make viewer"
+    assert found == record(name)["sources"], "run make viewer"
+    assert digest(PACKAGE / kept / f"{name}.min.js") == record(name)["bundle"], "run make viewer"
 
 
-def test_another_build_gives_the_kept_file(tmp_path):
+def test_another_build_gives_the_kept_files(tmp_path):
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None or npm is None:
         pytest.skip("node and npm are not installed: the digests are all that was compared")
     place = tmp_path / "viewer"
     shutil.copytree(SOURCES, place, ignore=shutil.ignore_patterns("node_modules"))
-    kept = tmp_path / "src" / "updyn" / "viewer" / "assets"
-    shutil.copytree(ASSETS, kept)
+    for kept, _, _ in BUNDLES.values():
+        shutil.copytree(PACKAGE / kept, tmp_path / "src" / "updyn" / kept)
     command = [npm, "ci", "--no-audit", "--no-fund", "--prefer-offline"]
     try:
         done = subprocess.run(
@@ -64,12 +74,14 @@ def test_the_lock_file_names_the_public_registry_only():
     assert all(not at or at.startswith("https://registry.npmjs.org/") for at in resolved)
     own = lock["packages"][""]["devDependencies"]
     assert all(re.fullmatch(r"\d+\.\d+\.\d+", version) for version in own.values())
-    assert own == RECORD["versions"]
+    assert own == record("viewer")["versions"] | record("channels")["versions"]
 
 
-def test_licences_are_kept_and_nothing_evaluates_text():
-    text = script()
+@each
+def test_licences_are_kept_and_nothing_evaluates_text(name):
+    kept, _, authors = BUNDLES[name]
+    text = (PACKAGE / kept / f"{name}.min.js").read_text(encoding="utf-8")
     assert "Permission is hereby granted" in text
-    assert "three.js authors" in text
-    assert "Matt DesLauriers" in text
+    for author in authors:
+        assert author in text
     assert not re.search(r"\beval\(|new Function\(", text)

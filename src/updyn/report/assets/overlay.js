@@ -107,11 +107,12 @@ const updynOverlay = (() => {
     return { data: drawn, own, height: coherence ? 640 : 560 };
   }
 
+  const percent = (v) => v === null ? "–" : v < 1e-4 ? "<0.01 %" : `${100 * v < 10 ? (100 * v).toPrecision(2) : (100 * v).toFixed(0)} %`;
+
   function say() {
     const i = Number(pick.response.value), j = Number(pick.reference.value);
     const of = (name) => data[name] ? data[name][i][j] : null;
     const digits = (v) => v === null ? "–" : v < 0.99 || v >= 1 ? v.toFixed(2).replace("-", "−") : v < 0.9995 ? v.toFixed(3) : ">0.999";
-    const percent = (v) => v === null ? "–" : v < 1e-4 ? "<0.01 %" : `${100 * v < 10 ? (100 * v).toPrecision(2) : (100 * v).toFixed(0)} %`;
     const both = (what, name, say) => `${what} ${["Before", "After"].filter((when) => data[name + when]).map((when) => say(of(name + when))).join(" → ") || "–"}`;
     find("channel-name").textContent = `Response at ${pick.response.selectedOptions[0].dataset.label}, force at ` +
       `${pick.reference.selectedOptions[0].dataset.label} (channel ${channel() + 1} of ${nR * nC})`;
@@ -161,7 +162,53 @@ const updynOverlay = (() => {
       }));
     }
   }
-  return { start };
+  // All channels in one picture; a channel that is chosen there is shown here.
+  function together() {
+    const place = find("all-channels-plot");
+    if (!place) return;
+    const names = [], units = [], figure = (k, name) => (data[name] ? data[name][Math.floor(k / nC)][k % nC] : null);
+    for (let i = 0; i < nR; i++) for (let j = 0; j < nC; j++) {
+      names.push(`Response ${pick.response.options[i].dataset.label}, force ${pick.reference.options[j].dataset.label}`);
+      units.push(data.units[i][j]);
+    }
+    const looks = { measured: { width: 1, bold: 3.5 }, before: { width: 0.8, bold: 2, dash: [4, 3] }, after: { width: 0.8, bold: 2 } };
+    const given = {
+      names, units, quantity: data.quantity, sets: {},
+      say: (k) => {
+        const line = find("all-channels-said");
+        if (k < 0) { line.textContent = ""; return; }
+        const residual = figure(k, data.residualAfter ? "residualAfter" : "residualBefore");
+        line.textContent = `${names[k]}${residual === null ? "" : `: relative residual ${percent(residual)}`}; Enter or a click shows it in detail`;
+      },
+      choose: (k) => {
+        select(Math.floor(k / nC), k % nC);
+        updynReport.reveal("frfs");
+        root.scrollIntoView();
+        root.focus({ preventScroll: true });
+      },
+    };
+    for (const name of Object.keys(sets)) given.sets[name] = { lines: linesOf(name), values: sets[name], colour: name, ...looks[name] };
+    const mount = () => {
+      const boxes = [...document.querySelectorAll("input[name=all-sets]")];
+      const shown = () => new Set(boxes.filter((box) => box.checked).map((box) => box.value));
+      const drawn = new updynChannels.Channels(place, { ...given, shown: shown() });
+      for (const box of boxes) box.addEventListener("change", () => drawn.set({ shown: shown() }));
+      for (const input of document.querySelectorAll("input[name=all-scale]")) {
+        input.addEventListener("change", () => drawn.set({ log: document.querySelector("input[name=all-scale]:checked").value === "log" }));
+      }
+      find("all-units")?.addEventListener("change", (event) => drawn.set({ unit: event.target.value }));
+      updynReport.follow(() => drawn.draw());
+      place.updynChannels = drawn;
+    };
+    new IntersectionObserver((entries, observer) => {
+      if (!entries.some((entry) => entry.isIntersecting)) return;
+      observer.disconnect();
+      mount();
+    }, { rootMargin: "300px" }).observe(place);
+    addEventListener("beforeprint", () => { if (!place.updynChannels) mount(); });
+  }
+  return { start, together };
 })();
 
 updynOverlay.start();
+updynOverlay.together();

@@ -86,7 +86,12 @@ const updynReport = (() => {
     return { data, own: { ...own, legend: { orientation: "h" } }, height: height + 12 * Math.max(entries - 2, 0) };
   }
 
-  function repaint() { for (const painter of painters) if (painter.done) painter.again(); }
+  function repaint() {
+    for (const painter of painters) if (painter.done) painter.again();
+    for (const again of followers) again();
+  }
+  const followers = []; // what others draw in the colours of the page
+  const follow = (again) => followers.push(again);
 
   // Paper: everything opened, in light colours, figures as wide as the sheet, then back.
   const sheet = 680;
@@ -98,6 +103,7 @@ const updynReport = (() => {
       place.style.width = (place.closest(".overlay") ? width - 34 : width) + "px"; // its frame takes the rest
     }
     for (const { again } of painters) again();
+    for (const again of followers) again();
     for (const { place } of painters) Plotly.Plots.resize(place);
   }
   function fromPaper() {
@@ -155,5 +161,5 @@ const updynReport = (() => {
     if (place?.classList.contains("js-plotly-plot")) act(place);
     else place?.addEventListener("updyn-drawn", () => act(place), { once: true });
   }
-  return { read, draw, reveal, start, whenDrawn };
+  return { read, draw, follow, reveal, start, whenDrawn };
 })();
