@@ -36,9 +36,15 @@ settings.load_profile("updyn")
 
 #: Folders whose tests fit, and print or compare what they find.
 _ROUNDED = {"cli", "comparison", "docs", "recovery", "report"}
-#: All methods on the gear train take minutes, other tests compare methods under every kernel; and
-#: rounding is nothing beside the scatter of many draws.
-_ONCE = {"test_compare_doc.py", "test_sensor_statistics.py", "test_statistics.py"}
+#: All methods on the gear train take minutes, other tests compare methods under every kernel;
+#: rounding is nothing beside the scatter of many draws, or to signals and files.
+_ONCE = {
+    "test_compare_doc.py",
+    "test_howto_doc.py",
+    "test_process.py",
+    "test_sensor_statistics.py",
+    "test_statistics.py",
+}
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
