@@ -18,7 +18,6 @@ PYTEST_ARGS ?=
 KERNELS ?= Haswell Prescott SkylakeX
 TRIALS ?= 1000
 CUTS ?= 2000
-DOCTESTS = $(shell grep -rlE '^ *>>> ' src --include=*.py)
 
 .PHONY: demo test test-kernels torture lint docs viewer clean
 .DEFAULT_GOAL := demo
@@ -43,7 +42,7 @@ lint: $(VENV)/.installed-dev
 # -E: pages are read anew, so that every warning comes.
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -q -E -W --keep-going -b html -c docs/site docs build/docs
-	$(BIN)/python -m doctest $(DOCTESTS)
+	$(BIN)/python tools/doctests.py
 	@echo "build/docs/site/index.html"
 
 viewer:

@@ -48,6 +48,12 @@ class Dof:
     ------
     DofError
         If the node is not a whole number, or the direction or the sign is not one of those.
+
+    Examples
+    --------
+    >>> dof = updyn.Dof.parse("12:-Z")
+    >>> dof.node, abs(dof) == updyn.Dof.parse("12:Z")
+    (12, True)
     """
 
     node: int
@@ -137,6 +143,12 @@ class DofSet(Sequence[Dof]):
     ------
     DofError
         If a label cannot be read or a DOF stands twice (with either sign).
+
+    Examples
+    --------
+    >>> dofs = updyn.DofSet(["1:X", "2:-Z"])
+    >>> dofs.labels
+    ['1:X', '2:-Z']
     """
 
     __slots__ = ("_by_key", "_order", "_sorted", "axes", "nodes", "signs")

@@ -134,6 +134,14 @@ class FRF:
         unmasked where it has to be, or a line is out of order; the message says where.
     DofError
         If a label cannot be read or stands twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> lines = np.array([10.0, 20.0])
+    >>> frf = updyn.FRF(lines, np.ones((2, 1, 1)), ["1:Z"], ["1:Z"], "accelerance")
+    >>> frf.band(15, 25).freq
+    array([20.])
     """
 
     freq: NDArray[np.float64]

@@ -38,6 +38,12 @@ class Geometry:
     InputError
         If shapes disagree, a node is not a whole number or stands twice, a position is not finite,
         a line or a face names an unknown node, or the directions of a node are not orthonormal.
+
+    Examples
+    --------
+    >>> geometry = updyn.Geometry([1, 2], [[0, 0, 0], [1, 0, 0]], [[1, 2]])
+    >>> geometry.position([2])
+    array([[1., 0., 0.]])
     """
 
     nodes: NDArray[np.int64]

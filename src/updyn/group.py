@@ -95,6 +95,13 @@ class Group:
         If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes
         differ, a damping coefficient is not a finite number of at least 0, or there is nothing that
         it could act on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring = updyn.Group(np.array([[1e4, -1e4], [-1e4, 1e4]]), loss_factor=0.02)
+    >>> spring.loss_factor
+    0.02
     """
 
     stiffness: Matrix | None
@@ -457,6 +464,11 @@ class LossTable:
     ------
     ModelError
         If the two do not fit together, or a number is not usable.
+
+    Examples
+    --------
+    >>> updyn.LossTable([10.0, 100.0], [0.02, 0.05])
+    LossTable(2 lines, 10 to 100 Hz)
     """
 
     freq: NDArray[np.float64]

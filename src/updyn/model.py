@@ -63,6 +63,14 @@ class Model:
     ------
     ModelError
         If a size does not fit, a name is not usable or a DOF is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> spring = updyn.Group(np.array([[1e4]]), np.array([[0.5]]), loss_factor=0.02)
+    >>> model = updyn.Model.from_groups({"spring": spring}, ["1:X"])
+    >>> model.scaled({"spring": {"stiffness": 1.2}}).stiffness.toarray()
+    array([[12000.]])
     """
 
     groups: Mapping[str, Group]

@@ -507,6 +507,15 @@ def compare(
         not known.
     SolverError
         If the model cannot be solved at a line where it starts.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> found = updyn.compare(model, frf, unknowns, ["equation-error", "log"])
+    >>> found["log"].status
+    'converged'
     """
     selected = Selection.of(parameters)
     test = Test(model, frf, "", lines, noise, validation)

@@ -50,6 +50,13 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
         If a DOF of `measured` is not in the model or the computed modes.
     ModelError, SolverError
         If the model cannot be solved.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> found = updyn.correlate(chain.build(), chain.measure())
+    >>> found.frac.shape  # responses, references
+    (5, 2)
     """
     if isinstance(measured, ModeShapes):
         for name in options:

@@ -80,6 +80,13 @@ def condense(
     -----
     Z_red = T^T Z T = Z_nn - Z_ns Z_ss^-1 Z_sn, T = [I; -Z_ss^-1 Z_sn] (Bao, Wang & Cheng 2010, eqs.
     8, 9). It is exact: H_nn = Z_red^-1 at every line.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> condensed = updyn.condense(chain.build(), [1.0, 2.0], ["1:X", "12:X"])
+    >>> condensed.Z.shape  # lines, retained DOFs, retained DOFs
+    (2, 2, 2)
     """
     kept = DofSet(retained)
     at = model.dofs.match(kept, "retained DOF")

@@ -121,6 +121,12 @@ def modes(model: Model, n: int, *, complex: bool = False) -> Modes:
     AIAA Journal 20 (1982) 1284-1290, eq. 8, for the structural part; the viscous part is the energy
     lost a cycle at the mode's own frequency). Complex modes: Ewins, Modal Testing, 2nd ed. 2000,
     sections 2.5 and 2.7.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> updyn.modes(chain.build(), 3).frequency.round(2)
+    array([ 2.16,  6.43, 10.39])
     """
     K, M = model.stiffness, model.mass
     _check_count(n, M)

@@ -77,6 +77,13 @@ def response(
     Notes
     -----
     H = Z^-1 with Z = K + i D - omega^2 M (Bao, Wang & Cheng 2010, eqs. 2, 3).
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> frf = updyn.response(chain.build(), [1.0, 2.0], ["12:X"], ["1:X"], "accelerance")
+    >>> frf.values.shape
+    (2, 1, 1)
     """
     check_quantity(quantity)
     rows, columns = DofSet(responses), DofSet(references)

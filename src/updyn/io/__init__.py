@@ -104,6 +104,13 @@ def read_frf(
         reference is not there; the message says where.
     OptionError
         If the format has no such option; the nearest is named.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> updyn.write_frf(chain.measure(), "chain.csv")
+    >>> updyn.read_frf("chain.csv", responses=["12:X"]).responses.labels
+    ['12:X']
     """
     reader, name = _function(path, "read_frf", format)
     wanted = {
@@ -133,6 +140,13 @@ def write_frf(frf: FRF, path: str | Path, *, format: str | None = None) -> None:
     ------
     FormatError
         If no format fits, or the format cannot hold the data.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> updyn.write_frf(chain.measure(), "chain.uff")
+    >>> updyn.read_frf("chain.uff").quantity
+    'accelerance'
     """
     _function(path, "write_frf", format)[0](frf, path)
 
@@ -163,6 +177,14 @@ def read_geometry(path: str | Path, *, format: str | None = None, **options: Any
         where.
     OptionError
         If the format has no such option; the nearest is named.
+
+    Examples
+    --------
+    >>> with open("nodes.csv", "w") as file:
+    ...     for row in ("node,x,y,z", "1,0,0,0", "2,250,0,0"):
+    ...         print(row, file=file)
+    >>> updyn.read_geometry("nodes.csv", unit="mm").position([2])
+    array([[0.25, 0.  , 0.  ]])
     """
     return _read(path, "read_geometry", format, options)  # type: ignore[no-any-return]
 
@@ -237,6 +259,14 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
         where.
     OptionError
         If the format has no such option; the nearest is named.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
+    >>> updyn.write_modes(modes, "modes.uff")
+    >>> updyn.read_modes("modes.uff").dofs.labels
+    ['1:Z', '2:Z']
     """
     return _read(path, "read_modes", format, options)  # type: ignore[no-any-return]
 
@@ -284,6 +314,14 @@ def write_modes(modes: ModeSet, path: str | Path, *, format: str | None = None) 
     ------
     FormatError
         If no format fits, or the format cannot hold the modes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
+    >>> updyn.write_modes(modes, "modes.uff")
+    >>> updyn.read_modes("modes.uff").frequency
+    array([12., 31.])
     """
     _function(path, "write_modes", format)[0](modes, path)
 
@@ -312,6 +350,13 @@ def read_model(path: str | Path, *, format: str | None = None, **options: Any) -
         where.
     OptionError
         If the format has no such option; the nearest is named.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> updyn.write_model(chain.build(), "chain.h5")
+    >>> updyn.read_model("chain.h5").n_dofs
+    12
     """
     return _read(path, "read_model", format, options)  # type: ignore[no-any-return]
 
@@ -332,6 +377,13 @@ def write_model(model: Model, path: str | Path, *, format: str | None = None) ->
     ------
     FormatError
         If no format fits, or the format cannot hold the model.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> updyn.write_model(chain.build(), "chain.npz")
+    >>> updyn.read_model("chain.npz").groups.keys() == chain.build().groups.keys()
+    True
     """
     _function(path, "write_model", format)[0](model, path)
 

@@ -105,6 +105,13 @@ def match(
     UpdynWarning
         If sensors are taken along DOFs that they are up to `angle` off, or a fit to nearest nodes
         moved the sensors far.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> matching = updyn.match(chain.build(), chain.measure())
+    >>> matching.frf.responses.labels[0]
+    '2:X'
     """
     _check_options(by, tolerance, unit, alignment, angle)
     sensors = _roles(data)

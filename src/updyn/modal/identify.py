@@ -117,6 +117,13 @@ def identify_modes(
     Deterministic. The damping of a window that the data state (`FRF.decay`) is taken out first.
     Loss factors are those of the form chosen; twice the damping ratio where it is viscous. A line
     at 0 Hz says nothing of modes and is not used.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> modes = updyn.identify_modes(chain.measure())
+    >>> modes.frequency[:2].round(1)
+    array([2.1, 6.4])
     """
     if damping not in DAMPING:
         raise OptionError(f"damping {damping!r}: {suggest(str(damping), DAMPING)}")

@@ -81,6 +81,13 @@ class ModeSet:
         of some of its components only.
     DofError
         If a label cannot be read or stands twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
+    >>> modes.frequency
+    array([12., 31.])
     """
 
     frequency: _Real

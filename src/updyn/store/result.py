@@ -99,6 +99,16 @@ def write_result(result: UpdateResult, path: str | Path) -> None:
     -----
     UpdynWarning
         If an option is an object that no file can keep; its text is kept.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.write_result(result, "run.nc")
+    >>> updyn.read_result("run.nc").values == result.values
+    True
     """
 
     def put_models(file: Any) -> None:
@@ -131,6 +141,16 @@ def read_result(path: str | Path) -> UpdateResult:
     FormatError
         If the file is not there, is damaged, or is not the record of an update (the right reader
         is named).
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.write_result(result, "run.nc")
+    >>> updyn.read_result("run.nc").status
+    'converged'
     """
     path = Path(path)
 

@@ -126,6 +126,16 @@ def bootstrap(
     so that the spread is that of the posterior where the model is linear (Bardsley et al., SIAM J.
     Sci. Comput. 36 (2014) A1895). The bootstrap is not consistent for an unknown on its bound
     (Andrews, Econometrica 68 (2000) 399); use `updyn.profile` there.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> draws = updyn.bootstrap(result, n=20)
+    >>> draws.values.shape  # draws, unknowns
+    (20, 12)
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 2:
         raise OptionError(f"n = {n!r}: expected a number of refits from 2 up")

@@ -87,6 +87,16 @@ def predict(
     The band covers the uncertainty of the unknowns and of the noise, not errors of the model.
     Magnitude and phase follow from d ln H = dH / H. An undetermined combination of unknowns makes
     the band infinite at values that it changes, and does not affect the others.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> band = updyn.predict(result, [5.0], ["12:X"], ["1:X"])
+    >>> band.level, band.frf.values.shape
+    (0.95, (1, 1, 1))
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")

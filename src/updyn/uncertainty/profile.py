@@ -92,6 +92,15 @@ def profile(
     Where an estimate lies on a bound, the interval begins there and is one-sided. Its coverage is
     then at least `level`: a true value on the bound is covered more often, 97.5 % at 95 % (Self &
     Liang, J. Am. Stat. Assoc. 82 (1987) 605).
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.profile(result, ["part3.stiffness"])
+    Profiles(1 unknowns, 95 %)
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")

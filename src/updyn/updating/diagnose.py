@@ -59,6 +59,14 @@ def diagnose(
         If model, data, unknowns or options do not fit together.
     SolverError
         If the model is to be reduced, and cannot be solved at its start.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> updyn.diagnose(model, frf, unknowns)
+    ()
     """
     if unknowns is None:
         unknowns = _all_unknowns(model)

@@ -48,6 +48,16 @@ def modal_table(
     Notes
     -----
     Where calibration factors of sensors were among the unknowns, the FRFs are divided by them.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> table = updyn.modal_table(result, updyn.identify_modes(frf))
+    >>> len(table.rows)
+    6
     """
     if not isinstance(result, UpdateResult):
         raise OptionError(

@@ -117,6 +117,15 @@ class UpdateResult:
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
         for: `updyn.modal_table` does so, and a run of a job.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> result.identifiability.rank, result.std["part3.stiffness"] < 0.01
+    (12, True)
     """
 
     status: str

@@ -139,6 +139,15 @@ def update(
         another run.
     SolverError
         If the model cannot be solved at a line where it starts.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> result.status, round(result.values["part3.stiffness"], 2)
+    ('converged', 0.9)
     """
     test = Test(model, frf, "", lines, noise, validation)
     how = RunOptions(
@@ -206,6 +215,17 @@ def update_jointly(
         another run.
     SolverError
         If a model cannot be solved at a line where it starts.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> halves = [frf.select(references=[r]) for r in frf.references.labels]
+    >>> tests = [updyn.Test(model, h, name=n) for h, n in zip(halves, ["a", "b"], strict=True)]
+    >>> joint = updyn.update_jointly(tests, unknowns, starts=0)
+    >>> joint.status, round(joint.values["part3.stiffness"], 2)
+    ('converged', 0.9)
     """
     listed = list(tests)
     if not listed or not all(isinstance(test, Test) for test in listed):

@@ -256,6 +256,14 @@ def select(
     Kuensch, Water Resour. Res. 37 (2001) 1015) above its limit is passed over for good, as the
     index of a larger set is never smaller. Effects are those of a change by a factor e, or of a
     loss factor by 1.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> chosen = updyn.select(model, chain.measure(), updyn.parameters(model, stiffness="all"))
+    >>> chosen.parameters.names
+    ['part1.stiffness', 'part2.stiffness', 'part3.stiffness', 'part4.stiffness']
     """
     return select_jointly([Test(model, frf, "", lines, noise)], parameters, n, max_collinearity)
 
@@ -365,6 +373,14 @@ def cluster(
     Hierarchical clustering with complete linkage on 1 - cosine (Brun's pairwise index
     1 / sqrt(1 - cosine) is 10 at 0.99). A merged unknown has the bounds that all its members share
     and the narrowest of their priors.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> chosen = updyn.cluster(model, chain.measure(), updyn.parameters(model, stiffness="all"))
+    >>> len(chosen.parameters)
+    4
     """
     return cluster_jointly([Test(model, frf, "", lines, noise)], parameters, threshold)
 

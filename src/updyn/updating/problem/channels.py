@@ -85,6 +85,13 @@ def calibration(
         usable.
     DofError
         If a label cannot be read.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> frf = chain.measure()
+    >>> updyn.calibration(frf, prior_std=0.05).names[0]
+    '2:X.calibration'
     """
     data = [frf] if isinstance(frf, FRF) or not isinstance(frf, Iterable) else list(frf)
     for one in data:

@@ -49,6 +49,13 @@ class Test:
         Name of the test.
     lines, noise, validation
         As for `updyn.update`; modes have no lines.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> test = updyn.Test(chain.build(), chain.measure(), name="free")
+    >>> test.name
+    'free'
     """
 
     __test__ = False  # not a test, whatever its name suggests to pytest
@@ -328,6 +335,16 @@ def complete_parts(
         If nothing is left, a value is infinite, or something else than values is missing.
     DofError
         If a label cannot be read or stands twice.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> values = np.ones((3, 2, 1), dtype=complex)
+    >>> values[:, 1, 0] = np.nan  # the second sensor had failed
+    >>> freq, sensors = [1.0, 2.0, 3.0], ["1:Z", "2:Z"]
+    >>> (frf,) = updyn.complete_parts(freq, values, sensors, ["1:Z"], "accelerance")
+    >>> frf.responses.labels
+    ['1:Z']
     """
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
     array = np.ma.filled(np.ma.asarray(values).astype(np.complex128), np.nan)

@@ -572,6 +572,13 @@ def parameters(
     ParameterError
         If a glob fits no group, a group lacks the quantity, a key of `bounds` or `prior_std` fits
         no unknown, or nothing is chosen.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> unknowns = updyn.parameters(chain.build(), stiffness="all", loss_factor=["part1"])
+    >>> unknowns.names[-1], len(unknowns)
+    ('part4.stiffness', 5)
     """
     wanted = {"mass": mass, "stiffness": stiffness, "loss_factor": loss_factor, "viscous": viscous}
     wanted |= {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
@@ -649,6 +656,13 @@ def link(
     ParameterError
         If a name fits nothing in the model, the drives do not fit together, or a number is not
         usable.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> drives = {"part1.stiffness": 3, "part1.mass": 1}
+    >>> updyn.link(chain.build(), "part1.thickness", drives).names
+    ['part1.thickness']
     """
     stem, quantity = "", ""
     if isinstance(name, str) and not set(name) & set("*?[]\n\t"):

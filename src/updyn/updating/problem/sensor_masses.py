@@ -55,6 +55,13 @@ def sensor_masses(
         If a label cannot be read or a node is not in the model.
     ParameterError
         If `prior_std` or `bounds` is not usable.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> loaded, unknowns = updyn.sensor_masses(chain.build(), {"12:X": 0.03})
+    >>> unknowns.names
+    ['sensor 12.mass']
     """
     loaded = add_sensor_masses(model, masses)
     added = [name for name in loaded.groups if name not in model.groups]

@@ -44,6 +44,15 @@ def average(repeats: Iterable[FRF]) -> FRF:
     The variance of n complex values about their mean has n - 1 complex degrees of freedom (Bendat &
     Piersol, Random Data, 4th ed. 2010, section 4.2, for one real variable). An error that all
     repeats share (calibration, the mass of a sensor) does not show.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> one = updyn.response(chain.build(), [1.0, 2.0], ["12:X"], ["1:X"], "accelerance")
+    >>> two = updyn.FRF(one.freq, 1.02 * one.values, ["12:X"], ["1:X"], "accelerance")
+    >>> mean = updyn.average([one, two])
+    >>> bool(abs(mean.values / one.values - 1.01).max() < 1e-9)
+    True
     """
     listed = list(repeats)
     for number, frf in enumerate(listed, 1):

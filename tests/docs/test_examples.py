@@ -1,0 +1,98 @@
+"""Docstrings of public names have examples, and what these show comes out."""
+
+from __future__ import annotations
+
+import importlib.util
+from types import ModuleType
+
+import pytest
+
+from pages import ROOT
+
+
+def tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("doctests", ROOT / "tools" / "doctests.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+TOOL = tool()
+TESTS = {name: TOOL.examples(name, thing) for name, thing in TOOL.public_objects()}
+SHOWN = [test for tests in TESTS.values() for test in tests]
+
+#: Names of `updyn` whose docstrings show no example yet. To be shortened, never lengthened: a new
+#: name comes with an example.
+WITHOUT = """
+updyn.Backlash
+updyn.Comparison
+updyn.Controller
+updyn.CoulombFriction
+updyn.FRFEstimate
+updyn.Finding
+updyn.ImpactWindow
+updyn.JointResult
+updyn.Notch
+updyn.Plan
+updyn.Plant
+updyn.Port
+updyn.RecordFinding
+updyn.Selection
+updyn.UpdynError
+updyn.UpdynWarning
+updyn.Wind
+updyn.check_records
+updyn.cluster_jointly
+updyn.compare_jointly
+updyn.conversions
+updyn.cut_hits
+updyn.drive_figures
+updyn.estimate_frf
+updyn.frf_estimate
+updyn.joined_frfs
+updyn.limit_cycles
+updyn.opened
+updyn.plan
+updyn.plant
+updyn.plant_family
+updyn.read_plant
+updyn.read_records
+updyn.read_uncertainty
+updyn.sample
+updyn.select_jointly
+updyn.simulate
+updyn.to_control
+updyn.to_frd
+updyn.to_scipy
+updyn.uncertainty_weight
+updyn.write_plan
+updyn.write_plant
+updyn.write_properties
+updyn.write_report
+updyn.write_uncertainty
+"""
+
+
+@pytest.mark.parametrize("test", SHOWN, ids=lambda test: test.name)
+def test_the_example_holds(test) -> None:
+    assert TOOL.failure(test) == ""
+
+
+def test_a_wrong_example_is_seen() -> None:
+    def wrong() -> None:
+        """Return nothing.
+
+        >>> 1 + 1
+        3
+        """
+
+    (test,) = TOOL.examples("wrong", wrong)
+    assert "Expected:\n    3\nGot:\n    2" in TOOL.failure(test)
+
+
+def test_names_without_an_example_get_fewer() -> None:
+    public = {name for name in TESTS if name.count(".") == 1}
+    without = {name for name in public if not TESTS[name]}
+    assert without == set(WITHOUT.split())
