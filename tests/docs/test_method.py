@@ -40,6 +40,8 @@ TEXT = " ".join((ROOT / "docs" / "method.md").read_text(encoding="utf-8").split(
         ),
         f"loss factors by {search._BESIDE_LOSS:g}; every",
         f"or {search._HOPS_A_TRY * search.Search().starts} have found nothing better",
+        {0.5: "half of the band"}[search._NEIGHBOURS] + ", or any third of the lines",
+        f"size leaves once in {1 / answers._SELDOM:.0f} times",
         f"within a factor {math.exp(search.Search().spread):.1f} of the start",
         f"with a standard deviation above {100 * answers._UNSURE:g} %,",
         f"within {math.exp(answers.AS_WELL):.0f} to 1 fit equally well",
