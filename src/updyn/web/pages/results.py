@@ -16,7 +16,13 @@ from updyn.web.workspace import Workspace
 __all__ = ["compared", "show"]
 
 #: Figures of agreement that are compared, by their key in the record.
-_FIGURES = ("frac", "signed_frac", "csac", "csf", "relative_residual")
+_FIGURES = {
+    "frac_median": "FRAC after, median",
+    "correlation_median": "signed correlation after, median",
+    "residual_median": "relative residual after, median",
+    "db_error_median": "level error after, median (dB)",
+}
+_ANSWERS = {True: "yes", False: "no", None: "not known"}
 
 
 def show(workspace: Workspace) -> None:
@@ -98,11 +104,11 @@ def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[
         put("message", name, record.get("message", ""))
         put("steps", name, record.get("iterations", ""))
         for part, verdict in _mapping(record.get("trust")).items():
-            put(part, name, _mapping(verdict).get("value", ""))
+            put(part, name, _ANSWERS.get(_mapping(verdict).get("holds"), ""))
         after = _mapping(_mapping(record.get("correlation")).get("after"))
-        for figure in _FIGURES:
+        for figure, label in _FIGURES.items():
             if isinstance(after.get(figure), int | float):
-                put(f"{figure.replace('_', ' ')} after", name, f"{after[figure]:.4g}")
+                put(label, name, f"{after[figure]:.4g}")
         for unknown in record.get("parameters", ()):
             text = f"{unknown['value']:.5g}"
             if unknown.get("std") is not None:
