@@ -53,6 +53,15 @@ PAPER: Mapping[str, str] = {
     "bad": "#a4262c",
     "bad-ground": "#fde7e7",
     "link": "#0b5cad",
+    # sizes in eight steps, small to large: `SEQUENTIAL` from an eighth of it on
+    "seq-0": "#cedeee",
+    "seq-1": "#a6c6e5",
+    "seq-2": "#80acd8",
+    "seq-3": "#5a92cb",
+    "seq-4": "#4279b5",
+    "seq-5": "#29609f",
+    "seq-6": "#184885",
+    "seq-7": "#08306b",
     # the picture of a structure: change of a group by size, softer and stiffer; forces
     "less-4": "#a63c00",
     "less-3": "#d55e00",
@@ -90,6 +99,15 @@ DARK: Mapping[str, str] = {
     "bad": "#ffaaaa",
     "bad-ground": "#451a1c",
     "link": "#7db8f5",
+    # the same on a dark ground, where the largest is the lightest
+    "seq-0": "#22344a",
+    "seq-1": "#2b4a6e",
+    "seq-2": "#336193",
+    "seq-3": "#4079b5",
+    "seq-4": "#5b95cf",
+    "seq-5": "#83b2e0",
+    "seq-6": "#aecdec",
+    "seq-7": "#dbe9f6",
     # the picture of a structure: change of a group by size, softer and stiffer; forces
     "less-4": "#ffb366",
     "less-3": "#e88e3c",

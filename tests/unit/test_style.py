@@ -94,6 +94,24 @@ def test_curves_and_text_stand_out_from_the_ground(ground):
         assert contrast(ground[role], ground[f"{role}-ground"]) >= 4.5, role
 
 
+def test_the_steps_of_sizes_are_those_of_the_sequential_map():
+    """On paper; both grounds are even in lightness, and the viewer's own sheet has the same colours."""
+    stops = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in style.SEQUENTIAL])
+    at = np.arange(1, 9) / 8.0
+    places = np.linspace(0.0, 1.0, len(stops))
+    expected = np.column_stack([np.interp(at, places, channel) for channel in stops.T])
+    names = [f"seq-{step}" for step in range(8)]
+    found = [[int(style.PAPER[n][i : i + 2], 16) for i in (1, 3, 5)] for n in names]
+    np.testing.assert_allclose(found, expected, atol=0.51)
+    sheet = (ROOT / "viewer" / "src" / "viewer.css").read_text(encoding="utf-8")
+    for colours in (style.PAPER, style.DARK):
+        steps = np.diff([lab(colours[name])[0] for name in names])
+        assert (np.sign(steps) == np.sign(steps[0])).all()
+        assert abs(steps).min() > 4.0  # told apart in grey print
+        for name in names:
+            assert f"--v-{name}: var(--{name}, {colours[name]});" in sheet
+
+
 def test_the_sequential_map_is_even_in_lightness():
     steps = np.diff([lab(stop)[0] for stop in style.SEQUENTIAL])
     assert (steps < 0).all()

@@ -6,8 +6,33 @@ import {
 } from "three";
 import { floats, integers } from "./decode.js";
 
-// Beyond this many lines they are drawn one pixel wide.
-const MANY_LINES = 20000;
+// Beyond this many lines they are drawn one pixel wide, and of surfaces only those at which these end, bend by more than
+// 20 degrees, or change their group: the others would be all that is seen, and each costs as much as a face.
+const MANY_LINES = 20000, BEND = Math.cos((20 * Math.PI) / 180);
+
+// Which lines are drawn: all but the edges within an even surface.
+function outline({ n, xyz, lines, lineGroup, faces, faceGroup }) {
+  const normals = new Float32Array(faces.length), edges = new Map(); // by edge its face; -1: it stays
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]], u = [0, 0, 0], v = [0, 0, 0];
+    for (let k = 0; k < 3; k++) { u[k] = xyz[b + k] - xyz[a + k]; v[k] = xyz[c + k] - xyz[a + k]; }
+    const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    const size = Math.hypot(...normal) || 1;
+    for (let k = 0; k < 3; k++) normals[f + k] = normal[k] / size;
+  }
+  const key = (a, b) => (a < b ? a * n + b : b * n + a), inner = new Set();
+  for (let f = 0; f < faces.length; f += 3) {
+    for (let k = 0; k < 3; k++) {
+      const edge = key(faces[f + k], faces[f + ((k + 1) % 3)]), other = edges.get(edge);
+      if (other === undefined) { edges.set(edge, f); continue; }
+      const even = Math.abs(normals[f] * normals[other] + normals[f + 1] * normals[other + 1] + normals[f + 2] * normals[other + 2]) > BEND;
+      if (even && faceGroup[f / 3] === faceGroup[other / 3]) inner.add(edge); else inner.delete(edge);
+    }
+  }
+  const kept = [];
+  for (let i = 0; i < lineGroup.length; i++) if (!inner.has(key(lines[2 * i], lines[2 * i + 1]))) kept.push(i);
+  return { lines: Int32Array.from(kept.flatMap((i) => [lines[2 * i], lines[2 * i + 1]])), lineGroup: Int32Array.from(kept, (i) => lineGroup[i]) };
+}
 
 export function texture(data, width, height, type = FloatType) {
   const made = new DataTexture(data, width, height, RGBAFormat, type);
@@ -29,6 +54,7 @@ export class Body {
     this.lineGroup = integers(given.line_group);
     this.faces = integers(given.faces);
     this.faceGroup = integers(given.face_group);
+    if (this.many && this.faces.length) Object.assign(this, outline(this));
     this.points = integers(given.points);
     this.pointGroup = integers(given.point_group);
     this.wide = Math.max(1, Math.min(1024, this.n));
@@ -83,8 +109,29 @@ function flat(nodes, group) {
   return made;
 }
 
+// Faces whose vertices are shaded once for each node and group, however many faces meet there.
+function shared(nodes, groups) {
+  const vertices = new Map(), index = new Uint32Array(nodes.length), node = [], group = [];
+  const most = groups.reduce((high, one) => Math.max(high, one), 0) + 2;
+  for (let i = 0; i < nodes.length; i++) {
+    const of = groups[Math.floor(i / 3)] + 1, key = nodes[i] * most + of;
+    let at = vertices.get(key);
+    if (at === undefined) {
+      at = node.length;
+      vertices.set(key, at);
+      node.push(nodes[i]);
+      group.push(of);
+    }
+    index[i] = at;
+  }
+  const made = flat(node, group);
+  made.setIndex(new BufferAttribute(index, 1));
+  made.setDrawRange(0, index.length);
+  return made;
+}
+
 const MAKE = {
-  faces: (body) => flat(body.faces, each(body.faceGroup, 3)),
+  faces: (body) => shared(body.faces, body.faceGroup),
   points: (body) => flat(body.points, each(body.pointGroup, 1)),
   nodes: (body) => flat(Int32Array.from({ length: body.real }, (_, i) => i), new Float32Array(body.real)),
   hairs: (body) => flat(body.lines, each(body.lineGroup, 2)),

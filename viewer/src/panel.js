@@ -28,10 +28,10 @@ export class Panel {
     this.said = made("p", { className: "v-said", "aria-live": "polite" });
     this.chosen();
     this.layers = made("span", { className: "v-layers" });
+    this.top = made("div", { className: "v-bar" }, ...this.what, this.layers);
     element.classList.add("updyn-viewer");
     element.replaceChildren(
-      made("div", { className: "v-bar" }, ...this.what, this.layers),
-      this.stage, this.spectrum,
+      this.top, this.stage, this.spectrum,
       made("div", { className: "v-bar v-low" }, ...this.how()), this.said,
     );
   }
@@ -132,6 +132,8 @@ export class Panel {
     this.moving.hidden = this.gif.hidden = !viewer.moving;
     this.play.textContent = viewer.clock.playing ? "Pause" : "Play";
     this.boxes();
+    // no empty bar over a scene without choices
+    this.top.hidden = Object.values(this.fields).every((field) => field.hidden) && !this.layers.childElementCount;
   }
 
   // A box for each layer; what a row lacks cannot be chosen.

@@ -7,10 +7,11 @@ const EYES = { iso: [1, 0.78, 0.56], back: [-1, -0.78, 0.56], x: [1, 0, 0], y: [
 const MARGIN = 1.28;
 
 export class Stage {
-  constructor(place, canvas, xyz) {
+  // "smooth": whether edges are smoothed, which costs large scenes more than it gives.
+  constructor(place, canvas, xyz, smooth = true) {
     this.canvas = canvas;
     this.place = place;
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: smooth, powerPreference: "low-power" });
     this.renderer.debug.checkShaderErrors = false; // asking for them waits for the graphics card
     this.renderer.setPixelRatio(Math.min(devicePixelRatio || 1, 2));
     this.scene = new Scene();

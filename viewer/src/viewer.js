@@ -14,6 +14,7 @@ import { ModeShapes, OperatingShapes, levelled, reach, TURNS } from "./shapes.js
 import { Spectrum } from "./spectrum.js";
 import { Stage } from "./stage.js";
 
+const MANY_FACES = 20000;
 const written = (value) => Number(value.toPrecision(5)).toString();
 
 export class Viewer {
@@ -29,7 +30,7 @@ export class Viewer {
     this.operating = given.operating && new OperatingShapes(given.operating, this.bodies);
     this.picked = -1;
     this.panel = new Panel(element, this);
-    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz));
+    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz), this.bodies.every((body) => body.faces.length < 3 * MANY_FACES));
     this.build();
     this.clock = new Clock(element, () => this.animate());
     this.stage.onDraw(() => this.overlay.draw(this.stage, (arrow) => this.tip(arrow), this.pickedPlace()));

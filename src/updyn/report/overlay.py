@@ -14,11 +14,12 @@ from updyn.report.plots import labels, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset
 
-__all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "overlay"]
+__all__ = ["ALL_CHANNELS", "DRAWING_BUDGET", "FRFS", "MEASURED_SHARE", "overlay"]
 
-#: Bytes of FRFs that the page carries at most, before base64: about two thirds of the size of the
-#: largest page.
-DRAWING_BUDGET = 16_000_000
+#: Bytes of FRFs that the page carries at most, before base64, and the share of what is measured:
+#: 100 channels of 2,000 lines with coherence are whole, in a page of less than 10 MB.
+DRAWING_BUDGET = 4_000_000
+MEASURED_SHARE = 0.62
 _FEWEST_LINES = 50
 
 
@@ -144,7 +145,9 @@ def overlay(data: ReportData, budget: int = DRAWING_BUDGET) -> tuple[dict[str, A
 def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
     """Return which lines are drawn, and a note where these are not all."""
     line_bytes = _n_channels(data) * (8 + 4 * (data.coherence is not None))
-    keep = keep_lines(data.measured, data.used, max(budget // 2 // line_bytes, _FEWEST_LINES))
+    keep = keep_lines(
+        data.measured, data.used, max(int(MEASURED_SHARE * budget) // line_bytes, _FEWEST_LINES)
+    )
     if keep.size == len(data.freq):
         return keep, ""
     note = (
@@ -155,11 +158,12 @@ def _drawn_lines(data: ReportData, budget: int) -> tuple[NDArray[np.intp], str]:
 
 
 def _drawn_grid(data: ReportData, budget: int) -> NDArray[np.intp]:
-    """Return which lines of the curves of the models are drawn: within half of the budget."""
+    """Return which lines of the curves of the models are drawn: within their share."""
     curves = [values for values in (data.after_curve, data.before_curve) if values is not None]
     if not curves:
         return np.arange(0)
-    most = max(budget // 2 // (8 * len(curves) * _n_channels(data)), _FEWEST_LINES)
+    share = int((1.0 - MEASURED_SHARE) * budget)
+    most = max(share // (8 * len(curves) * _n_channels(data)), _FEWEST_LINES)
     return keep_lines(curves[0], np.zeros(len(data.grid), dtype=np.bool_), most)
 
 

@@ -39,11 +39,11 @@ from updyn.viewer.scene import (
 
 __all__ = ["deviations", "scene_of", "sensors_of"]
 
-#: Displacements of the mode shapes of a page at most, but this many modes at least: 2 MB.
-_MOST_DISPLACEMENTS = 750_000
+#: Displacements of the mode shapes of a page at most, but this many modes at least: 1.6 MB.
+_MOST_DISPLACEMENTS = 600_000
 _FEWEST_ROWS = 4
 #: Values of the operating shapes of a page at most, but so many lines at least, and references.
-_MOST_VALUES = 400_000
+_MOST_VALUES = 200_000
 _FEWEST_LINES = 40
 _MOST_REFERENCES = 8
 #: Frequencies of one mode from two computations differ by less than this share.

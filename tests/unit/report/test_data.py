@@ -28,7 +28,7 @@ from updyn.report.formats import (
     unit,
 )
 from updyn.report.head import head
-from updyn.report.overlay import overlay
+from updyn.report.overlay import MEASURED_SHARE, overlay
 from updyn.report.plots import log_bars, log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
 from updyn.report.unknowns import correlations
@@ -183,7 +183,7 @@ def test_overlay_arrays_hold_the_data_channel_by_channel(result, data):
         )
     assert drawn["everyLineUsed"] is False
     np.testing.assert_array_equal(data.freq[drawn["used"]], result.lines)
-    thin, note = overlay(data, budget=2 * 200 * 10 * 12)
+    thin, note = overlay(data, budget=int(200 * 10 * 12 / MEASURED_SHARE))
     kept = np.frombuffer(base64.b64decode(thin["freq"]), "<f8")
     assert len(kept) <= 200
     assert len(np.frombuffer(base64.b64decode(thin["grid"]), "<f8")) <= 200

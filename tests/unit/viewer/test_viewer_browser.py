@@ -7,7 +7,7 @@ import pytest
 
 from pages_read import settled, told
 from updyn.report.templates import asset
-from updyn.viewer import Colouring, page
+from updyn.viewer import Body, Colouring, Scene, page
 from viewer_case import PIXELS, block_scene
 
 pytestmark = pytest.mark.needs("browser")
@@ -121,3 +121,59 @@ def test_without_webgl_a_line_says_so(tmp_path):
     found = opened(block_scene(), tmp_path, "--disable-3d-apis", actions=look, last="said")
     assert "errors" not in found, found["errors"]
     assert "WebGL 2 is missing" in found["said"]
+
+
+#: What a scene without choices and a large surface are drawn with.
+PARTS = """<script>
+(async () => {
+  const root = document.documentElement, place = document.querySelector("[data-scene]");
+  const later = (ms) => new Promise((done) => requestAnimationFrame(() => setTimeout(done, ms)));
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await later(50);
+  const viewer = place.updynViewer, [body] = viewer.bodies;
+  root.dataset.bar = viewer.panel.top.hidden;
+  root.dataset.lines = body.lines.length / 2;
+  root.dataset.vertices = body.geometry("faces").attributes.aNode.count;
+  root.dataset.corners = body.geometry("faces").index.count;
+  root.dataset.done = true;
+})();
+</script></body>"""
+
+
+def plate(n, fold):
+    """A plate of n x n nodes in two groups side by side, folded by a right angle along a line of nodes, and a beam."""
+    u, v = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    along = np.minimum(u, fold)
+    xyz = np.stack([along, v, np.maximum(u - fold, 0)], -1).reshape(-1, 3).astype(float)
+    xyz = np.concatenate([xyz, [[0.0, 0.0, 9.0]]])
+    at = np.arange(n * n).reshape(n, n)
+    quads = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], -1).reshape(-1, 4)
+    group = (quads[:, 0] % n >= n // 2).astype(np.intp)
+    halves = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+    edges = np.concatenate([quads[:, [0, 1]], quads[:, [1, 2]], quads[:, [2, 3]], quads[:, [3, 0]]])
+    edges = np.concatenate([np.unique(np.sort(edges, axis=1), axis=0), [[0, n * n]]])
+    none = np.empty(0, dtype=np.intp)
+    return Body(
+        "plate", 1 + np.arange(len(xyz)), xyz, edges, np.zeros(len(edges), dtype=np.intp), halves,
+        np.concatenate([group, group]), none, none, ("a", "b"), len(xyz),
+    )  # fmt: skip
+
+
+def test_a_large_surface_is_drawn_with_its_outline(tmp_path):
+    n = 110
+    body = plate(n, 40)
+    assert len(body.lines) == 2 * n * (n - 1) + 1
+    found = opened(Scene([body]), tmp_path, actions=PARTS)
+    assert "errors" not in found, found["errors"]
+    # the rim, the fold, where the groups meet, and the beam
+    assert int(found["lines"]) == 4 * (n - 1) + (n - 1) + (n - 1) + 1
+    assert int(found["corners"]) == 6 * (n - 1) ** 2
+    assert int(found["vertices"]) == n * n + n  # once for each node and group
+    (tmp_path / "small").mkdir()
+    small = opened(Scene([plate(6, 3)]), tmp_path / "small", actions=PARTS)
+    assert int(small["lines"]) == 2 * 6 * 5 + 1
+
+
+def test_a_scene_without_choices_has_no_empty_bar(tmp_path):
+    assert opened(Scene([plate(4, 2)]), tmp_path, actions=PARTS)["bar"] == "true"
+    (tmp_path / "block").mkdir()
+    assert opened(block_scene(), tmp_path / "block", actions=PARTS)["bar"] == "false"
