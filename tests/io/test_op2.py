@@ -260,6 +260,41 @@ def test_a_model_of_its_matrices(put, tmp_path):
         updyn.write_model(model, tmp_path / "b.op2", format="op2")
 
 
+def of_elements() -> bytes:
+    """Assembled matrices, and those of elements with their dictionaries, whose content is not read."""
+    out = Writer()
+    out.head()
+    out.matrix("KGG", samples.stiffness())
+    for letter in "KM":
+        out.table(f"{letter}DICT", [[1, 2, 3]])
+        out.matrix(f"{letter}ELM", samples.stiffness())
+    return out.bytes()
+
+
+def test_matrices_of_elements_are_refused_by_name(put, tmp_path, capsys):
+    path = put(of_elements())
+    with pytest.raises(AbsentError, match=r"matrices alone \(KGG\) are not a model"):
+        updyn.read_model(path)
+    for name in ("KELM", "kdict"):
+        (tmp_path / "a.toml").write_text(f'[[group]]\nname = "all"\nstiffness = "a.op2:{name}"\n')
+        with pytest.raises(FormatError, match=rf"{name}: .*elements are not read.*deck.*OUTPUT4"):
+            updyn.read_model(path)
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "Matrix KGG: 7 x 7" in said
+    assert "Matrix KELM" not in said
+    assert "Matrices of elements, which are not read: KDICT, KELM, MDICT, MELM" in said
+
+
+def test_a_file_of_nothing_but_matrices_of_elements(put):
+    out = Writer()
+    out.head()
+    out.table("KDICT", [[1, 2, 3]])
+    out.matrix("KELM", samples.stiffness())
+    with pytest.raises(FormatError, match=r"a\.op2: KDICT, KELM: matrices of single elements"):
+        updyn.read_model(put(out.bytes()))
+
+
 def test_info(put, capsys):
     path = put(samples.whole())
     assert main(["info", str(path), "--unit", "mm"]) == 0

@@ -169,6 +169,8 @@ def describe_contents(found: Contents) -> str:
     texts = [f"OUTPUT2 file{program}: tables {', '.join(dict.fromkeys(found.tables)) or '-'}"]
     for name, (rows, columns) in found.matrices.items():
         texts.append(f"Matrix {name}: {rows} x {columns}")
+    if found.element_blocks:
+        texts.append(f"Matrices of elements, which are not read: {', '.join(found.element_blocks)}")
     if isinstance(found.geometry, Geometry):
         texts.append(describe_geometry(found.geometry))
     else:

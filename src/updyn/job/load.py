@@ -243,6 +243,11 @@ def _check_tests(job: Job) -> None:
     for part in job.parts:
         test = part.test
         with part.located(), key_path("test"):
+            if test.modes_reader is not None and test.modes is None:
+                raise JobError(
+                    "test.modes_reader belongs to a file of modes, and the test has no key 'modes'",
+                    key=("modes_reader",),
+                )
             if part.has_modes:
                 for key in test.of_frfs:
                     raise JobError(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from updyn.elements import MODEL_KINDS
 from updyn.errors import (
     DataError,
     DofError,
+    InputError,
     JobError,
     OptionError,
     UpdynWarning,
@@ -255,10 +257,23 @@ def _read_modes(job: Job) -> ModeSet:
     table = job.test
     assert table.modes is not None
     path = existing_file(job, table.modes, "test", "modes")
-    with key_path("test", "modes"):
-        modes = read_modes(path)
+    options = table.modes_reader or {}
+    with _key_of_option(options):
+        modes = read_modes(path, **options)
     with key_path("test", "band"):
         return modes if table.band is None else modes.select(band=table.band)
+
+
+@contextmanager
+def _key_of_option(options: Mapping[str, Any]) -> Iterator[None]:
+    """Place errors of an option of the reader of modes at that option, others at the file."""
+    try:
+        yield
+    except InputError as error:
+        of_option = error.key[0] in options if error.key else isinstance(error, OptionError)
+        place = ("modes_reader", *error.key) if of_option else ("modes",)
+        error.key = ("test", *place)
+        raise
 
 
 # -- what is fitted --------------------------------------------------------------------------------

@@ -325,6 +325,7 @@ class TestTable(Table):
         default=None, min_length=1
     )  # further files of the same test, averaged
     modes: str | None = None  # measured modes: the data, or beside FRFs for the method "modal"
+    modes_reader: dict[str, Any] | None = None  # options of the reader of the file of modes
     format: str | None = None
     quantity: str | None = Field(
         default=None,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import updyn
+from op2_samples import Writer
 from updyn.demos import chain
 from updyn.errors import JobError
 from updyn.job import load_job, prepare, run_job
@@ -124,6 +125,48 @@ def test_what_is_refused(folder: Path, method: str, test: str, message: str) -> 
     with pytest.raises(JobError, match=message):
         run_job(load_job(put(folder, method, test)), folder / "out")
     assert not (folder / "out").exists()
+
+
+def op2_of(folder: Path) -> None:
+    """Write modes of nodes 2 and 3 in a deck of mm, N and t, unit modal mass in t."""
+    out = Writer()
+    out.head()
+    shape = {2: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 3: [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    out.shapes([(1, (2.0 * np.pi * 5.0) ** 2, shape)])
+    out.eigenvalues([(1, (2.0 * np.pi * 5.0) ** 2, 1.0)])
+    (folder / "modes.unv").write_bytes(out.bytes())
+
+
+def test_options_of_the_reader_of_modes(folder: Path) -> None:
+    op2_of(folder)
+    test = "modes_reader = { format = 'op2', unit = 'mm' }"
+    modes = prepare(load_job(put(folder, test=test))).modes[""]
+    assert modes.frequency == pytest.approx([5.0], rel=1e-6)
+    # A modal mass of 1 t for a shape of 1: 1 kg for one of 1 / sqrt(1000).
+    assert sorted(modes.shapes[:, 0]) == pytest.approx([0.5 / np.sqrt(1e3), 1 / np.sqrt(1e3)])
+
+
+@pytest.mark.parametrize(
+    ("test", "message"),
+    [
+        ("modes_reader = { format = 'op2', units = 'mm' }", r":6: .*did you mean 'unit'"),
+        ("modes_reader = { format = 'op2', unit = 'cm' }", r":6: .*unit 'cm'"),
+        ("modes_reader = { format = 'op2', subcase = 4 }", r":6: .*no modes of subcase 4"),
+    ],
+)
+def test_options_of_the_reader_of_modes_that_are_refused(
+    folder: Path, test: str, message: str
+) -> None:
+    op2_of(folder)
+    with pytest.raises(JobError, match=message):
+        prepare(load_job(put(folder, test=test)))
+
+
+def test_options_of_the_reader_of_modes_without_modes(folder: Path) -> None:
+    path = put(folder, test="modes_reader = { unit = 'mm' }")
+    path.write_text(path.read_text().replace('modes = "modes.unv"\n', ""))
+    with pytest.raises(JobError, match=r":5: test.modes_reader belongs to a file of modes"):
+        load_job(path)
 
 
 def test_no_such_file_or_dof(folder: Path) -> None:

@@ -42,7 +42,7 @@ from updyn.io.items import placed
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.deck import Deck, geometry_of, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
-from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of
+from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of, refuse_element_blocks
 from updyn.io.nastran.op4 import OP4Matrix, read_op4, select, write_op4
 from updyn.model import Group, Model
 
@@ -167,7 +167,9 @@ class _Files:
         if kind == "op2":
             if path not in self._op2:
                 self._op2[path] = OP2File(path)
-            return matrix_of(self._op2[path], select(self._op2[path].matrices, name, path))
+            op2 = self._op2[path]
+            refuse_element_blocks(op2, [name or ""])
+            return matrix_of(op2, select(op2.matrices, name, path))
         if path not in self._read:
             self._read[path] = read_op4(path) if kind == "op4" else read_dmig(path)
         return select(self._read[path], name, path)
@@ -284,7 +286,10 @@ class MatrixFiles:
             )
         kind: type[FormatError] = FormatError
         if self._kind == "op2":
-            names = [block.name for block in OP2File(path).matrices]
+            file = OP2File(path)
+            names = [block.name for block in file.matrices]
+            if not names:
+                refuse_element_blocks(file, file.element_blocks)
             kind = AbsentError
         elif SUFFIXES.get(path.suffix.lower()) == "op4":
             names = [m.name for m in read_op4(path)]

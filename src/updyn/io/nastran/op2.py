@@ -20,6 +20,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,9 @@ class Contents:
     tables : tuple of str
         Names of the tables, in order.
     matrices : mapping of str to (int, int)
-        Rows and columns of the matrices.
+        Rows and columns of the assembled matrices.
+    element_blocks : tuple of str
+        Names of the data blocks of element matrices, which are not read.
     geometry, modes : Geometry, ModeSet, or str
         What was read, or why it was not.
     """
@@ -89,6 +92,7 @@ class Contents:
     program: str
     tables: tuple[str, ...]
     matrices: dict[str, tuple[int, int]]
+    element_blocks: tuple[str, ...]
     geometry: Geometry | str
     modes: ModeSet | str
 
@@ -216,9 +220,8 @@ def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
     system(unit)
     file = OP2File(path)
     matrices = {}
-    for block in file.blocks:
-        if block.is_matrix:
-            matrices[block.name] = (block.trailer[2], block.trailer[1])
+    for block in file.matrices:
+        matrices[block.name] = (block.trailer[2], block.trailer[1])
     geometry: Geometry | str
     modes: ModeSet | str
     try:
@@ -229,8 +232,10 @@ def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
         modes = _modes(file, unit, None)
     except InputError as error:
         modes = _said(error, path)
-    tables = tuple(block.name for block in file.blocks if not block.is_matrix)
-    return Contents(Path(path), file.program, tables, matrices, geometry, modes)
+    of_elements = file.element_blocks
+    is_table = [not block.is_matrix and block.name not in of_elements for block in file.blocks]
+    tables = tuple(block.name for block in compress(file.blocks, is_table))
+    return Contents(Path(path), file.program, tables, matrices, of_elements, geometry, modes)
 
 
 def _said(error: InputError, path: str | Path) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import placed
 from updyn.io.nastran.op4 import Collector, OP4Matrix, check_header, completed
 
-__all__ = ["MAGIC", "Block", "OP2File", "g_set", "matrix_of"]
+__all__ = ["MAGIC", "Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
 
 #: Bytes of the length in front of and behind every Fortran record.
 _MARK = 4
@@ -36,6 +36,8 @@ _COLUMNS, _ROWS, _FORM, _TYPE = 1, 2, 3, 4
 _DOUBLE = 2
 #: Types of points in the table EQEXIN.
 _GRID, _SCALAR = 1, 2
+#: Matrices of single elements (stiffness, mass, viscous damping), and their dictionaries.
+_OF_ELEMENTS = ("KELM", "KDICT", "MELM", "MDICT", "BELM", "BDICT")
 #: Number of words of the first record: the date (3), or of a file without it a name (2).
 _DATE, _NAME = 3, 2
 
@@ -140,8 +142,13 @@ class OP2File:
 
     @property
     def matrices(self) -> list[Block]:
-        """The matrices, in order."""
-        return [block for block in self.blocks if block.is_matrix]
+        """The assembled matrices, in order."""
+        return [b for b in self.blocks if b.is_matrix and b.name not in _OF_ELEMENTS]
+
+    @property
+    def element_blocks(self) -> tuple[str, ...]:
+        """Names of the data blocks of element matrices, in order."""
+        return tuple(block.name for block in self.blocks if block.name in _OF_ELEMENTS)
 
     # -- layout -----------------------------------------------------------------------------------
     def _head(self) -> int:
@@ -253,6 +260,35 @@ class OP2File:
                 " cut short",
                 self.path,
             )
+
+
+def refuse_element_blocks(file: OP2File, names: Sequence[str]) -> None:
+    """Refuse matrices of single elements, if any of some data blocks holds them.
+
+    A dictionary gives an element's matrix as an address of Nastran's own storage (MSC Nastran DMAP
+    Programmer's Guide, data blocks KDICT and KELM), and no file is at hand to check its reading by.
+
+    Parameters
+    ----------
+    file : OP2File
+        The file.
+    names : sequence of str
+        Names of data blocks, in either case.
+
+    Raises
+    ------
+    FormatError
+        If one is of elements; the message says what to do instead.
+    """
+    found = [name for name in names if name.upper() in _OF_ELEMENTS]
+    if found:
+        raise FormatError(
+            f"{', '.join(found)}: matrices of single elements are not read. Let updyn read the deck"
+            " (.bdf), whose element properties become groups; or let Nastran assemble the matrices"
+            " of each part, from decks with the elements of that part alone, and write them as"
+            " OUTPUT4 files or DMIG cards (PARAM,EXTOUT,DMIGPCH)",
+            file.path,
+        )
 
 
 def g_set(file: OP2File) -> DofSet | None:
