@@ -153,6 +153,17 @@ def test_models_are_computed_at_fewer_lines_above_the_budget(result, monkeypatch
     assert f"{len(found.freq)} of the 800 measured lines" in found.notes[0]
 
 
+def test_of_a_stopped_run_no_reduced_model_is_built(result, monkeypatch):
+    """Its error would have to be certified while the user waits."""
+    stopped = dataclasses.replace(result, status="stopped")
+    assert gather(stopped).after_curve is not None
+    reduced = dataclasses.replace(stopped, options={**result.options, "tier": "reduced"})
+    monkeypatch.setattr(report_data, "computed", None)  # would fail if it were called
+    found = gather(reduced)
+    assert found.before is found.after_curve is found.frac_after is None
+    assert found.notes[-1].startswith("The models are not drawn: the run was stopped")
+
+
 def test_thinning_keeps_ends_and_sharp_peaks():
     n = 4001
     level = np.ones(n)

@@ -135,6 +135,8 @@ def judge(
         blind = analyse(fit.R, names)
         analysis, advice = unless_stopped(lambda: at_start(problem, noises), (blind, ""))
         misfit = 0.0
+    elif fit.reason == "stopped":  # the user waits
+        analysis, advice, misfit = analyse(fit.R, names), "", 0.0
     else:
         if not fit.advice:
             even = unless_stopped(lambda: _even(problem, noises, fit.x, fit.R), even)

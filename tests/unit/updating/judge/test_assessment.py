@@ -134,6 +134,17 @@ def test_a_fit_that_failed_or_was_stopped_at_once_is_not_looked_at(wrong, data):
     assert "Residual" not in result.summary()
 
 
+def test_a_fit_that_was_stopped_gets_no_experiment_advice(chain12_true):
+    """Advice is computed for what the data leave undetermined, which the user would wait for."""
+    few = updyn.response(chain12_true, FREQ[:3], SENSORS[:1], SENSORS[:1])
+    unknowns = updyn.parameters(chain12_true, stiffness="all", mass="all")
+    whole = updyn.update(chain12_true, few, unknowns, starts=0, max_iterations=3)
+    assert whole.identifiability.advice
+    stopped = updyn.update(chain12_true, few, unknowns, starts=0, callback=lambda progress: True)
+    assert stopped.status == "stopped"
+    assert not stopped.identifiability.advice
+
+
 def test_a_fit_that_ran_out_of_steps_is_looked_at_where_it_had_nearly_arrived(wrong, data):
     noise = {"relative": 0.01}
     whole = updyn.update(wrong[0], data, wrong[1], starts=0, noise=noise)
