@@ -71,9 +71,9 @@ class Structure:
         unknowns = self.unknowns(model)
         dofs = find_candidates(model, self.candidates)
         freq = np.linspace(*self.band, self.lines)
-        found = Candidates.build(
+        found = Candidates.compile(
             model, unknowns, dofs, dofs, freq, "accelerance", find_noise(NOISE)
-        )
+        ).levelled()
         information = PairInformation.compute(found, [found.part.coordinates.home])
         return Planning(found, information, tuple(range(len(unknowns))))
 

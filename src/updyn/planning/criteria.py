@@ -70,6 +70,8 @@ class Criterion(ABC):
 
     #: Where it comes from: author, journal, year.
     source: ClassVar[str]
+    #: Whether very many candidates may be screened by their information before the choice.
+    by_information: ClassVar[bool] = False
 
     @abstractmethod
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
@@ -140,6 +142,7 @@ class _PerUnknown(DesignScore):
 class DOptimalLayout(Criterion):
     """Smallest volume of the confidence ellipsoid of the unknowns that count."""
 
+    by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapters 2 and 3"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
@@ -154,6 +157,7 @@ class AOptimalLayout(Criterion):
     The least is the variance with all candidates at the start of the unknowns.
     """
 
+    by_information = True
     source = "Fedorov, Theory of Optimal Experiments, 1972, chapter 2"
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:

@@ -19,18 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.dynamics.fields import line_blocks
+from updyn.dynamics.fields import FieldSolver, line_blocks
 from updyn.errors import OptionError
 from updyn.frf import FRF, QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.model import Model
 from updyn.sensitivity import contract
-from updyn.updating.problem.noise.known import Stated, level_of_units, two_part, unit_kinds
+from updyn.updating.problem.noise.known import Stated, two_part, unit_kinds
 from updyn.updating.problem.optimal_design import initial
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
 
-__all__ = ["Candidates", "PairInformation"]
+__all__ = ["Candidates", "PairInformation", "check_size"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -60,6 +60,8 @@ class Candidates:
     level : ndarray of float, shape (n_i, n_j)
         The rms of all candidate channels of the same unit, at the start of the unknowns: the floor
         of the noise is a share of it. Infinite for channels that are rounding.
+    reduced : FieldSolver or None
+        A reduced model that gives the fields for unit forces on the candidates; None: the model.
     """
 
     model: Model
@@ -68,9 +70,10 @@ class Candidates:
     references: DofSet
     noise: Stated
     level: _Real
+    reduced: FieldSolver | None = None
 
     @classmethod
-    def build(
+    def compile(
         cls,
         model: Model,
         parameters: ParameterSet,
@@ -80,21 +83,51 @@ class Candidates:
         quantity: str,
         noise: Stated,
     ) -> Candidates:
-        """Compile a model for its candidates, and compute the level of the noise.
+        """Compile a model for its candidates; the level of the noise is not known yet.
 
         Raises
         ------
         DataError
             If the quantity or the lines are not usable.
-        SolverError
-            If the model cannot be solved at a line.
         """
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
         part = Part.build(model, data, parameters)
         level = np.zeros((len(responses), len(references)))
-        made = cls(model, part, responses, references, noise, level)
-        return replace(made, level=_levels(made))
+        return cls(model, part, responses, references, noise, level)
+
+    def levelled(self, among: Candidates | None = None) -> Candidates:
+        """Return the candidates with the level of the noise.
+
+        Parameters
+        ----------
+        among : Candidates, optional
+            A sample with channels of every unit, whose rms it is; no channel is then taken as
+            rounding. By default these candidates themselves.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at a line.
+        """
+        there = self if among is None else among
+        squared, of_kind = _squared(there), unit_kinds(there.responses, there.references)
+        kinds = unit_kinds(self.responses, self.references)
+        level = np.zeros(kinds.shape)
+        for kind in np.unique(kinds):
+            level[kinds == kind] = np.sqrt(squared[of_kind == kind].mean())
+        level = np.maximum(level, np.finfo(float).tiny ** 0.25)
+        if among is None:
+            loudest = np.zeros(kinds.shape)
+            for kind in np.unique(kinds):
+                loudest[kinds == kind] = squared[kinds == kind].max()
+            level[squared <= _ROUNDING**2 * loudest] = np.inf
+        return replace(self, level=level)
+
+    @property
+    def solver(self) -> FieldSolver:
+        """What gives the fields for unit forces on the candidates."""
+        return self.reduced or self.part.solver
 
     @property
     def freq(self) -> _Real:
@@ -123,17 +156,22 @@ class Candidates:
         return two_part(self.noise.relative, self.noise.floor, H, self.level)
 
 
-def _levels(candidates: Candidates) -> _Real:
-    """Return the rms over the channels of each unit; infinite for channels that are rounding."""
-    responses, references = candidates.responses, candidates.references
-    squared = np.zeros((len(responses), len(references)))
-    for block in _blocks(candidates, candidates.part.coordinates.home):
-        squared += np.sum(np.abs(block.H) ** 2, axis=0) / len(candidates.freq)
-    kinds, loudest = unit_kinds(responses, references), np.zeros(squared.shape)
-    for kind in np.unique(kinds):
-        loudest[kinds == kind] = squared[kinds == kind].max()
-    level = level_of_units(squared, responses, references)
-    return np.where(squared <= _ROUNDING**2 * loudest, np.inf, level)
+def _squared(candidates: Candidates) -> _Real:
+    """Return the mean of |H|^2 over the lines at the start of the unknowns, shape (n_i, n_j)."""
+    solver, dofs = candidates.solver, candidates.model.dofs
+    read = dofs.match(candidates.responses).index
+    loaded = dofs.match(candidates.references).index
+    turned = len(read) < len(loaded)  # H is symmetric: forces stand where there are fewer DOFs
+    if turned:
+        read, loaded = loaded, read
+    state, freq = candidates.part.state(candidates.part.coordinates.home), candidates.freq
+    squared = np.zeros((len(read), len(loaded)))
+    for lines in line_blocks(len(freq), solver.block_size(len(loaded))):
+        omega = 2.0 * np.pi * freq[lines]
+        X = solver.solve(solver.system.coefficients(state, omega), loaded, freq[lines])
+        power = omega ** (2 * QUANTITIES[candidates.quantity]) / len(freq)
+        squared += np.einsum("ifj,f->ij", np.abs(solver.at(X, read)) ** 2, power)
+    return squared.T if turned else squared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +183,8 @@ class _Block:
     freq : ndarray of float, shape (n_f,)
         The lines in Hz.
     V, U : ndarray of complex, shape (N, n_f, n_i) and (N, n_f, n_j)
-        Fields for unit forces on the responses and the references, in m/N.
+        Fields for unit forces on the responses and the references, in m/N; of a reduced model their
+        coordinates.
     H : ndarray of complex, shape (n_f, n_i, n_j)
         In the measured quantity, but for the phase of its factor.
     """
@@ -158,7 +197,7 @@ class _Block:
 
 def _blocks(candidates: Candidates, x: _Real) -> Iterator[_Block]:
     """Yield the fields block by block of lines; each line is factorised once."""
-    solver = candidates.part.solver
+    solver = candidates.solver
     dofs = candidates.model.dofs
     rows = dofs.match(candidates.responses).index
     columns = dofs.match(candidates.references).index
@@ -221,7 +260,7 @@ class PairInformation:
         """
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
-        _check_size(shape, n)
+        check_size(candidates, len(points))
         packed = np.zeros((*shape, n * (n + 1) // 2))
         low, high = candidates.freq[[0, -1]]
         about = f"{shape[0]} x {shape[1]} pairs, {low:g} to {high:g} Hz"
@@ -288,20 +327,34 @@ class PairInformation:
         return np.asarray(packed[..., np.maximum(place, place.T)])
 
 
-def _check_size(shape: tuple[int, int, int], n: int) -> None:
-    rows, columns, points = shape
-    one = 8 * points * (n * (n + 1) // 2)
+def check_size(candidates: Candidates, n_points: int) -> None:
+    """Check that the information of all pairs has room in memory.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        Responses and references.
+    n_points : int
+        Of the unknowns.
+
+    Raises
+    ------
+    OptionError
+        If it has not; the message says how many candidates there may be.
+    """
+    n, rows, columns = candidates.part.n, len(candidates.responses), len(candidates.references)
+    one = 8 * n_points * (n * (n + 1) // 2)
     if rows * columns * one <= _MOST_BYTES:
         return
     text = (
         f"{rows} candidate responses with {columns} candidate references and {n} unknowns, at"
-        f" {points} starts, need {rows * columns * one / 2**30:.3g} GiB, more than"
+        f" {n_points} starts, need {rows * columns * one / 2**30:.3g} GiB, more than"
         f" {_MOST_BYTES / 2**30:g}; name fewer candidates"
     )
     fits = _MOST_BYTES // (rows * one)
     if fits:
         text += f": with all of the responses, at most {fits} candidate references"
-    if points > 1:
+    if n_points > 1:
         text += "; or fewer draws (robust)"
     raise OptionError(text, key=("reference_candidates",))
 
@@ -310,7 +363,7 @@ def _check_size(shape: tuple[int, int, int], n: int) -> None:
 def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
     """Add the information at one point to that of each pair, shape (n_i, n_j, n (n + 1) / 2)."""
     part = candidates.part
-    system, unknowns, values = part.solver.system, part.unknowns, part.values(x)
+    system, unknowns, values = candidates.solver.system, part.unknowns, part.values(x)
     state, lower = part.state(x), np.tril_indices(part.n)
     by_coordinate = part.coordinates.slope(x)[unknowns.owner]
     n_i, n_j = len(candidates.responses), len(candidates.references)

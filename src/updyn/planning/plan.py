@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from updyn.dofs import Dof
+from updyn.dofs import Dof, DofSet
 from updyn.errors import key_path
 from updyn.model import Model
 from updyn.planning.candidates import check_count, find_candidates
 from updyn.planning.choice import Choice
 from updyn.planning.criteria import CRITERIA, Planning
 from updyn.planning.expected import Expected
-from updyn.planning.information import Candidates, PairInformation
+from updyn.planning.information import Candidates, PairInformation, check_size
 from updyn.planning.options import (
     Band,
     Draws,
@@ -26,6 +26,7 @@ from updyn.planning.options import (
     find_wanted,
 )
 from updyn.planning.result import BandWorth, Plan
+from updyn.planning.screening import is_many, screened
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 
@@ -119,6 +120,10 @@ def plan(
 
     Notes
     -----
+    Of more than 40,000 pairs of a sensor and a force (200 of each), those candidates are kept that
+    a reduced model shows to tell most at a few lines, and the layout is chosen among them; the
+    result says so.
+
     Each line is factorised once for all candidates. Noise that is independent between channels
     makes the Fisher information of a layout a sum over its pairs; log det of it is maximised by
     greedy choice and exchange (Fedorov, Theory of Optimal Experiments, 1972, chapter 3; for sensors
@@ -144,8 +149,15 @@ def plan(
     found: list[Choice] = []
     for one in find_bands(band):
         freq = find_lines(lines, one)
-        sought = Candidates.build(start, unknowns, responses, references, freq, quantity, expected)
+        sought = Candidates.compile(
+            start, unknowns, responses, references, freq, quantity, expected
+        )
         points = draws.points(sought.part.coordinates)
+        if rule.by_information and is_many(sought):
+            sought = screened(sought, points, rule, wanted, (n_sensors, n_references), say or str)
+        else:
+            check_size(sought, len(points))
+            sought = sought.levelled()
         information = PairInformation.compute(sought, points, say or str)
         planning = Planning(sought, information, wanted)
         with key_path("criterion"):
@@ -160,6 +172,19 @@ def plan(
         draws=robust,
         off=off,
         seed=seed,
+        screened=_left_out(best, responses, references),
+    )
+
+
+def _left_out(choice: Choice, responses: DofSet, references: DofSet) -> str:
+    """Return how many candidates were left out before the choice, in words; empty if none."""
+    kept = choice.planning.candidates
+    if len(kept.responses) == len(responses) and len(kept.references) == len(references):
+        return ""
+    return (
+        f"chosen among {len(kept.responses)} of {len(responses)} candidate sensors and"
+        f" {len(kept.references)} of {len(references)} candidate forces, those that tell most by a"
+        " reduced model"
     )
 
 

@@ -133,6 +133,8 @@ class Plan:
         How far they are off, as a standard deviation of the logarithm.
     seed : int
         Of the draws.
+    screened : str
+        Of very many candidates, among how many the layout was chosen; else empty.
     """
 
     criterion: str
@@ -160,6 +162,7 @@ class Plan:
     draws: int = 0
     off: float = 0.0
     seed: int = 0
+    screened: str = ""
 
     def __repr__(self) -> str:
         return (
@@ -188,6 +191,8 @@ class Plan:
                 f"Chosen for the mean over the start and {self.draws} draws, {100 * self.off:g} %"
                 f" off (seed {self.seed})"
             )
+        if self.screened:
+            lines.append(f"Layout {self.screened}")
         for band in self.bands:
             text = "chosen"
             if band.gain:

@@ -31,7 +31,7 @@ def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
         `updyn.Plan`; ``parameters``, one dict an unknown with ``name``, ``start``, ``std``,
         ``least`` and ``largest`` over the draws (None without draws) and ``counts``; ``further``,
         ``further_references``, ``parts``, ``bands`` and ``rivals`` as lists of dicts; ``draws``,
-        ``off``, ``seed``; ``versions``.
+        ``off``, ``seed``, ``screened``; ``versions``.
     """
     unknowns = []
     for p in plan.parameters:
@@ -53,7 +53,7 @@ def plan_to_json(plan: Plan, title: str = "") -> dict[str, Any]:
         "parameters": unknowns,
         **plain_fields(plan, *_FIGURES),
         **{name: plain_records(getattr(plan, name)) for name in _RECORDS},
-        **plain_fields(plan, "draws", "off", "seed"),
+        **plain_fields(plan, "draws", "off", "seed", "screened"),
         "versions": {"updyn": __version__},
     }
 

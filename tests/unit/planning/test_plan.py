@@ -12,6 +12,7 @@ from updyn.correlation import auto_mac
 from updyn.demos import chain
 from updyn.errors import DofError, OptionError, ParameterError
 from updyn.model import Group, Model
+from updyn.planning import screening
 from updyn.planning.classical import effective_independence, least_mac
 from updyn.planning.criteria import CRITERIA, Planning
 from updyn.planning.information import Candidates, PairInformation
@@ -36,9 +37,9 @@ def unknowns(model):
 
 def planning_of(model, unknowns, wanted=None, freq=None, noise=None, points=1):
     freq = np.linspace(*BAND, 60) if freq is None else freq
-    found = Candidates.build(
+    found = Candidates.compile(
         model, unknowns, model.dofs, model.dofs, freq, "accelerance", find_noise(noise)
-    )
+    ).levelled()
     home = found.part.coordinates.home
     rng = np.random.default_rng(5)
     at = [home, *(home + 0.1 * rng.standard_normal(len(home)) for _ in range(points - 1))]
@@ -69,6 +70,58 @@ def test_layout_is_among_the_best_of_all(model, unknowns, criterion, n_rows, n_c
     every = all_scores(planning, n_rows, n_columns, score)
     assert np.exp(0.5 * (every.max() - reached)) < 1.01
     assert (every > reached + 1e-9).mean() < 1e-3
+
+
+@pytest.fixture
+def rods():
+    """Six rods of 10 masses each in a row, fixed at both ends, and their stiffnesses and a mass."""
+    n, groups = 60, {}
+    for g in range(6):
+        K, M = np.zeros((n, n)), np.zeros((n, n))
+        for i in range(10 * g, 10 * g + 10):
+            M[i, i] = 1.0 + 0.1 * g
+            K[i, i] += 1e4
+            if i:
+                K[i - 1, i - 1] += 1e4
+                K[[i, i - 1], [i - 1, i]] -= 1e4
+        if g == 5:
+            K[-1, -1] += 1e4
+        groups[f"rod{g}"] = Group(K, M, loss_factor=0.02)
+    model = Model.from_groups(groups, [f"{i}:X" for i in range(1, n + 1)])
+    return model, updyn.parameters(model, stiffness="all", mass="rod2", loss_factor="rod0")
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+@pytest.mark.parametrize("criterion", ["d-optimal", "a-optimal"])
+def test_a_layout_among_screened_candidates_is_as_good(rods, monkeypatch, criterion, reduced):
+    """The figures of both are those of the model itself."""
+    how = {"criterion": criterion, "lines": 80, "robust": 1}
+    whole = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), **how)
+    monkeypatch.setattr(screening, "_PAIRS", 1000)
+    monkeypatch.setattr(screening, "_KEPT", (24, 12))
+    monkeypatch.setattr(screening, "_FOR_EACH", 3)
+    monkeypatch.setattr(screening, "_SAMPLE", 20)
+    if reduced:
+        monkeypatch.setattr(screening, "_DOFS", 10)
+    found = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), **how)
+    assert whole.screened == ""
+    assert found.screened.startswith(
+        "chosen among 24 of 60 candidate sensors and 12 of 60 candidate"
+    )
+    assert found.screened in found.summary()
+    assert found.radius < 1.05 * whole.radius
+    again = updyn.plan(*rods, found.responses, 4, 1, (0.5, 8.0), **how, reference_candidates=found.references)  # fmt: skip
+    # The floor of the noise is a share of the rms of all candidates, which are others here.
+    for name in found.std:
+        assert found.std[name] == pytest.approx(again.std[name], rel=0.02)
+
+
+def test_classical_criteria_look_at_all_candidates(rods, monkeypatch):
+    whole = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), "mac", lines=40, robust=0)
+    monkeypatch.setattr(screening, "_PAIRS", 1000)
+    found = updyn.plan(*rods, None, 4, 1, (0.5, 8.0), "mac", lines=40, robust=0)
+    assert found.screened == ""
+    assert found.responses == whole.responses
 
 
 def test_d_optimal_for_some_unknowns_is_that_of_their_covariance(model, unknowns):

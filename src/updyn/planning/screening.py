@@ -1,0 +1,190 @@
+"""Screening of very many candidates, of which few are worth the full computation.
+
+The information of all pairs grows with the product of the candidates. Of very many those are kept
+that tell most of the unknowns at some lines by a reduced model: first references, as if a sample of
+all responses were measured, then responses for these references: those of the layouts that greedy
+choice reaches from some of the references. One half of all others that are kept are the next best
+in greedy choice (they complement each other), the other half the best by themselves.
+Among those kept a layout is then chosen as among few, in a reduced model whose error is certified
+at every point of the unknowns, where the model is not small.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.dynamics.fields import FieldSolver
+from updyn.dynamics.reduced import Across, Reduction
+from updyn.planning.criteria import Criterion, Planning
+from updyn.planning.information import Candidates, PairInformation
+from updyn.updating.problem.optimal_design import DesignScore, greedy
+
+__all__ = ["is_many", "screened"]
+
+_Real = NDArray[np.float64]
+
+#: More pairs of candidates than this are screened.
+_PAIRS = 40_000
+#: Lines that are looked at; candidates that stand for all of them.
+_LINES, _SAMPLE = 16, 40
+#: How many responses and references are kept at least, and for each that is to be chosen.
+_KEPT, _FOR_EACH = (96, 24), 6
+#: References of which each is the first of a layout whose responses are kept.
+_LAYOUTS = 8
+#: Larger models than this are reduced.
+_DOFS = 600
+#: Least number of states, each solved at another shift, of which a basis is made; what they add;
+#: root of the share of the energy of fields that may be dropped of it.
+_STATES, _DROPPED = 6, 1e-3
+_ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
+#: Error wanted, and largest error of a reduced model that is used, as shares of the largest
+#: receptance of a line: small beside any noise.
+_ACCURACY, _MOST_ERROR = 1e-3, 1e-2
+
+
+def is_many(candidates: Candidates) -> bool:
+    """Return whether there are so many candidates that they are screened."""
+    return len(candidates.responses) * len(candidates.references) > _PAIRS
+
+
+def screened(
+    candidates: Candidates,
+    points: Sequence[_Real],
+    rule: Criterion,
+    wanted: tuple[int, ...],
+    counts: tuple[int, int],
+    say: Callable[[str], object],
+) -> Candidates:
+    """Return the candidates that tell most, with the level of the noise.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        All of them.
+    points : sequence of ndarray of float, shape (n,)
+        Points of the unknowns; the first is their start.
+    rule : Criterion
+        Which states how good a layout is.
+    wanted : tuple of int
+        Unknowns that count.
+    counts : (int, int)
+        How many responses and references are to be chosen.
+    say : callable
+        Called with a text first.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved.
+    """
+    n_i, n_j = len(candidates.responses), len(candidates.references)
+    say(f"screening of {n_i} x {n_j} pairs")
+    solver = _around(candidates, points).solver()
+    rows, columns = np.arange(n_i), np.arange(n_j)
+    some_rows, some_columns = _sample(candidates.responses), _sample(candidates.references)
+    rough = replace(candidates, reduced=solver)
+    rough = rough.levelled(rough.only(rows, some_columns))
+    kept = [max(least, _FOR_EACH * count) for least, count in zip(_KEPT, counts, strict=True)]
+    freq = candidates.freq
+    few = rough.at_lines(freq[np.unique(np.linspace(0, len(freq) - 1, _LINES).astype(int))])
+    home = points[:1]
+
+    looked = few.only(some_rows, columns)
+    information = PairInformation.compute(looked, home)
+    score = rule.score(Planning(looked, information, wanted))
+    items = information.of_references(range(len(some_rows)))
+    columns = _best(items, information.before, kept[1], score)
+
+    looked = few.only(rows, columns)
+    information = PairInformation.compute(looked, home)
+    score = rule.score(Planning(looked, information, wanted))
+    rows = _responses(information, counts, kept[0], score)
+
+    chosen = rough.only(rows, columns)
+    return replace(chosen, reduced=_certified(chosen, points))
+
+
+def _responses(
+    information: PairInformation, counts: tuple[int, int], kept: int, score: DesignScore
+) -> NDArray[np.intp]:
+    """Return positions of responses: of layouts from several references, then the best of all.
+
+    Of each reference the layout that greedy choice reaches from it, the best layouts first.
+    """
+    n_i, n_j = information.shape
+    if n_i <= kept:
+        return np.arange(n_i)
+    before = np.broadcast_to(information.before, information.points_shape)
+    alone = information.of_references(range(n_i))
+    firsts = np.argsort(-score.score(alone + before), kind="stable")[:_LAYOUTS]
+    layouts: list[tuple[float, list[int]]] = []
+    for first in firsts.tolist():
+        others = np.setdiff1d(np.arange(n_j), [first])
+        order, _ = greedy(alone[others], before + alone[first], counts[1] - 1, score)
+        items = information.of_responses([first, *others[order].tolist()])
+        rows, total = greedy(items, before, counts[0], score)
+        layouts.append((float(score.score(total)), rows))
+    layouts.sort(key=lambda layout: -layout[0])
+    of_layouts = list(dict.fromkeys(itertools.chain(*(rows for _, rows in layouts))))[:kept]
+    left = np.setdiff1d(np.arange(n_i), of_layouts)
+    items = information.of_responses(range(n_j))
+    more = left[_best(items[left], information.before, kept - len(of_layouts), score)]
+    return np.union1d(of_layouts, more)
+
+
+def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
+    """Return a reduction that holds roughly between all candidates and about all points."""
+    part, dofs = candidates.part, candidates.model.dofs
+    freq = candidates.freq
+    reduction = Reduction(
+        part.solver.system,
+        dofs.match(candidates.responses).index,
+        dofs.match(candidates.references).index,
+        (float(freq[0]), float(freq[-1])),
+        part.solver.backend,
+        _ACCURACY,
+    )
+    states = [part.state(x) for x in points]
+    often = -(-_STATES // len(states))
+    reduction.build_around(states * often, across=_ACROSS)
+    return reduction
+
+
+def _certified(candidates: Candidates, points: Sequence[_Real]) -> FieldSolver | None:
+    """Return a reduced model that holds at all points; None where the model itself has to do."""
+    part = candidates.part
+    if part.solver.system.n <= _DOFS:
+        return None
+    reduction = _around(candidates, points)
+    reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
+    for x in points:
+        if reduction.certify(part.state(x), candidates.freq).error > _MOST_ERROR:
+            return None
+    return reduction.solver()
+
+
+def _sample(dofs: DofSet) -> NDArray[np.intp]:
+    """Return positions of some DOFs, evenly taken of translations and of rotations."""
+    is_turned = dofs.axes >= 3
+    found = []
+    for own in (np.flatnonzero(~is_turned), np.flatnonzero(is_turned)):
+        if own.size:
+            found.append(own[np.linspace(0, own.size - 1, min(_SAMPLE, own.size)).astype(int)])
+    return np.sort(np.concatenate(found))
+
+
+def _best(items: _Real, before: _Real, count: int, score: DesignScore) -> NDArray[np.intp]:
+    """Return the positions of items: one half in greedy choice, the rest the best by themselves."""
+    if len(items) <= count or not count:
+        return np.arange(min(len(items), count))
+    total = np.broadcast_to(before, items.shape[1:])
+    chosen, _ = greedy(items, total, count // 2, score)
+    alone = score.score(items + before)
+    alone[chosen] = np.inf
+    return np.sort(np.argsort(-alone, kind="stable")[:count])
