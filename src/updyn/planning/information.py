@@ -145,9 +145,11 @@ class Candidates:
         data = FRF(freq, nothing, self.responses[:1], self.references[:1], self.quantity)
         return replace(self, part=self.part.with_data(data))
 
-    def only(self, rows: Sequence[int], columns: Sequence[int]) -> Candidates:
+    def only(
+        self, rows: Sequence[int] | NDArray[np.intp], columns: Sequence[int] | NDArray[np.intp]
+    ) -> Candidates:
         """Return some of the candidates, by position, with the same level of the noise."""
-        at = np.ix_(rows, columns)
+        at = np.ix_(list(rows), list(columns))
         responses, references = self.responses[list(rows)], self.references[list(columns)]
         return replace(self, responses=responses, references=references, level=self.level[at])
 
