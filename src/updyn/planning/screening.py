@@ -46,6 +46,8 @@ _ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
 #: Error wanted, and largest error of a reduced model that is used, as shares of the largest
 #: receptance of a line: what is expected of the layout is computed by the model itself.
 _ACCURACY, _MOST_ERROR = 1e-2, 3e-2
+#: Lines at which it is certified.
+_CERTIFIED = 40
 
 
 def is_many(candidates: Candidates) -> bool:
@@ -91,8 +93,7 @@ def screened(
     rough = replace(candidates, reduced=solver)
     rough = rough.levelled(rough.only(rows, some_columns))
     kept = [max(least, _FOR_EACH * count) for least, count in zip(_KEPT, counts, strict=True)]
-    freq = candidates.freq
-    few = rough.at_lines(freq[np.unique(np.linspace(0, len(freq) - 1, _LINES).astype(int))])
+    few = rough.at_lines(_even(candidates.freq, _LINES))
     home = points[:1]
 
     looked = few.only(some_rows, columns)
@@ -163,10 +164,16 @@ def _certified(candidates: Candidates, points: Sequence[_Real]) -> FieldSolver |
         return None
     reduction = _around(candidates, points)
     reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
+    lines = _even(candidates.freq, _CERTIFIED)
     for x in points:
-        if reduction.certify(part.state(x), candidates.freq).error > _MOST_ERROR:
+        if reduction.certify(part.state(x), lines).error > _MOST_ERROR:
             return None
     return reduction.solver()
+
+
+def _even(freq: _Real, count: int) -> _Real:
+    """Return some of the lines, evenly taken, first and last among them."""
+    return freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))]
 
 
 def _sample(dofs: DofSet) -> NDArray[np.intp]:
