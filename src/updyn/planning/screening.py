@@ -173,7 +173,7 @@ def _certified(candidates: Candidates, points: Sequence[_Real]) -> FieldSolver |
 
 def _even(freq: _Real, count: int) -> _Real:
     """Return some of the lines, evenly taken, first and last among them."""
-    return freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))]
+    return np.asarray(freq[np.unique(np.linspace(0, len(freq) - 1, count).astype(int))])
 
 
 def _sample(dofs: DofSet) -> NDArray[np.intp]:
