@@ -79,6 +79,8 @@ _DEPTH = 8
 #: Of a basis that holds around the start: its shift, in squares of the highest frequency; the
 #: largest number of loads of the references; combinations of the sensors.
 _SEARCH_SHIFT = 0.3
+#: Of a basis that further states are added to: their shifts in turn, in the same unit.
+_BETWEEN = (0.2, 0.5, 0.8)
 _MOST_REFERENCES = 4
 _COMBINATIONS = 2
 #: Lines of each state whose fields choose among its vectors.
@@ -249,6 +251,22 @@ class Reduction:
                 self._expand(state, shift, loads, across.depth, lossy=across.lossy)
         if self.basis.size == 0:
             raise SolverError("tier 'reduced': the model is singular at the start")
+
+    def extend(self, states: Sequence[State], seed: int = 0) -> None:
+        """Add to the basis what further states need, of one factorisation each, as in a search.
+
+        Parameters
+        ----------
+        states : sequence of State
+            One that cannot be factorised adds nothing.
+        seed : int
+            Of the random combinations of loads.
+        """
+        rng = np.random.default_rng(seed)
+        for number, state in enumerate(states):
+            shift = _BETWEEN[number % len(_BETWEEN)] * self._top
+            with suppress(SolverError):
+                self._expand(state, shift, self._combined_loads(rng, _COMBINATIONS), 1)
 
     @property
     def used(self) -> dict[str, int]:

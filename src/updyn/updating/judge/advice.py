@@ -14,12 +14,15 @@ from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.methods.modal import ADVICE
 from updyn.updating.judge.identifiability import Analysis
+from updyn.updating.judge.nearby import DOFS, Nearby
 from updyn.updating.problem.problem import Part, Problem
 
 __all__ = ["advise"]
 
 _CANDIDATE_LINES = 60
 _CANDIDATE_SENSORS, _CANDIDATE_BYTES = 200, 200 * 2**20
+#: Lines at which sensors are compared, and in large models.
+_SENSOR_LINES, _FEW_LINES = 20, 4
 #: A candidate counts if the relative change of what it would measure, for an e-fold change along
 #: each open direction, exceeds the noise, and in any case this: well above rounding, within what a
 #: good measurement sees after averaging.
@@ -66,7 +69,7 @@ def advise(analysis: Analysis, problem: Problem, x: NDArray[np.float64], noise: 
     lines, sensors = [], []
     for part in problem.parts:
         lines.append((part.name, _best_line(analysis, part, x)))
-        sensors.append((part.name, _best_sensor(analysis, part, x)))
+        sensors.append((part.name, _best_sensor(analysis, part, x, _candidate_sensors(part))))
     line, sensor = _best_of(lines), _best_of(sensors)
     needed = max(noise, _VISIBLE)
     if line is not None and line[1] > needed:
@@ -129,22 +132,50 @@ def _sees(
     return float(s[-1]) if len(s) == directions.shape[1] else 0.0
 
 
-def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
-    """Return the best further line and the least relative change that it would see."""
+def _candidate_lines(part: Part) -> Part:
+    """Return the part at lines that could be added."""
     freq = part.frf.freq
     low = float(freq[freq > 0].min(initial=np.inf))
     if np.isinf(low):
         low = 1.0
     high = float(max(freq[-1], 1e-3))
     lines = np.unique(np.append(np.geomspace(0.7 * low, 1.5 * high, _CANDIDATE_LINES), 1.5 * high))
-    candidates = replace(part, frf=_blank(part, lines))
-    items = [(x, analysis.null_space, block) for block in candidates.partition()]
+    return replace(part, frf=_blank(part, lines))
+
+
+def _candidate_sensors(part: Part) -> NDArray[np.intp]:
+    """Return the DOFs at which a sensor could be added."""
+    others = part.solver.others(part.rows)
+    # Each candidate takes one field of the whole model.
+    count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * part.solver.system.n)))
+    return others[:: max(1, -(-len(others) // count))]
+
+
+def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
+    """Return the best further line and the least relative change that it would see.
+
+    A reduced model that stands in for a large part finds it; the part says what it would see.
+    """
+    candidates = _candidate_lines(part)
+    lines, nearby = candidates.frf.freq, Nearby.of(candidates, x)
     try:
-        seen = np.concatenate(list(candidates.each(_seen_at_lines, items)))
+        seen = _seen_at(candidates if nearby is None else nearby.part, x, analysis.null_space)
+        best = int(np.argmax(seen))
+        share = float(seen[best])
+        if nearby is not None:
+            only = replace(part, frf=_blank(part, lines[[best]]))
+            share = float(_seen_at(only, x, analysis.null_space)[0])
     except SolverError:
         return None
-    best = int(np.argmax(seen))
-    return f"{lines[best]:.4g} Hz", float(seen[best])
+    return f"{lines[best]:.4g} Hz", share
+
+
+def _seen_at(
+    part: Part, x: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the least relative change that each line of a part would see, shape (n_f,)."""
+    items = [(x, directions, block) for block in part.partition()]
+    return np.concatenate(list(part.each(_seen_at_lines, items)))
 
 
 def _seen_at_lines(
@@ -157,28 +188,39 @@ def _seen_at_lines(
 
 
 def _best_sensor(
-    analysis: Analysis, part: Part, x: NDArray[np.float64]
+    analysis: Analysis, part: Part, x: NDArray[np.float64], others: NDArray[np.intp]
 ) -> tuple[str, float] | None:
-    """Return the best further sensor and the least relative change that it would see."""
-    system = part.solver.system
-    others = part.solver.others(part.rows)
-    # Each candidate takes one field of the whole model.
-    count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * system.n)))
-    others = others[:: max(1, -(-len(others) // count))]
+    """Return the best further sensor and the least relative change that it would see.
+
+    No reduced model stands in: its basis lacks the fields of forces where nothing is measured.
+    """
     if others.size == 0:
         return None
     freq = part.frf.freq[part.frf.freq > 0]
-    few = replace(part, frf=_blank(part, freq[:: max(1, len(freq) // 20)]))
-    items = [(x, others, slice(i, i + 1)) for i in range(len(few.frf.freq))]
+    number = _SENSOR_LINES
+    if part.solver.system.n > DOFS:
+        open_directions = analysis.null_space.shape[1]
+        number = max(_FEW_LINES, -(-open_directions // (2 * len(part.columns))))
+    few = replace(part, frf=_blank(part, freq[:: max(1, len(freq) // number)]))
     try:
-        parts = list(few.each(_motion_elsewhere, items))
+        seen = _seen_by(few, x, others, analysis.null_space)
     except SolverError:
         return None
-    answers, derivatives = zip(*parts, strict=True)
-    H, dH = np.concatenate(answers), np.concatenate(derivatives, axis=1)
-    seen = [_sees(dH[:, :, i], H[:, i], analysis.null_space) for i in range(len(others))]
     best = int(np.argmax(seen))
-    return str(system.dofs[int(others[best])]), seen[best]
+    return str(part.solver.system.dofs[int(others[best])]), seen[best]
+
+
+def _seen_by(
+    part: Part,
+    x: NDArray[np.float64],
+    others: NDArray[np.intp],
+    directions: NDArray[np.float64],
+) -> list[float]:
+    """Return the least relative change that a sensor at each of some DOFs would see."""
+    items = [(x, others, slice(i, i + 1)) for i in range(part.n_lines)]
+    answers, derivatives = zip(*part.each(_motion_elsewhere, items), strict=True)
+    H, dH = np.concatenate(answers), np.concatenate(derivatives, axis=1)
+    return [_sees(dH[:, :, i], H[:, i], directions) for i in range(len(others))]
 
 
 def _motion_elsewhere(

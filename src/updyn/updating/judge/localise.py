@@ -28,6 +28,7 @@ from updyn.updating.fit.methods.constitutive import constitutive_weights
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.judge.adequacy import Suspect
+from updyn.updating.judge.nearby import Nearby
 from updyn.updating.problem.channels import calibration
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 from updyn.updating.problem.problem import Part, Problem
@@ -48,18 +49,29 @@ _KEPT = 8
 _MOST_SENSORS = 80
 #: Lines at which the energy is looked at: the worst.
 _MOST_LINES = 60
+#: Of a model that takes long, of one line in so many.
+_ONE_IN = 4
 #: A suspect explains at least this share of the residual.
 _LEAST_SHARE = 0.1
 #: It lowers the sum of squares by at least this, in squared standard deviations.
 _LEAST_GAIN = 12.0
-#: Lines of each test in a short fit, its steps, and its evaluations, about.
-_FEW_LINES, _STEPS, _EVALUATIONS = 120, 20, 12
+#: Lines of each test in short fits, their largest number of steps, and their evaluations, about:
+#: the first of these by which so many quantities can be tried.
+_SHORT = ((120, 20, 12), (60, 12, 12), (30, 12, 12), (30, 6, 6), (15, 6, 6), (15, 4, 4))
+_ENOUGH = 3
+#: Real numbers for each unknown that lines hold at least.
+_NUMBERS = 4
 #: A short fit ends where a step gains less: half a squared standard deviation, or this share.
 _SETTLED, _SETTLED_SHARE = 0.5, 1e-4
 #: A quantity that is off by a larger factor than this is another model, and no suspect.
 _FACTOR = 30.0
-#: Operations, about, that short fits may take together: some ten seconds.
-_MOST_WORK = 1e11
+#: Operations, about, that short fits may take together: some ten seconds, and no more than this
+#: share of an evaluation of all lines, unless it is less than a second.
+_MOST_WORK, _SHARE, _LITTLE = 1e11, 0.8, 5e9
+#: Step towards the end of a short fit, at most, for which a reduced model is made.
+_STRIDE = 0.5
+#: Share of the residual that a reduced model may be off by, to be judged in its stead.
+_OFF = 0.1
 
 
 def breach(part: Part, x: _Real, misfit: _Complex, variance: _Real, lines: slice) -> _Real:
@@ -143,6 +155,8 @@ def localise(
     tuple of Suspect
         The best first; empty where nothing explains a tenth.
     """
+    exact = problem
+    problem, nearby = _stood_in(problem, x, residual, whitened)
     energy = _energies(problem, x, residual, whitened)
     tried = _tried(problem, x, energy)
     scores = _scores(problem, x, residual, tried)
@@ -153,9 +167,16 @@ def localise(
     if not promising:
         return ()
     total = sum(energy.values()) or 1.0
+    if nearby:  # made for the states where short fits will go, too
+        ends = [_end(problem, x, score) for score in promising]
+        parts = []
+        for i, one in enumerate(nearby):
+            states = [end.parts[i].state(at) for end, at in ends]
+            parts.append(one.holding([problem.parts[i].state(x), *states]))
+        problem = problem.with_parts(parts)
     suspects = []
     for p, explains, change, confirmed in _explained(
-        problem, x, residual, whitened, beyond, promising, whole
+        problem, x, residual, whitened, beyond, promising, whole, _allowed(exact)
     ):
         if explains >= _LEAST_SHARE:
             share = energy.get((p.group, _matrix(p.quantity)), 0.0) / total
@@ -180,12 +201,13 @@ def _explained(
     beyond: float | None,
     promising: Sequence[_Score],
     whole: float,
+    allowed: float,
 ) -> list[tuple[Parameter, float, float, bool]]:
     """Return quantities, the share that each explains, its change, whether a fit confirmed it."""
-    affordable = int(_MOST_WORK / (_EVALUATIONS * _work(problem.thinned(_FEW_LINES))))
+    affordable, lines, steps = _afforded(problem, allowed, len(promising))
     if affordable == 0:
         return [(s.parameter, s.gain / whole, s.step, False) for s in promising]
-    trial = _Refit.of(problem, x, residual, whitened, beyond)
+    trial = _Refit.of(problem, x, residual, whitened, beyond, lines, steps)
     found = []
     for score in promising[:affordable]:
         explains, change = trial.share(score.parameter)
@@ -225,6 +247,63 @@ def _work(problem: Problem) -> float:
     return sum(part.work for part in problem.parts)
 
 
+def _allowed(problem: Problem) -> float:
+    """Return the operations, about, that short fits may take together."""
+    return min(_MOST_WORK, max(_SHARE * _work(problem), _LITTLE))
+
+
+def _afforded(problem: Problem, allowed: float, wanted: int) -> tuple[int, int, int]:
+    """Return how many quantities can be tried, on how many lines of each test, by how many steps.
+
+    0 where not even one can be.
+    """
+    best = (0, 0, 0)
+    for lines, steps, evaluations in _SHORT:
+        few = problem.thinned(lines)
+        if best[0] and few.n_numbers < _NUMBERS * problem.n:
+            break
+        number = int(allowed / (evaluations * _work(few)))
+        if number >= min(wanted, _ENOUGH):
+            return number, lines, steps
+        if number > best[0]:
+            best = (number, lines, steps)
+    return best
+
+
+def _stood_in(
+    problem: Problem, x: _Real, residual: Each, whitened: Sequence[_Complex]
+) -> tuple[Problem, list[Nearby]]:
+    """Return the problem in reduced models about x, which are small beside large models.
+
+    As it is, without any, where a part has none, or where one is off by a good part of what is to
+    be explained.
+    """
+    nearby = []
+    for i, part in enumerate(problem.parts):
+        one = Nearby.of(part, x)
+        if one is None:
+            return problem, []
+        try:
+            apart = residual.of(i).weight * (one.part.responses(x) - part.responses(x))
+        except SolverError:
+            return problem, []
+        if _square([apart]) > _OFF**2 * _square([whitened[i]]):
+            return problem, []
+        nearby.append(one)
+    return problem.with_parts([one.part for one in nearby]), nearby
+
+
+def _end(problem: Problem, x: _Real, score: _Score) -> tuple[Problem, _Real]:
+    """Return the problem with one quantity freed, and where a short fit of it is expected to end.
+
+    The unknowns adapt by less.
+    """
+    wide, at = _freed(problem, x, [score.parameter])
+    at = at.copy()
+    at[-1] += np.clip(score.step, -_STRIDE, _STRIDE)
+    return wide, np.clip(at, *wide.coordinates.bounds)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Refit:
     """Short fits, on few lines, with one further unknown each.
@@ -243,6 +322,8 @@ class _Refit:
         The residual there.
     beyond : float or None
         Part of the sum of squares on these lines that noise does not explain; None: not known.
+    steps : int
+        Largest number of steps of a short fit.
     """
 
     problem: Problem
@@ -251,6 +332,7 @@ class _Refit:
     cost: float
     whitened: tuple[_Complex, ...]
     beyond: float | None
+    steps: int
 
     @classmethod
     def of(
@@ -260,9 +342,11 @@ class _Refit:
         residual: Each,
         whitened: Sequence[_Complex],
         beyond: float | None,
+        lines: int,
+        steps: int,
     ) -> _Refit:
         """Return the short fits that start from x."""
-        few = problem.thinned(_FEW_LINES)
+        few = problem.thinned(lines)
         errors, kept = [], 0
         for i, (whole, part) in enumerate(zip(problem.parts, few.parts, strict=True)):
             at = np.flatnonzero(np.isin(whole.frf.freq, part.frf.freq))
@@ -270,13 +354,13 @@ class _Refit:
             errors.append(replace(error, weight=error.weight[at]))
             kept += part.n_values
         thinned = Each(tuple(errors))
-        x, cost = _descended(few, thinned, x)
+        x, cost = _descended(few, thinned, x, steps)
         e = _whitened(few, thinned, x)
         if beyond is not None:
             # The noise has the same share of all lines.
             noise = sum(float(np.nansum(np.abs(w) ** 2)) for w in whitened) - beyond
             beyond = 2.0 * cost - noise * kept / problem.n_values
-        return cls(few, x, thinned, cost, e, beyond)
+        return cls(few, x, thinned, cost, e, beyond, steps)
 
     def share(self, parameter: Parameter) -> tuple[float, float]:
         """Return the share of the residual beyond the noise that a quantity explains, its change.
@@ -287,7 +371,7 @@ class _Refit:
         """
         wide, start = _freed(self.problem, self.x, [parameter])
         try:
-            x, cost = _descended(wide, self.residual, start)
+            x, cost = _descended(wide, self.residual, start, self.steps)
             left = _whitened(wide, self.residual, x)
         except SolverError:
             return 0.0, 0.0
@@ -305,9 +389,9 @@ class _Refit:
         return float(gain / (gain + rest)), change
 
 
-def _descended(problem: Problem, residual: Each, x: _Real) -> tuple[_Real, float]:
+def _descended(problem: Problem, residual: Each, x: _Real, steps: int) -> tuple[_Real, float]:
     """Return where a short fit ends, and half the sum of squares there, priors included."""
-    settings = TrustRegion(_STEPS, 1e-6, fall=_SETTLED, relative_fall=_SETTLED_SHARE)
+    settings = TrustRegion(steps, 1e-6, fall=_SETTLED, relative_fall=_SETTLED_SHARE)
     end = descend(problem, residual, x, Monitor(problem), settings, relax=False)
     return end.x, end.local.cost
 
@@ -349,7 +433,7 @@ def _energies(
     for i, part in enumerate(problem.parts):
         square = np.nan_to_num(np.abs(whitened[i]) ** 2)
         square[part.frf.freq == 0.0] = 0.0
-        worst = np.sort(np.argsort(square.sum(axis=(1, 2)))[::-1][:_MOST_LINES])
+        worst = np.sort(np.argsort(square.sum(axis=(1, 2)))[::-1][: _looked_at(part)])
         worst = worst[part.frf.freq[worst] > 0.0]
         if not worst.size:
             continue
@@ -367,6 +451,13 @@ def _energies(
             key = (term.group, term.quantity)
             out[key] = out.get(key, 0.0) + value
     return out
+
+
+def _looked_at(part: Part) -> int:
+    """Return the number of lines at which the energy is looked at."""
+    if part.work <= _LITTLE / _ONE_IN:
+        return _MOST_LINES
+    return min(_MOST_LINES, max(1, part.n_lines // _ONE_IN))
 
 
 def _breach(part: Part, item: tuple[_Real, _Complex, _Real, slice]) -> _Real:

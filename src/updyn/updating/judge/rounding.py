@@ -14,8 +14,9 @@ from updyn.updating.problem.problem import Part
 
 __all__ = ["REMEDY", "Rounding", "worst_rounding"]
 
-#: Lines that are looked at; and in a model of more DOFs than that, the lowest alone.
-_LINES, _MANY = 3, 20_000
+#: Lines that are looked at: of a model of more than so many DOFs one in twenty at most, and of one
+#: of more than so many the lowest alone.
+_LINES, _LARGE, _SHARE, _MANY = 3, 400, 20, 20_000
 #: Shares of an answer, and of the channel's misfit, below which rounding is of no concern.
 _FINE, _SMALL = 1e-6, 0.1
 
@@ -86,8 +87,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
     for part in parts:
         if part.solver.tier not in EXACT_TIERS:
             continue
-        few = 1 if part.solver.system.n > _MANY else _LINES
-        at = np.unique(np.linspace(0, part.n_lines - 1, few).astype(int))
+        at = np.unique(np.linspace(0, part.n_lines - 1, _few(part)).astype(int))
         measured = np.abs(part.frf.values)
         try:
             share = _shares(part, x, part.frf.freq[at])
@@ -104,6 +104,14 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
                 Rounding(float(share[i, j, k]), float(part.frf.freq[at[i]]), *channel, part.name)
             )
     return max(found, key=lambda r: r.share, default=None)
+
+
+def _few(part: Part) -> int:
+    """Return the number of lines that are looked at, which take two solutions each."""
+    n = part.solver.system.n
+    if n > _MANY:
+        return 1
+    return _LINES if n <= _LARGE else int(np.clip(part.n_lines // _SHARE, 1, _LINES))
 
 
 def _shares(part: Part, x: NDArray[np.float64], freq: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, f
+from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
 
 from updyn.updating.judge.adequacy import (
     LEVEL,
     Suspect,
+    _combined,
     adjusted,
     assess,
     bands,
@@ -93,6 +94,18 @@ def test_adjusted_p_values_by_hand():
     assert adjusted(np.array([0.04, 0.01, 0.03, 0.5])) == pytest.approx(
         [4 * 0.04 / 3, 0.04, 4 * 0.04 / 3, 0.5]
     )
+
+
+def test_adjusted_and_combined_p_values_as_scipy_has_them():
+    p = RNG(5).random((7, 6)) ** 4
+    assert adjusted(p).ravel() == pytest.approx(false_discovery_control(p.ravel()), rel=1e-12)
+    for axis in (0, 1, None):
+        expected = combine_pvalues(p, "stouffer", axis=axis).pvalue
+        assert _combined(p, axis) == pytest.approx(expected, rel=1e-9)
+    untested = np.where(np.arange(6) % 2 == 0, p, 1.0)
+    expected = combine_pvalues(untested[:, ::2], "stouffer", axis=1).pvalue
+    assert _combined(untested, 1) == pytest.approx(expected, rel=1e-9)
+    assert _combined(np.ones((2, 3)), 1) == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize("absolute", [True, False])
