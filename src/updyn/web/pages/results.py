@@ -49,6 +49,9 @@ def show(workspace: Workspace) -> None:
         @ui.refreshable
         def content() -> None:
             picked = {name: names[name] for name in chosen.value}
+            if not picked:
+                ui.label("No run is chosen.")
+                return
             columns, rows = compared(picked)
             table = ui.table(rows=rows, columns=columns, row_key="what", pagination=50)
             table.props("flat dense wrap-cells").mark("compared")
