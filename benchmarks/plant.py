@@ -7,7 +7,7 @@ every maximum), beside what the plant states. Side by side: the conversions of s
 computed here once more from dense matrices; and the order against the tolerance, with the order
 that balanced truncation of the whole plant needs for the same.
 
-    OMP_NUM_THREADS=1 python benchmarks/plant.py [--cases chain,antenna]
+    OMP_NUM_THREADS=1 python benchmarks/plant.py [--cases chain,antenna] [--only-relative]
 """
 
 from __future__ import annotations
@@ -142,17 +142,55 @@ def of(bench: Bench, tolerance: float, quantity: str, **options: str) -> Plant:
     return updyn.plant(bench.model, *ports, bench.band, tolerance, quantity=quantity, **options)
 
 
+RELATIVE = (0.1, 0.05, 0.03, 0.02, 0.01)
+
+
 def relative(bench: Bench) -> None:
-    """States by tolerance on the relative error, by route; "-" where none holds it."""
+    """States by tolerance on the relative error, by route; "-" where none holds it.
+
+    Beside them those of a balanced truncation of the complex modes.
+    """
     for quantity, word in QUANTITIES.items():
         for route in ("modal", "complex", "rational", "auto"):
             cells = []
-            for tolerance in (0.1, 0.05, 0.03, 0.02, 0.01):
+            for tolerance in RELATIVE:
                 try:
                     cells.append(str(of(bench, tolerance, quantity, route=route).n_states))
                 except updyn.UpdynError:
                     cells.append("-")
             print(f"| {bench.name}, {word}, {route} | {' | '.join(cells)} |", flush=True)
+        needed, whole, n = relative_needed(bench, quantity)
+        cells = ["-" if r is None else str(r) for r in needed]
+        print(
+            f"| {bench.name}, {word}, balanced truncation of {n} states ({100 * whole:.2g} %) |"
+            f" {' | '.join(cells)} |",
+            flush=True,
+        )
+
+
+def relative_needed(bench: Bench, quantity: str) -> tuple[list[int | None], float, int]:
+    """States that balanced truncations of all complex modes need; their error and number."""
+    ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
+    task, _ = _task(bench.model, *ports, bench.band, quantity, None, None)
+    target, best, least = task.target, None, np.inf
+    for conversion in task.mended("complex"):
+        mask = np.ones(len(conversion.frequency), dtype=np.bool_)
+        error = target.relative_error(conversion.response(mask, target.freq))
+        if error < least:
+            best, least = conversion.matrices(mask), error
+    assert best is not None
+    still, rest = split(best)
+    rigid, cut = respond(still, target.freq), balanced(rest)
+    needed: list[int | None] = [None] * len(RELATIVE)
+    for r in range(min(len(rest[0]), 80) + 1):
+        for static in (False, True):
+            error = target.relative_error(rigid + respond(cut(r, static), target.freq))
+            for k, tolerance in enumerate(RELATIVE):
+                if needed[k] is None and error <= tolerance:
+                    needed[k] = r + len(still[0])
+        if None not in needed:
+            break
+    return needed, least, len(best[0])
 
 
 def route_of(plant: Plant) -> str:
@@ -378,8 +416,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cases", default="gear train,chain,antenna")
-    chosen = parser.parse_args().cases.split(",")
-    some = [b for b in benches() if b.name in chosen]
+    parser.add_argument(
+        "--only-relative", action="store_true", help="only states by tolerance, relative error"
+    )
+    args = parser.parse_args()
+    some = [b for b in benches() if b.name in args.cases.split(",")]
+    if args.only_relative:
+        relative_table(some)
+        return
     print(
         "tolerance 2 %; errors in % of a channel's peak and of a resonance's height, stated and"
         " measured here"
@@ -407,9 +451,13 @@ def main() -> None:
     print("|---|" + "---|" * len(TOLERANCES))
     for bench in some:
         orders(bench)
+    relative_table(some)
+
+
+def relative_table(some: list[Bench]) -> None:
     print("\nstates by tolerance on the relative error, by route")
-    print("| | 10 % | 5 % | 3 % | 2 % | 1 % |")
-    print("|---|---|---|---|---|---|")
+    print("| | " + " | ".join(f"{100 * t:g} %" for t in RELATIVE) + " |")
+    print("|---|" + "---|" * len(RELATIVE))
     for bench in some:
         relative(bench)
 

@@ -6,10 +6,11 @@ drawings would have it set, one with its notch where the updated model has the r
 the model of the drawings, the updated one, and the hidden truth: margins of the plants, and of the
 truth once more line by line, from `updyn.response` and roots of |L| = 1, without any plant. Then
 what the update leaves unsure: margins over a family of plants, a weight above it, and whether the
-loop is robust by it; and the pointing error of the dish under wind.
+loop is robust by it; the margins of twenty random controllers; and the pointing error of the dish
+under wind.
 
     OMP_NUM_THREADS=1 python benchmarks/servo.py [--run FOLDER of a finished updyn demo antenna]
-    [--members 10]
+    [--members 10] [--only-random]
 """
 
 from __future__ import annotations
@@ -40,9 +41,14 @@ from updyn.control.demo import (
     azimuth_plant,
     azimuth_servo,
 )
+from updyn.control.ports import as_ports
 from updyn.control.servo.controller import Controller, Notch
 from updyn.control.servo.record import Servo
+from updyn.control.space import projection
+from updyn.control.spectrum import Spectrum
 from updyn.demos.antenna import TRUTH
+from updyn.demos.antenna_model import antenna
+from updyn.dynamics.affine import AffineSystem
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
@@ -65,16 +71,26 @@ def updated(run: Path | None) -> UpdateResult:
 class Exact:
     """Loops of a controller on a model, from its frequency response with structural damping."""
 
-    def __init__(self, model: Model, controller: Controller) -> None:
-        self.model, self.controller = model, controller
-        freq = np.unique(np.concatenate([np.geomspace(*BAND, 200), np.arange(5.0, 11.0, 0.03)]))
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        receptance: Callable[[np.ndarray], np.ndarray] | None = None,
+        lines: int = 200,
+    ) -> None:
+        self.model, self.controller, self.receptance = model, controller, receptance
+        freq = np.unique(np.concatenate([np.geomspace(*BAND, lines), np.arange(5.0, 11.0, 0.03)]))
         self.freq = freq
         self.values = np.array([self.loops(f) for f in freq])
 
     @cache  # noqa: B019
     def loops(self, freq: float) -> tuple[complex, complex]:
         """Loop functions of the velocity and of the position loop at a line in Hz."""
-        H = updyn.response(self.model, [freq], [MOTOR, TURNTABLE], [MOTOR]).values[0, :, 0] / RATIO
+        if self.receptance is None:
+            H = updyn.response(self.model, [freq], [MOTOR, TURNTABLE], [MOTOR]).values[0, :, 0]
+        else:
+            H = self.receptance(np.array([freq]))[0, :, 0]
+        H = H / RATIO
         s = 2j * np.pi * freq
         torque = complex(self.controller.torque(s))
         velocity = torque * s * H[0] / RATIO
@@ -90,9 +106,11 @@ class Exact:
         at = int(np.abs(1.0 + L).argmin())
         near = np.linspace(self.freq[at - 1], self.freq[at + 1], 41)
         return {
-            "crossover": gains[0],
-            "phase_margin": min(phases, key=abs),
-            "gain_margin_db": min(-20.0 * np.log10(x) for x in negative if x < 1.0),
+            "crossover": gains[0] if gains else np.nan,
+            "phase_margin": min(phases, key=abs, default=np.nan),
+            "gain_margin_db": min(
+                (-20.0 * np.log10(x) for x in negative if x < 1.0), default=np.inf
+            ),
             "modulus_margin": min(abs(1.0 + self.loops(f)[loop]) for f in near),
         }
 
@@ -172,6 +190,94 @@ def family(result: UpdateResult, controller: Controller, members: int) -> None:
     print(f"  |W T| of the velocity loop: at most {product[at]:.3g}, at {loop.freq[at]:.3g} Hz")
 
 
+def receptance(truth: Model) -> Callable[[np.ndarray], np.ndarray]:
+    """What answers for the truth at any line: a reduced model proved to 1e-8, without any plant.
+
+    Compared with `updyn.response` of the whole model at some lines.
+    """
+    system = AffineSystem.compile(truth)
+    ports = as_ports([MOTOR], "input"), as_ports([MOTOR, TURNTABLE], "output")
+    found = Spectrum.of(projection(truth, system, *ports, BAND), system.start).receptance
+    freq = np.geomspace(*BAND, 12)
+    exact = updyn.response(truth, freq, [MOTOR, TURNTABLE], [MOTOR], tier="sparse").values
+    off = (np.abs(found(freq) - exact) / np.abs(exact)).max(axis=(0, 2))
+    print(
+        f"\nthe truth at 12 lines, off by {off[0]:.1g} at the motor, {off[1]:.1g} at the turntable"
+    )
+    return found
+
+
+def random_controllers(truth: Model, count: int = 20) -> None:
+    """Compare margins by plants of the truth with those line by line, for random controllers.
+
+    Crossover 2 to 8 Hz, position gain, integral time, notch, low-pass and dead time drawn; those
+    that are not stable are left out. Gain margins as factors; margins outside the band are not
+    compared.
+    """
+    answer, rng = receptance(truth), np.random.default_rng(0)
+    about = INPUTS[:1], OUTPUTS[:2], BAND
+    plants = {
+        (error, tolerance): updyn.plant(
+            truth, *about, tolerance, quantity=QUANTITIES[:2], error=error
+        )
+        for error, tolerance in (("peak", 0.02), ("relative", 0.02), ("relative", 0.01))
+    }
+    names = {"torque": "torque", "velocity": "speed", "position": "azimuth"}
+    figures = ("crossover", "phase_margin", "gain_margin", "modulus_margin")
+    worst = {key: dict.fromkeys(figures, 0.0) for key in plants}
+    beyond = dict.fromkeys(plants, 0)
+    done = 0
+    while done < count:
+        notch = Notch.of_width(
+            rng.uniform(8, 11), width=rng.uniform(1, 4), depth=rng.uniform(0, 0.3)
+        )
+        controller = replace(
+            Controller.tuned(
+                plants["relative", 0.01],
+                rng.uniform(2.0, 8.0),
+                torque="torque",
+                velocity="speed",
+                kv_ratio=rng.uniform(2.0, 8.0),
+                low_pass=rng.uniform(30.0, 100.0),
+                dead_time=rng.uniform(0.0, 3e-3),
+            ),
+            notches=(notch,),
+        )
+        servos = {
+            key: updyn.servo(p, controller, **names, step=None, disturbance_step=None)
+            for key, p in plants.items()
+        }
+        if not all(s.stable for s in servos.values()):
+            continue
+        done += 1
+        exact = Exact(truth, controller, answer, lines=2000)
+        for key, found in servos.items():
+            largest = 0.0
+            for k, loop in enumerate(found.loops):
+                right, m = exact.figures(k), loop.margins
+                right["gain_margin"] = 10.0 ** (right["gain_margin_db"] / 20.0)
+                for name in figures:
+                    at = getattr(m, f"{name}_at", m.crossover)
+                    if at is None or not 1.02 * BAND[0] < at < 0.98 * BAND[1]:
+                        continue
+                    off = 100.0 * abs(getattr(m, name) / right[name] - 1.0)
+                    worst[key][name] = max(worst[key][name], off)
+                    largest = max(largest, off)
+            beyond[key] += largest > 2.0
+    print(f"\n{count} random controllers: largest difference to the margins line by line, %")
+    print(
+        "| plant | states | crossover | phase margin | gain margin | modulus margin | above 2 % |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for key, p in plants.items():
+        cells = [f"{worst[key][name]:.2g}" for name in figures]
+        print(
+            f"| {key[0]}, {100 * key[1]:g} % | {p.n_states} {p.route} | {' | '.join(cells)} |"
+            f" {beyond[key]} of {count} |",
+            flush=True,
+        )
+
+
 def wind(plants: dict[str, updyn.Plant], controller: Controller) -> None:
     print(
         "\npointing error of the dish under wind of 12 m/s, rms about its mean by the spectrum, in"
@@ -202,7 +308,11 @@ def main() -> None:
         "--run", type=Path, help="folder of a finished updyn demo antenna; otherwise it is run"
     )
     parser.add_argument("--members", type=int, default=10)
+    parser.add_argument("--only-random", action="store_true", help="only the random controllers")
     args = parser.parse_args()
+    if args.only_random:
+        random_controllers(antenna().scaled(TRUTH))
+        return
     result = updated(args.run)
     models = {
         "drawings": result.start,
@@ -234,6 +344,7 @@ def main() -> None:
         print(f"\ncontroller {title}:\n{controller.summary()}\n")
         table(models, plants, controller)
     routes(models["truth"], CONTROLLER)
+    random_controllers(models["truth"])
     wind(plants, retuned)
     family(result, retuned, args.members)
 

@@ -552,8 +552,8 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
     if "rational" in reached and task.space.lossy:
         why = (
             ". Structural damping is not causal (Kramers-Kronig): the phase that it has over the"
-            f" band is not that of a system in time, and {reached['rational']:.3g} is what any"
-            " number of states tried can reach"
+            f" band is not that of a system in time. {reached['rational']:.3g} is the smallest of"
+            " the orders that were tried; it is not proved that none is closer"
         )
     raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pytest
@@ -316,3 +318,49 @@ def test_plants_that_cannot_serve_are_told():
 def test_what_lies_above_the_band_is_noted():
     found = quick(two_masses(band=(0.1, 5.0)), updyn.Controller(300.0), **NAMES)
     assert any("above 5 Hz, the end of the band" in note for note in found.notes)
+
+
+# -- broken at the torque -----------------------------------------------------------------------------
+def test_broken_at_the_torque_a_rigid_body_by_hand():
+    """kp (v + kv x) on J s^2: |L| = 1 as of a PI with ti = 1 / kv, phase margin arctan(w / kv)."""
+    kp, kv, J = 7.0, 2.0, 3.0
+    a = kp / J
+    w = np.sqrt(0.5 * (a**2 + np.sqrt(a**4 + 4 * a**2 * kv**2)))
+    found = quick(rigid(J), updyn.Controller(kp, kv=kv), **NAMES)
+    m = found.torque_loop.margins
+    assert m.stable
+    assert m.crossover == pytest.approx(w / (2 * np.pi), rel=1e-10)
+    assert m.phase_margin == pytest.approx(np.degrees(np.arctan(w / kv)), rel=1e-9)
+    assert m.delay_margin == pytest.approx(np.arctan(w / kv) / w, rel=1e-9)
+    assert "both loops, broken at the torque" in found.summary()
+    assert quick(rigid(J), updyn.Controller(kp), **NAMES).torque_loop is None
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 4e-3])
+def test_margins_at_the_torque_are_where_the_closed_loop_becomes_unstable(dead_time):
+    plant = two_masses()
+    controller = replace(PI_, kv=3.0, dead_time=dead_time, low_pass=60.0, low_pass_damping=0.7)
+    m = quick(plant, controller, **NAMES).torque_loop.margins
+    assert m.stable
+    assert 1.0 < m.gain_margin < np.inf
+    for share, stable in ((0.998, True), (1.002, False)):
+        more = replace(controller, kp=controller.kp * m.gain_margin * share)
+        assert quick(plant, more, **NAMES).stable == stable
+        later = replace(controller, dead_time=dead_time + m.delay_margin * share)
+        assert quick(plant, later, **NAMES).stable == stable
+
+
+def test_steps_of_the_members_are_those_of_each_plant_alone():
+    plants = [masses((MOTOR, f * LOAD), (STIFFNESS,), (DAMPING,)) for f in (1.0, 0.8, 1.5)]
+    family = PlantFamily(plants[0], tuple(plants[1:]))
+    controller = replace(PI_, kv=10.0)
+    found = updyn.servo(family, controller, **NAMES, duration=4.0, family_steps=True)
+    assert len(found.family_steps) == 2
+    for plant, step in zip(plants[1:], found.family_steps, strict=True):
+        alone = updyn.servo(plant, controller, **NAMES, duration=4.0).step
+        for name in ("rise_time", "overshoot", "peak", "final"):
+            assert getattr(step, name) == pytest.approx(getattr(alone, name), rel=1e-9)
+    peaks = [step.peak for step in found.family_steps]
+    assert abs(peaks[1] / peaks[0] - 1.0) > 0.01
+    assert "step over 2 stable members" in found.summary()
+    assert updyn.servo(family, controller, **NAMES, duration=4.0).family_steps == ()

@@ -195,7 +195,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
     dict
         ``stable``, of every loop and member of a family; ``controller``; the names of the ports;
         ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
-        ``velocity_loop`` and ``position_loop``: ``margins`` as
+        ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` as
         `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
@@ -213,6 +213,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "poles": _complex(servo.poles),
         "velocity_loop": loops["velocity"],
         "position_loop": loops.get("position"),
+        "torque_loop": None if servo.torque_loop is None else _loop(servo.torque_loop),
         "step": _figures_or_none(servo.step, _STEP),
         "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
         "wind": _figures_or_none(servo.wind, _WIND),

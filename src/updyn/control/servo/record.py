@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from textwrap import indent
 from typing import Any
@@ -39,9 +39,9 @@ class Loop:
 
     Attributes
     ----------
-    name : {"velocity", "position"}
+    name : {"velocity", "position", "torque"}
         The velocity loop with the position loop open; the position loop with the velocity loop
-        closed.
+        closed; both loops closed, broken at the torque.
     freq : ndarray of float, shape (n_f,)
         Lines in Hz, dense around resonances and antiresonances.
     L : ndarray of complex, shape (n_f,)
@@ -226,6 +226,12 @@ class Servo:
         Under wind or a given disturbance.
     notes : tuple of str
         What the reader should know.
+    torque_loop : Loop or None
+        Broken at the torque, both loops closed: its margins are those against gain and delay of the
+        drive. None without a position loop, where it is `velocity_loop`.
+    family_steps : tuple of StepResponse or None
+        Response to the step of the reference of each member of a family, None for an unstable one;
+        empty where they were not asked for.
     """
 
     controller: Controller
@@ -246,6 +252,8 @@ class Servo:
     disturbance_step: StepResponse | None = None
     wind: WindResponse | None = None
     notes: tuple[str, ...] = ()
+    torque_loop: Loop | None = None
+    family_steps: tuple[StepResponse | None, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -254,7 +262,7 @@ class Servo:
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The loops that there are, the inner one first."""
+        """The loops of the cascade that there are, the inner one first; not `torque_loop`."""
         if self.position_loop is None:
             return (self.velocity_loop,)
         return self.velocity_loop, self.position_loop
@@ -280,8 +288,10 @@ def servo_text(servo: Servo) -> str:
     if plant.get("inertia"):
         parts.append(f"rigid-body inertia {plant['inertia']:.6g} (from torque to acceleration)")
     parts.append(indent(servo.controller.summary(), "  "))
-    for loop in servo.loops:
-        parts += [f"{loop.name} loop", indent(loop.margins.summary(), "  ")]
+    broken = () if servo.torque_loop is None else (servo.torque_loop,)
+    for loop in (*servo.loops, *broken):
+        name = "both loops, broken at the torque" if loop.name == "torque" else f"{loop.name} loop"
+        parts += [name, indent(loop.margins.summary(), "  ")]
         if loop.bandwidth is not None:
             parts.append(f"  bandwidth       {loop.bandwidth:.6g} Hz (-3 dB, closed)")
         if loop.members:
@@ -293,6 +303,8 @@ def servo_text(servo: Servo) -> str:
     for step in (servo.step, servo.disturbance_step):
         if step is not None:
             parts.append(_step(step))
+    if any(servo.family_steps):
+        parts.append(_steps(servo.family_steps))
     if servo.wind is not None:
         parts.append(_wind(servo.wind))
     parts += [f"note: {note}" for note in servo.notes]
@@ -348,6 +360,22 @@ def _step(step: StepResponse) -> str:
     else:
         parts.append(f"settles to 2 % in {step.settling_time:.4g} s")
     return f"step of {step.input}: {', '.join(parts)}"
+
+
+def _steps(steps: Sequence[StepResponse | None]) -> str:
+    """Return in which ranges the responses of a family lie."""
+    stable = [step for step in steps if step is not None]
+    parts = []
+    for name, what, factor, unit in (
+        ("rise_time", "rise in", 1.0, "s"),
+        ("overshoot", "overshoot by", 100.0, "%"),
+        ("settling_time", "settle in", 1.0, "s"),
+    ):
+        found = [getattr(step, name) for step in stable]
+        known = [factor * value for value in found if value is not None]
+        if known:
+            parts.append(f"{what} {min(known):.4g} to {max(known):.4g} {unit}")
+    return f"step over {len(stable)} stable members of the family: {', '.join(parts)}"
 
 
 def _wind(wind: WindResponse) -> str:

@@ -15,8 +15,8 @@ from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, inertia_of
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import ranges
-from updyn.control.servo.record import Loop, Servo
-from updyn.control.servo.stability import Judged, judge_all
+from updyn.control.servo.record import Loop, Servo, StepResponse
+from updyn.control.servo.stability import Judged, judge_all, judge_torque
 from updyn.control.servo.time_response import Timed, timed
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
@@ -44,6 +44,7 @@ def servo(
     disturbance_step: float | None = 1.0,
     wind: _Disturbance | None = None,
     duration: float | None = None,
+    family_steps: bool = False,
 ) -> Servo:
     """Return loop functions, margins and time responses of a controller on a plant.
 
@@ -80,6 +81,8 @@ def servo(
         unit.
     duration : float, optional
         Of the step responses in s; by default until they have settled.
+    family_steps : bool
+        Whether the response to the step of the reference is computed for every member of a family.
 
     Returns
     -------
@@ -111,11 +114,11 @@ def servo(
         raise OptionError("servo: wind without disturbance; name the input at which it acts")
     wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
     cascade = Cascade(nominal, controller, wiring)
-    judged = judge_all(cascade)
+    judged = _judged(cascade)
     members = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
     lines = _lines(freq, judged, members)
     loops = []
-    for k, name in enumerate(("velocity", "position")):
+    for k, name in enumerate(("velocity", "position", "torque")):
         own = judged[k]
         if own is not None:
             loops.append(_loop(name, own, lines, [_one(m[k]) for m in members]))
@@ -124,6 +127,12 @@ def servo(
     over_time = Timed()
     if outer.margins.stable and outer.agrees:
         over_time = timed(cascade, outer, step, disturbance_step, wind, duration)
+    steps: tuple[StepResponse | None, ...] = ()
+    if family_steps and step is not None:
+        steps = tuple(
+            _step_of(Cascade(p, controller, wiring), m[1] or m[0], step, duration)
+            for p, m in zip(others, members, strict=True)
+        )
     return Servo(
         controller=controller,
         torque=torque,
@@ -134,6 +143,7 @@ def servo(
         plant=_facts(nominal, len(others), inertia := inertia_of(nominal, torque, velocity)),
         velocity_loop=loops[0],
         position_loop=loops[1] if len(loops) > 1 else None,
+        torque_loop=loops[2] if len(loops) > 2 else None,
         freq=lines,
         reference=cascade.reference(s),
         bandwidth=_bandwidth(cascade.reference, outer),
@@ -142,7 +152,8 @@ def servo(
         step=over_time.step,
         disturbance_step=over_time.disturbance_step,
         wind=over_time.wind,
-        notes=(*_notes(nominal, loops, outer, inertia), *over_time.notes),
+        notes=(*_notes(nominal, loops[:2], outer, inertia), *over_time.notes),
+        family_steps=steps,
     )
 
 
@@ -155,11 +166,26 @@ def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     return given.nominal, given.members
 
 
+def _judged(cascade: Cascade) -> tuple[Judged, Judged | None, Judged | None]:
+    """Return velocity loop, position loop, and the loop broken at the torque."""
+    inner, outer = judge_all(cascade)
+    return inner, outer, None if outer is None else judge_torque(cascade, outer)
+
+
+def _step_of(
+    cascade: Cascade, outer: Judged | None, step: float, duration: float | None
+) -> StepResponse | None:
+    """Return the response to a step of the reference; None where it is unstable."""
+    if outer is None or not (outer.margins.stable and outer.agrees):
+        return None
+    return timed(cascade, outer, step, None, None, duration).step
+
+
 def _member(
     number: int, plant: Plant, controller: Controller, wiring: Wiring
-) -> tuple[Judged, Judged | None]:
+) -> tuple[Judged, Judged | None, Judged | None]:
     try:
-        return judge_all(Cascade(plant, controller, wiring))
+        return _judged(Cascade(plant, controller, wiring))
     except UpdynError as error:
         raise type(error)(f"member {number} of the family: {error}") from error
 

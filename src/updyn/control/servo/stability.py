@@ -19,6 +19,7 @@ __all__ = [
     "count_growing",
     "judge",
     "judge_all",
+    "judge_torque",
     "nyquist_count",
 ]
 
@@ -165,6 +166,27 @@ def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
         return inner, None
     features = np.concatenate([zeros, inner.poles])
     return inner, judge(cascade, cascade.position, cascade.torque, cascade.poles, features, True)
+
+
+def judge_torque(cascade: Cascade, outer: Judged) -> Judged:
+    """Return margins and stability of the loop broken at the torque, both loops closed.
+
+    There every gain and delay of drive and motor acts: on both loops at once.
+
+    Parameters
+    ----------
+    cascade : Cascade
+        Controller and plant, with a position loop.
+    outer : Judged
+        The position loop, whose closed loop is the same.
+
+    Raises
+    ------
+    SolverError
+        If stability with dead time cannot be judged.
+    """
+    features = np.concatenate([cascade.zeros, outer.poles])
+    return judge(cascade, cascade.torque, cascade.torque, cascade.poles, features, True)
 
 
 def _check_moves(cascade: Cascade) -> None:
