@@ -220,7 +220,7 @@ def random_controllers(truth: Model, count: int = 20) -> None:
         (error, tolerance): updyn.plant(
             truth, *about, tolerance, quantity=QUANTITIES[:2], error=error
         )
-        for error, tolerance in (("peak", 0.02), ("relative", 0.02), ("relative", 0.01))
+        for error, tolerance in (("peak", 0.02), ("relative", 0.02))
     }
     names = {"torque": "torque", "velocity": "speed", "position": "azimuth"}
     figures = ("crossover", "phase_margin", "gain_margin", "modulus_margin")
@@ -233,7 +233,7 @@ def random_controllers(truth: Model, count: int = 20) -> None:
         )
         controller = replace(
             Controller.tuned(
-                plants["relative", 0.01],
+                plants["relative", 0.02],
                 rng.uniform(2.0, 8.0),
                 torque="torque",
                 velocity="speed",
