@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import hmac
 from collections.abc import Awaitable, Callable, Mapping, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlencode
+from urllib.parse import parse_qs, quote, urlencode
 
 __all__ = ["Guard"]
 
@@ -29,6 +28,14 @@ _POLICY = (
     " 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'"
     " ws://{host}; frame-ancestors 'self'; base-uri 'self'; form-action 'self'; object-src 'none'"
 )
+#: Other rules for browsers.
+_RULES = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+}
+#: Most digits of a length that is read as a number.
+_MOST_DIGITS = 18
 #: Status of WebSocket for a message against the rules (RFC 6455, section 7.4.1).
 _AGAINST_THE_RULES = 1008
 
@@ -69,8 +76,7 @@ class Guard:
         elif self._asked_token(scope) is not None:
             await self._welcome(scope, send)
         else:
-            host = headers["host"]
-            await self._app(scope, _limited(receive, self._most_bytes), _hardened(send, host))
+            await self._pass_on(scope, receive, _hardened(send, headers["host"]))
 
     def _refusal(self, scope: Scope, headers: Mapping[str, str]) -> tuple[int, str] | None:
         """Return status and reason of a refusal; None for what may pass."""
@@ -83,9 +89,24 @@ class Guard:
         if not self._knows_token(scope, headers):
             return 401, "The secret is missing: open the address that updyn serve printed."
         length = headers.get("content-length", "0")
-        if not length.isdecimal() or int(length) > self._most_bytes:
-            return 413, f"At most {self._most_bytes // 2**20} MB can be sent at once."
+        readable = length.isdecimal() and len(length) <= _MOST_DIGITS
+        if not readable or int(length) > self._most_bytes:
+            return self._too_large
         return None
+
+    @property
+    def _too_large(self) -> tuple[int, str]:
+        """Status and reason of the refusal of a large body."""
+        return 413, f"At most {self._most_bytes // 2**20} MB can be sent at once."
+
+    async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let the application answer, unless the body proves too large before it does."""
+        limit = _Limit(receive, send, self._most_bytes, self._too_large)
+        try:
+            await self._app(scope, limit.receive, limit.send)
+        except Exception:
+            if not limit.exceeded:  # else the application complains of a body that ends early
+                raise
 
     def _asked_token(self, scope: Scope) -> str | None:
         """Return the secret that stands in the address."""
@@ -94,21 +115,18 @@ class Guard:
 
     def _knows_token(self, scope: Scope, headers: Mapping[str, str]) -> bool:
         """Return whether the secret stands in the address or in the cookie."""
-        given = self._asked_token(scope) if scope["type"] == "http" else None
-        if given is None:
-            try:
-                kept = SimpleCookie(headers.get("cookie", "")).get(self._cookie)
-            except CookieError:
-                kept = None
-            given = "" if kept is None else kept.value
-        return hmac.compare_digest(given.encode(), self._token.encode())
+        asked = self._asked_token(scope) if scope["type"] == "http" else None
+        given = _cookies(headers, self._cookie) if asked is None else [asked]
+        secret = self._token.encode()
+        return any(hmac.compare_digest(each.encode(), secret) for each in given)
 
     async def _welcome(self, scope: Scope, send: Send) -> None:
         """Keep the secret in a cookie, and lead to the same page without it in the address."""
         asked = parse_qs(scope["query_string"].decode("latin-1"))
         asked.pop(_TOKEN)
         rest = urlencode(asked, doseq=True)
-        place = "/" + scope["path"].lstrip("/") + ("?" + rest if rest else "")
+        # Quoted: browsers take a backslash for a slash, and "//name" for another server.
+        place = "/" + quote(scope["path"].lstrip("/")) + ("?" + rest if rest else "")
         cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
         headers = {"location": place, "set-cookie": cookie, "cache-control": "no-store"}
         await _answer(send, 303, "", headers)
@@ -122,22 +140,33 @@ def _headers(scope: Scope) -> dict[str, str]:
     }
 
 
+def _cookies(headers: Mapping[str, str], name: str) -> list[str]:
+    """Return the values of a cookie.
+
+    Cookies do not tell ports apart: those of other programs on this machine come along, and may be
+    such as `http.cookies` gives up at.
+    """
+    pairs = [part.partition("=") for part in headers.get("cookie", "").split(";")]
+    return [value.strip() for key, _, value in pairs if key.strip() == name]
+
+
 async def _refuse(scope: Scope, receive: Receive, send: Send, status: int, reason: str) -> None:
     """Answer that a request is refused."""
     if scope["type"] == "websocket":
         await receive()  # the wish to connect, which has to be taken before it is answered
         await send({"type": "websocket.close", "code": _AGAINST_THE_RULES, "reason": reason})
     else:
-        await _answer(send, status, reason + "\n", {"connection": "close"})
+        await _answer(send, status, reason, {"connection": "close"})
 
 
 async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]) -> None:
     """Send a short answer."""
-    body = text.encode()
+    body = f"{text}\n".encode() if text else b""
     own = {
         "content-type": "text/plain; charset=utf-8",
         "content-length": str(len(body)),
-        "referrer-policy": "no-referrer",
+        "content-security-policy": "default-src 'none'",
+        **_RULES,
         **headers,
     }
     encoded = [(name.encode(), value.encode("latin-1")) for name, value in own.items()]
@@ -145,28 +174,51 @@ async def _answer(send: Send, status: int, text: str, headers: Mapping[str, str]
     await send({"type": "http.response.body", "body": body})
 
 
-def _limited(receive: Receive, most: int) -> Receive:
-    """Return a source that ends the request where its body exceeds a size."""
-    seen = 0
+class _Limit:
+    """A request whose body is cut where it exceeds a size, and then refused.
 
-    async def limited() -> Message:
-        nonlocal seen
-        message = await receive()
-        seen += len(message.get("body", b""))
-        if seen > most:
+    Parameters
+    ----------
+    receive, send : callable
+        Of the request.
+    most : int
+        Bytes of its body.
+    refusal : (int, str)
+        Status and reason.
+    """
+
+    def __init__(self, receive: Receive, send: Send, most: int, refusal: tuple[int, str]) -> None:
+        self._receive, self._send = receive, send
+        self._left = most
+        self._refusal = refusal
+        self._begun = False
+        self.exceeded = False
+
+    async def receive(self) -> Message:
+        """Return the next message; the end of the request where the body is too large."""
+        if self.exceeded:
             return {"type": "http.disconnect"}
-        return message
+        message = await self._receive()
+        self._left -= len(message.get("body", b""))
+        if self._left >= 0:
+            return message
+        self.exceeded = True
+        if not self._begun:
+            await _answer(self._send, *self._refusal, {"connection": "close"})
+        return {"type": "http.disconnect"}
 
-    return limited
+    async def send(self, message: Message) -> None:
+        """Pass on what the application answers, unless the request was refused."""
+        if self._begun or not self.exceeded:
+            self._begun = True
+            await self._send(message)
 
 
 def _hardened(send: Send, host: str) -> Send:
     """Return a sink that adds the rules for browsers to every answer."""
     added = {
         b"content-security-policy": _POLICY.format(host=host).encode(),
-        b"x-content-type-options": b"nosniff",
-        b"referrer-policy": b"no-referrer",
-        b"cross-origin-resource-policy": b"same-origin",
+        **{name.encode(): value.encode() for name, value in _RULES.items()},
     }
 
     async def hardened(message: Message) -> None:
