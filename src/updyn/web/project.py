@@ -17,7 +17,12 @@ __all__ = ["Project", "RunFolder"]
 
 #: How deep jobs and results are looked for below the folder, and how many folders.
 _DEPTH, _MOST_FOLDERS = 4, 2000
-_NAME = re.compile(r"[^\W.][\w.+ -]{0,199}")
+_NAME = re.compile(r"[^\W.][\w.+ -]*")
+#: Bytes of a name: file systems take 255, less what a temporary name adds.
+_MOST_BYTES = 200
+_RESULT = "result.json"
+#: What no job names, and what changes while a run is under way.
+_NO_INPUT = (".toml", ".journal", "manifest.json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +76,10 @@ class Project:
         """
         if "\0" in str(name):
             raise InputError("a name of a file holds a zero byte")
-        path = (self.folder / name).resolve()
+        try:
+            path = (self.folder / name).resolve()
+        except (OSError, RuntimeError, ValueError) as error:  # a link to itself; no text at all
+            raise InputError(f"{str(name)!r} cannot be a file: {error}") from error
         if not path.is_relative_to(self.folder):
             raise InputError(f"{str(name)!r} leads out of the folder of the project")
         return path
@@ -95,7 +103,7 @@ class Project:
         """Return the job files: TOML files that no run wrote, the latest first."""
         found = []
         for folder, names in self._walk():
-            if "result.json" in names:
+            if _RESULT in names:
                 continue
             found += [folder / name for name in names if name.endswith(".toml")]
         return sorted(found, key=_written, reverse=True)
@@ -104,33 +112,39 @@ class Project:
         """Return the files that a job could name: all but results and job files."""
         found = []
         for folder, names in self._walk():
-            if "result.json" not in names:
-                found += [folder / n for n in names if not n.endswith((".toml", "manifest.json"))]
+            if _RESULT not in names:
+                found += [folder / n for n in names if not n.endswith(_NO_INPUT)]
         return sorted(found)
 
     def stamp(self) -> tuple[tuple[str, int, int], ...]:
-        """Return what changes when an input does: names, times and sizes."""
+        """Return what changes when an input does: names, times and sizes.
+
+        Results are among them: a job may start from the model of a run.
+        """
         found = []
-        for path in self.inputs():
-            try:
-                state = path.stat()
-            except OSError:
-                continue
-            found.append((str(path), state.st_mtime_ns, state.st_size))
-        return tuple(found)
+        for folder, names in self._walk():
+            for name in names:
+                if name.endswith(_NO_INPUT):
+                    continue
+                try:
+                    state = (folder / name).stat()
+                except OSError:
+                    continue
+                found.append((str(folder / name), state.st_mtime_ns, state.st_size))
+        return tuple(sorted(found))
 
     def runs(self) -> list[RunFolder]:
         """Return the folders of results, the latest first; damaged records are left out."""
         found = []
         for folder, names in self._walk():
-            if "result.json" not in names:
+            if _RESULT not in names:
                 continue
-            path = folder / "result.json"
+            path = folder / _RESULT
             try:
                 record = json.loads(path.read_text(encoding="utf-8"))
-            except (OSError, ValueError):
+            except (OSError, ValueError, RecursionError):
                 continue
-            if isinstance(record, dict) and "status" in record:
+            if isinstance(record, dict) and isinstance(record.get("status"), str):
                 found.append(RunFolder(folder, record, _written(path)))
         return sorted(found, key=lambda run: run.written, reverse=True)
 
@@ -172,10 +186,10 @@ class Project:
         InputError
             If it is not a plain one, such as one with a folder in it.
         """
-        if not _NAME.fullmatch(name):
+        if not _NAME.fullmatch(name) or len(name.encode()) > _MOST_BYTES:
             raise InputError(
-                f"{name!r} cannot be the name of a file here: expected letters, digits, blanks,"
-                " dots and - _ +, a letter or digit first"
+                f"{name!r} cannot be the name of a file here: expected at most {_MOST_BYTES}"
+                " letters, digits, blanks, dots and - _ +, a letter or digit first"
             )
         return name
 
@@ -196,9 +210,13 @@ class Project:
         Raises
         ------
         InputError
-            If the name is not a plain one, or there is such a file.
+            If the name is not a plain one, there is such a file, or the name is that of results.
         """
-        path = self.inside(self.plain_name(name))
+        path = self.folder / self.plain_name(name)
+        if name == _RESULT:
+            raise InputError(
+                f"{name}: a folder that holds it is taken for results; rename the file"
+            )
         if os.path.lexists(path):
             raise InputError(f"{name}: there is such a file already; rename one of the two")
         write_bytes(path, content)
