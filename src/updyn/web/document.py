@@ -81,7 +81,7 @@ class JobDocument:
         """
         try:
             document = tomlkit.parse(self.text)
-        except TOMLKitError as error:
+        except (TOMLKitError, RecursionError) as error:
             raise JobError(f"not TOML: {error}; mend the text first", self.path) from error
         change(document)
         self.replace(what, tomlkit.dumps(document))
@@ -122,7 +122,8 @@ class JobDocument:
         Raises
         ------
         InputError
-            If another program has changed the file since it was read or saved.
+            If another program has changed the file since it was read or saved, or UTF-8 does not
+            hold the text.
         FormatError
             If it cannot be written; the file is as it was then.
         """
@@ -153,7 +154,11 @@ class JobDocument:
         self.version += 1
 
     def _write(self, path: Path) -> None:
-        write_bytes(path, self.text.encode())
+        try:
+            content = self.text.encode()
+        except UnicodeEncodeError as error:
+            raise InputError(f"{path}: cannot be written as UTF-8: {error.reason}") from error
+        write_bytes(path, content)
         self._saved = self.text
 
     def _set(self, text: str) -> None:
