@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Mapping, MutableMapping, Sequence
 from typing import Any, cast
 
 import tomlkit
 from tomlkit import TOMLDocument
-from tomlkit.items import AoT, Array, Table
+from tomlkit.items import AoT, Array, Comment, Item, Table, Whitespace
 
 from updyn.errors import InputError
 
@@ -47,7 +48,7 @@ def set_band(low: float, high: float, test: int = 0) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        _test(document, test)["band"] = _numbers((low, high))
+        _put(_test(document, test), "band", _numbers((low, high)))
         _keep_lines(document, lambda line: low <= line <= high)
 
     return edit
@@ -69,12 +70,13 @@ def exclude(low: float, high: float, test: int = 0) -> Edit:
     def edit(document: TOMLDocument) -> None:
         table = _test(document, test)
         entry = _numbers((low, high))
-        if "exclude" in table:
-            cast(Array, table["exclude"]).append(entry)
+        present = table.get("exclude")
+        if isinstance(present, Array):
+            present.append(entry)
         else:
             made = tomlkit.array()
             made.append(entry)
-            table["exclude"] = made
+            _put(table, "exclude", made)
         _keep_lines(document, lambda line: not low <= line <= high)
 
     return edit
@@ -125,9 +127,9 @@ def add_repair(written: str, test: int = 0) -> Edit:
 
     def edit(document: TOMLDocument) -> None:
         table = _test(document, test)
-        present = [str(item) for item in table.get("repair", [])]
+        present = _texts(table.get("repair", []))
         if written not in present:
-            table["repair"] = [*present, written]
+            _put(table, "repair", [*present, written])
 
     return edit
 
@@ -147,7 +149,7 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
         own = _test(document, test)
         table = own if "validation" in own else _table(document, "method")
         if responses:
-            table["validation"] = list(responses)
+            _put(table, "validation", list(responses))
         else:
             table.pop("validation", None)
 
@@ -164,10 +166,7 @@ def match_sensor(sensor: str, dof: str) -> Edit:
     """
 
     def edit(document: TOMLDocument) -> None:
-        matching = _table(document, "match")
-        if "table" not in matching:
-            matching["table"] = tomlkit.table()
-        cast(Table, matching["table"])[sensor] = dof
+        _put(_table(_table(document, "match"), "table"), sensor, dof)
 
     return edit
 
@@ -188,7 +187,7 @@ def set_key(table: str, key: str, value: Any) -> Edit:
         if value is None:
             changed.pop(key, None)
         else:
-            changed[key] = value
+            _put(changed, key, value)
 
     return edit
 
@@ -215,6 +214,7 @@ def as_value(kind: str, text: str, label: str) -> Any:
     InputError
         If it is no number where one is expected.
     """
+    text = text.strip()
     if not text:
         return None
     parts = [part.strip() for part in text.split(",") if part.strip()]
@@ -223,15 +223,22 @@ def as_value(kind: str, text: str, label: str) -> Any:
             case "whole":
                 return int(text)
             case "number":
-                return float(text)
+                return _number(text)
             case "numbers":
-                return [float(part) for part in parts]
+                return [_number(part) for part in parts] or None
             case "texts":
-                return parts
+                return parts or None
     except ValueError as error:
         what = {"whole": "a whole number", "number": "a number"}.get(kind, "numbers and commas")
         raise InputError(f"{label}: {text!r}; expected {what}") from error
     return text
+
+
+def _number(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def toggle_pick(frequency: float) -> Edit:
@@ -245,12 +252,14 @@ def toggle_pick(frequency: float) -> Edit:
 
     def edit(document: TOMLDocument) -> None:
         table = _table(document, "modes")
-        present = [float(item) for item in table.get("pick", [])]
+        given = table.get("pick")
+        items = given if isinstance(given, Array) else []
+        present = [float(item) for item in items if isinstance(item, int | float)]
         kept = [item for item in present if abs(item - frequency) > _SAME_PICK * item]
         if len(kept) == len(present):
             kept = sorted([*present, float(f"{frequency:.7g}")])
         if kept:
-            table["pick"] = kept
+            _put(table, "pick", kept)
         else:
             table.pop("pick", None)
 
@@ -261,36 +270,38 @@ def toggle_pick(frequency: float) -> Edit:
 def set_unknowns(chosen: Mapping[str, Collection[str]], groups: Sequence[str]) -> Edit:
     """Return the edit after which the unknowns of groups are those chosen.
 
-    A table that needs no change keeps its text. In one that loses groups these are listed by name,
-    and groups that come new go to a table of their quantity, with its bounds, else to a new one.
+    A table that needs no change keeps its text. In one that loses groups the others are listed by
+    name, and groups that come new go to a table of their quantity, with its bounds, else to a new
+    one.
 
     Parameters
     ----------
     chosen : mapping of str to collection of str
-        Groups by quantity (``"stiffness"``, ...).
+        Groups by quantity (``"stiffness"``, ...); unknowns of other quantities stay as they are.
     groups : sequence of str
         All groups of the model, in their order.
     """
 
     def edit(document: TOMLDocument) -> None:
-        tables = document.get("parameter")
-        if not isinstance(tables, AoT):
-            tables = tomlkit.aot()
-            document["parameter"] = tables
+        tables = _tables(document)
         missing = {quantity: set(names) for quantity, names in chosen.items()}
         for table in list(tables):
             if "groups" not in table or "quantity" not in table:
                 continue  # a linked unknown
             quantity = str(table["quantity"])
             present = _fitting(groups, table["groups"])
-            kept = [name for name in present if name in missing.get(quantity, ())]
-            missing.get(quantity, set()).difference_update(kept)
+            if quantity not in missing or not present:
+                continue  # not what is chosen here; masses that a test adds
+            kept = [name for name in present if name in missing[quantity]]
+            missing[quantity].difference_update(kept)
             if not kept:
-                tables.remove(table)
+                _remove(document, tables, table)
             elif kept != present:
                 table["groups"] = kept
         for quantity, names in missing.items():
             _add(tables, quantity, [name for name in groups if name in names], groups)
+        if not tables:
+            document.pop("parameter")
 
     return edit
 
@@ -301,13 +312,13 @@ def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) 
         return
     for table in tables:
         if str(table.get("quantity", "")) == quantity and "nominal" not in table:
-            both = {*_fitting(groups, table["groups"]), *new}
+            both = {*_fitting(groups, table.get("groups", [])), *new}
             table["groups"] = [name for name in groups if name in both]
             return
     table = tomlkit.table()
     table["groups"] = list(new)
     table["quantity"] = quantity
-    tables.append(table)
+    _append(tables, table)
 
 
 def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edit:
@@ -323,31 +334,36 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
         All groups of the model, in their order.
     """
     group, _, quantity = name.rpartition(".")
+    bounds = [float(low), float(high)]
 
     def edit(document: TOMLDocument) -> None:
-        tables = cast(AoT, document["parameter"])
-        for table in list(tables):
-            if str(table.get("quantity", "")) != quantity:
-                continue
-            present = _fitting(groups, table.get("groups", []))
-            if group not in present:
-                continue
-            if present == [group]:
-                table["bounds"] = _numbers((low, high))
+        tables = _tables(document)
+        for table in tables:
+            present = _fitting([*groups, group], table.get("groups", []))
+            is_own = str(table.get("quantity", "")) == quantity and group in present
+            if str(table.get("name", "")) == name or (is_own and set(present) == {group}):
+                _put(table, "bounds", bounds)
                 return
-            own = tomlkit.table()
-            own.update({key: value for key, value in table.unwrap().items() if key != "groups"})
-            own["groups"], own["bounds"] = [group], _numbers((low, high))
-            table["groups"] = [name for name in present if name != group]
-            tables.append(own)
-            return
+            if is_own:
+                own = tomlkit.table()
+                own["groups"] = [group]
+                own.update(
+                    {k: v for k, v in table.unwrap().items() if k not in ("groups", "bounds")}
+                )
+                own["bounds"] = bounds
+                table["groups"] = [each for each in groups if each in present and each != group]
+                _append(tables, own)
+                return
+        raise InputError(
+            f"no [[parameter]] of the job chooses {name!r}; change the text of the job"
+        )
 
     return edit
 
 
 def _fitting(groups: Sequence[str], patterns: Any) -> list[str]:
     """Return the groups that patterns of a table name."""
-    texts = [str(patterns)] if isinstance(patterns, str) else [str(item) for item in patterns]
+    texts = _texts(patterns)
     return [
         name
         for name in groups
@@ -361,6 +377,8 @@ def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
     several = isinstance(document.get("test"), AoT) and len(cast(AoT, document["test"])) > 1
     if several or not isinstance(method, Table) or not isinstance(method.get("lines"), Array):
         return
+    if not all(isinstance(line, int | float) for line in method["lines"]):
+        return
     lines = [float(line) for line in method["lines"]]
     kept = [line for line in lines if keep(line)]
     if not kept:
@@ -369,20 +387,114 @@ def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
         method["lines"] = kept
 
 
+def _texts(given: Any) -> list[str]:
+    """Return one text, or several, as a list."""
+    return (
+        [str(item) for item in given]
+        if isinstance(given, Sequence) and not isinstance(given, str)
+        else [str(given)]
+    )
+
+
 # -- parts of a document ---------------------------------------------------------------------------
 def _test(document: TOMLDocument, number: int) -> Table:
     """Return the table of a test."""
     tests = document.get("test")
-    if isinstance(tests, AoT):
-        return tests[number]
-    return _table(document, "test")
+    if not isinstance(tests, AoT):
+        return _table(document, "test")
+    if number >= len(tests):
+        raise InputError(f"the job has {len(tests)} tests, and no number {number + 1}")
+    return tests[number]
 
 
-def _table(document: TOMLDocument, name: str) -> Table:
+def _table(outer: MutableMapping[str, Any], name: str) -> Table:
     """Return a table, made where there is none."""
-    if name not in document:
-        document[name] = tomlkit.table()
-    return cast(Table, document[name])
+    if name not in outer:
+        outer[name] = tomlkit.table()
+    found = outer[name]
+    if not isinstance(found, MutableMapping):
+        raise InputError(f"{name} of the job is no table; change the text of the job")
+    return cast(Table, found)
+
+
+def _tables(document: TOMLDocument) -> AoT:
+    """Return the tables ``[[parameter]]``, which may be none."""
+    if not document.get("parameter"):
+        document.pop("parameter", None)  # an empty one, whose place may be before other keys
+        document["parameter"] = tomlkit.aot()
+    found = document["parameter"]
+    if not isinstance(found, AoT):
+        raise InputError(
+            "parameter of the job is no tables [[parameter]]; change the text of the job"
+        )
+    return found
+
+
+def _put(table: Table, key: str, value: Any) -> None:
+    """Set a key; a new one goes before what is said of the next table."""
+    if key in table or not isinstance(table, Table):
+        table[key] = value
+        return
+    tail = _cut_tail(table)
+    table[key] = value
+    table.value.body.extend(tail)
+
+
+def _append(tables: AoT, table: Table) -> None:
+    """Append a table; what is said after the last one is about what follows."""
+    tail = []
+    if tables:
+        last = _end(tables)
+        tail = _cut_tail(last)
+        last.add(tomlkit.nl())
+    tables.append(table)
+    table.value.body.extend(tail)
+
+
+def _remove(document: TOMLDocument, tables: AoT, table: Table) -> None:
+    """Remove a table, but not what is said after it, which is about the next."""
+    number = next(i for i, each in enumerate(tables) if each is table)
+    tail = _cut_tail(_end(table))
+    if number:
+        before: Any = tables[number - 1]
+    else:
+        items = [item for _, item in document.body]
+        before = items[next(i for i, each in enumerate(items) if each is tables) - 1]
+    del tables[number]
+    if isinstance(before, Table | AoT):
+        _end(before).value.body.extend(tail)
+
+
+def _end(item: Table | AoT) -> Table:
+    """Return the table that ends last of a table and those in it."""
+    while True:
+        if isinstance(item, AoT):
+            item = item[-1]
+            continue
+        inner = [each for key, each in item.value.body if key is not None]
+        if not inner or not isinstance(inner[-1], Table | AoT):
+            return item
+        item = inner[-1]
+
+
+def _cut_tail(table: Table) -> list[tuple[Any, Item]]:
+    """Cut off what stands after a table's last key, from the first empty line on, and return it.
+
+    In a document it belongs to the table; but it is said of the next one.
+    """
+    body = table.value.body
+    start = len(body)
+    while (
+        start
+        and body[start - 1][0] is None
+        and isinstance(body[start - 1][1], Comment | Whitespace)
+    ):
+        start -= 1
+    while start < len(body) and not isinstance(body[start][1], Whitespace):
+        start += 1
+    tail = body[start:]
+    del body[start:]
+    return tail
 
 
 def _numbers(values: Sequence[float]) -> Array:
