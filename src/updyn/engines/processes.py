@@ -17,8 +17,7 @@ import tempfile
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from updyn.engines.engine import Engine, Serial
+from updyn.engines.interrupts import interrupts_blocked
 from updyn.engines.remote import LostError, Remote
 from updyn.errors import EngineError, OptionError
 
@@ -137,7 +137,7 @@ class Processes(Remote):
         known = tuple(parcel.path for _, parcel in self._sent)
         called_off = self._new_path("off")
         try:
-            with _interrupts_blocked():
+            with interrupts_blocked():
                 if self._pool is None:
                     self._pool = _new_pool(self._workers, called_off.parent)
                 future = self._pool.submit(_work, function, handle.path, known, called_off, item)
@@ -196,19 +196,6 @@ def _limit(name: str, otherwise: int) -> int:
     """Return the number of threads that the user has set; a list such as ``"4,2"`` is ignored."""
     value = os.environ.get(name) or os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdecimal() and int(value) else otherwise
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block SIGINT while worker processes start, so that only the parent handles it."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 # -- in the worker -----------------------------------------------------------------------------

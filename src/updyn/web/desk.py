@@ -7,6 +7,7 @@ crash) ends that process alone.
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import threading
 import warnings
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from updyn.engines.interrupts import interrupts_blocked
 from updyn.errors import InputError, UpdynError, UpdynWarning
 from updyn.foreign.confinement import confine
 
@@ -93,16 +95,25 @@ class Desk:
         return cast(T, content)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process once it has answered."""
         with self._turn:
             self._end()
+
+    def end(self) -> None:
+        """End the process at once; a call under way raises `InputError`."""
+        process = self._process
+        if process is not None:
+            process.kill()
+        self.close()
 
     def _begin(self) -> None:
         self._end()
         self._line, other = self._context.Pipe()
         arguments = (other, self._folder, self._memory)
-        self._process = self._context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
+        process = self._context.Process(target=_serve, args=arguments, daemon=True)
+        with interrupts_blocked():
+            process.start()
+        self._process = process
         other.close()
 
     def _end(self) -> None:
@@ -116,7 +127,8 @@ class Desk:
 
 
 def _serve(line: Connection, folder: Path, memory: int) -> None:
-    """Answer calls until the other end is closed."""
+    """Answer calls until the other end is closed; Ctrl-C in the terminal is for the server."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _limit(memory)
     confine(folder)
     while True:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
 import uvicorn
@@ -106,4 +107,22 @@ def serve(job: Path | None, folder: Path, *, port: int = 0, open_browser: bool =
     sys.stdout.flush()
     if open_browser:
         webbrowser.open_new_tab(address)
-    uvicorn.Server(config).run(sockets=[listening])
+    with _handling_signals():
+        try:
+            uvicorn.Server(config).run(sockets=[listening])
+        finally:
+            workspace.close()  # where it was ended before it could
+
+
+@contextmanager
+def _handling_signals() -> Iterator[None]:
+    """Leave Ctrl-C to the server, which ends in order, however long a run takes to write results.
+
+    The command line watches for signals, too, and would end the process meanwhile.
+    """
+    woken = signal.set_wakeup_fd(-1)
+    try:
+        with suppress(KeyboardInterrupt):
+            yield
+    finally:
+        signal.set_wakeup_fd(woken)

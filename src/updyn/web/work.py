@@ -113,6 +113,8 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     """
     flag = _StopFlag()
     signal.signal(signal.SIGINT, flag)
+    if hasattr(signal, "pthread_sigmask"):  # it was blocked until now
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     warnings.showwarning = _show
     warnings.simplefilter("always", UpdynWarning)
     confine(Path(folder))

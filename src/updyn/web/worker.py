@@ -13,12 +13,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from updyn.engines.interrupts import interrupts_blocked
+
 __all__ = ["Worker"]
 
 #: Of a task, how many steps and notes are kept for the pages, and lines of what it wrote on stderr.
 _MOST_STEPS, _MOST_NOTES, _MOST_LINES = 5000, 200, 50
 #: How long a stopped task may take to write its results, in s.
 _PATIENCE = 20.0
+#: How long the last lines on stderr may take to be read once the process has ended, in s.
+_LAST_LINES = 1.0
 #: A task takes one thread unless the environment says otherwise: the pages need a core, too.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -74,21 +78,21 @@ class Worker:
         if self._resume:
             command.append("--resume")
         threads = {name: os.environ.get(name, "1") for name in _THREADS}
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            encoding="utf-8",
-            errors="replace",
-            env={**os.environ, **threads, "PYTHONUTF8": "1"},
-            start_new_session=True,  # Ctrl-C in the terminal of the server is for the server
-        )
-        listening = threading.Thread(target=self._listen, daemon=True)
-        errors = threading.Thread(target=self._collect, daemon=True)
-        for thread in (errors, listening):
-            thread.start()
+        with interrupts_blocked():  # it unblocks them once it knows what to do
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+                env={**os.environ, **threads, "PYTHONUTF8": "1"},
+                start_new_session=True,  # Ctrl-C in the terminal of the server is for the server
+            )
+        collecting = threading.Thread(target=self._collect, daemon=True)
+        collecting.start()
+        threading.Thread(target=self._listen, args=(collecting,), daemon=True).start()
 
     @property
     def active(self) -> bool:
@@ -107,7 +111,8 @@ class Worker:
         """Stop the task and wait until its results are written; one that does not end is killed."""
         if self._process is None or not self.active:
             return
-        self.stop()
+        if self.state == "running":  # a second time would end it without its results
+            self.stop()
         try:
             self._process.wait(_PATIENCE)
         except subprocess.TimeoutExpired:
@@ -121,7 +126,7 @@ class Worker:
         for line in self._process.stderr:
             self._errors.append(line.rstrip("\n"))
 
-    def _listen(self) -> None:
+    def _listen(self, collecting: threading.Thread) -> None:
         """Take what the process writes until it ends."""
         assert self._process is not None
         assert self._process.stdout is not None
@@ -130,7 +135,9 @@ class Worker:
                 self._take(json.loads(line))
             except (ValueError, KeyError, TypeError):
                 self._errors.append(line.rstrip("\n"))
-        self._close(self._process.wait())
+        code = self._process.wait()
+        collecting.join(_LAST_LINES)
+        self._close(code)
 
     def _take(self, told: Mapping[str, Any]) -> None:
         """Take one line."""

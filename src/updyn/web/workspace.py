@@ -256,7 +256,7 @@ class Workspace:
         """Stop the task under way, with its results written, and end all processes."""
         for worker in self.workers.values():
             worker.end()
-        self._desk.close()
+        self._desk.end()
 
 
 def _memory() -> int:
