@@ -37,10 +37,14 @@ def check_inside(path: Path) -> None:
     Raises
     ------
     InputError
-        If this process is confined to a folder, and the file lies outside it.
+        If this process is confined to a folder, and the file lies outside it or is not one.
     """
     for folder in _folders:
-        if not path.resolve().is_relative_to(folder):
+        try:
+            place = path.resolve()
+        except (OSError, RuntimeError, ValueError) as error:  # a link to itself; no text at all
+            raise InputError(f"{str(path)!r} cannot be a file: {error}") from error
+        if not place.is_relative_to(folder):
             raise InputError(
                 f"{str(path)!r} lies outside the folder of the project ({folder}), where no file is"
                 " read; copy it into the project, or serve a folder that holds both"
