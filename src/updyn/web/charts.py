@@ -153,7 +153,10 @@ def thinned(values: NDArray[np.float64], n: int) -> NDArray[np.intp]:
     found: set[int] = set()
     for low, high in pairwise(ends.tolist()):
         part = values[low:high]
-        found |= {low + int(np.argmin(part)), low + int(np.argmax(part))}
+        known = ~np.isnan(part)
+        smallest = np.argmin(np.where(known, part, np.inf))
+        largest = np.argmax(np.where(known, part, -np.inf))
+        found |= {low + int(smallest), low + int(largest)}
     return np.array(sorted(found))
 
 

@@ -15,6 +15,8 @@ __all__ = ["serve"]
 
 #: Imported once the extra is known to be there.
 _SERVER = "updyn.web.server:serve"
+#: Exit code: it ends by a signal only; the command line has another code for SIGTERM.
+_STOPPED = 130
 
 
 def serve(
@@ -44,4 +46,4 @@ def serve(
         raise InputError(f"{job}: no such file; expected a job file (TOML)")
     folder = Path.cwd() if job is None else job.resolve().parent
     load_object(_SERVER)(job, folder, port=port, open_browser=open_)
-    return 0
+    return _STOPPED

@@ -119,7 +119,7 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     warnings.simplefilter("always", UpdynWarning)
     confine(Path(folder))
     try:
-        ended = TASKS[task].do(Path(job), Path(out), _Reporter(flag), resume)
+        ended = TASKS.find(task).do(Path(job), Path(out), _Reporter(flag), resume)
     except UpdynError as error:
         write("error", text=str(error))
         return 2

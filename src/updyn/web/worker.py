@@ -20,7 +20,7 @@ __all__ = ["Worker"]
 #: Of a task, how many steps and notes are kept for the pages, and lines of what it wrote on stderr.
 _MOST_STEPS, _MOST_NOTES, _MOST_LINES = 5000, 200, 50
 #: How long a stopped task may take to write its results, in s.
-_PATIENCE = 20.0
+_PATIENCE = 60.0
 #: How long the last lines on stderr may take to be read once the process has ended, in s.
 _LAST_LINES = 1.0
 #: A task takes one thread unless the environment says otherwise: the pages need a core, too.
@@ -123,18 +123,20 @@ class Worker:
         """Keep the last lines of what the process writes on stderr."""
         assert self._process is not None
         assert self._process.stderr is not None
-        for line in self._process.stderr:
-            self._errors.append(line.rstrip("\n"))
+        with self._process.stderr as lines:
+            for line in lines:
+                self._errors.append(line.rstrip("\n"))
 
     def _listen(self, collecting: threading.Thread) -> None:
         """Take what the process writes until it ends."""
         assert self._process is not None
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            try:
-                self._take(json.loads(line))
-            except (ValueError, KeyError, TypeError):
-                self._errors.append(line.rstrip("\n"))
+        with self._process.stdout as lines:
+            for line in lines:
+                try:
+                    self._take(json.loads(line))
+                except (ValueError, KeyError, TypeError):
+                    self._errors.append(line.rstrip("\n"))
         code = self._process.wait()
         collecting.join(_LAST_LINES)
         self._close(code)
