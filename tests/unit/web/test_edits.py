@@ -270,6 +270,15 @@ def test_picks_are_kept_in_order_and_taken_back_by_a_second_click() -> None:
     job(none)
 
 
+# -- lines that the method lists
+def test_listed_lines_are_kept_where_they_are_still_used() -> None:
+    text = edited(edits.set_key("method", "lines", [2.0, 4.0, 8.0]))
+    assert job(edited(edits.set_band(3.0, 9.0), text)).method.lines == (4.0, 8.0)
+    assert job(edited(edits.exclude(3.0, 5.0), text)).method.lines == (2.0, 8.0)
+    assert job(edited(edits.exclude(1.0, 9.0), text)).method.lines is None
+    assert job(edited(edits.set_band(1.0, 9.0), text)).method.lines == (2.0, 4.0, 8.0)
+
+
 # -- unknowns
 def test_what_is_chosen_already_keeps_its_text() -> None:
     chosen = {"mass": GROUPS, "stiffness": ["part2", "part1"]}
@@ -402,6 +411,7 @@ BAD = (
     '[test]\nexclude = "x"\nrepair = "x"\n[modes]\npick = ["x"]\n[[parameter]]\ngroups = [5]\nquantity = "mass"\n',
     'parameter = [{ groups = "all", quantity = "mass" }]\n',
     '[[parameter]]\nquantity = "mass"\n',
+    "[method]\nlines = [1, \"x\"]\n[[test]]\n",
     "[[test]]\n[[match]]\n[[method]]\n[[modes]]\n",
     "",
 )  # fmt: skip
