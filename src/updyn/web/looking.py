@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.response import response as model_response
-from updyn.errors import UpdynError
+from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
 from updyn.job.prepare import measurement as read_measurement
@@ -245,8 +245,12 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
     """Return a test over all its lines."""
     table = part.test
     free = table.model_copy(update={"band": None, "exclude": None})
-    whole = read_measurement(part.model_copy(update={"test": free}))
-    kept = whole.select(band=table.band, exclude=table.exclude or ())
+    with part.located():
+        whole = read_measurement(part.model_copy(update={"test": free}))
+    try:
+        used = np.isin(whole.freq, whole.select(band=table.band, exclude=table.exclude or ()).freq)
+    except InputError:  # no line is left, which the whole job is said to suffer from
+        used = np.zeros(len(whole.freq), dtype=bool)
     matches = []
     if ready is not None:
         for row in ready.tests[number].matching.table:
@@ -261,7 +265,7 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         whole.values.astype(np.complex64),
         whole.responses.labels,
         whole.references.labels,
-        np.isin(whole.freq, kept.freq),
+        used,
         table.band,
         matches,
         [str(one) for one in part.validation or () if isinstance(one, str)],
