@@ -42,7 +42,9 @@ class Server:
 @contextmanager
 def serving(folder: Path, *arguments: str) -> Iterator[Server]:
     """Start `updyn serve --no-open` in a folder; it is ended by Ctrl-C."""
-    command = [sys.executable, "-m", "updyn", "serve", "--no-open", *arguments]
+    command = [sys.executable, "-m", "updyn", "serve", *arguments]
+    if "--no-open" not in arguments:
+        command.append("--no-open")
     process = subprocess.Popen(
         command,
         cwd=folder,

@@ -267,7 +267,9 @@ def toggle_pick(frequency: float) -> Edit:
 
 
 # -- unknowns --------------------------------------------------------------------------------------
-def set_unknowns(chosen: Mapping[str, Collection[str]], groups: Sequence[str]) -> Edit:
+def set_unknowns(
+    chosen: Mapping[str, Collection[str]], groups: Mapping[str, Sequence[str]]
+) -> Edit:
     """Return the edit after which the unknowns of groups are those chosen.
 
     A table that needs no change keeps its text. In one that loses groups the others are listed by
@@ -278,8 +280,8 @@ def set_unknowns(chosen: Mapping[str, Collection[str]], groups: Sequence[str]) -
     ----------
     chosen : mapping of str to collection of str
         Groups by quantity (``"stiffness"``, ...); unknowns of other quantities stay as they are.
-    groups : sequence of str
-        All groups of the model, in their order.
+    groups : mapping of str to sequence of str
+        The groups of the model that have each quantity, in their order.
     """
 
     def edit(document: TOMLDocument) -> None:
@@ -289,7 +291,7 @@ def set_unknowns(chosen: Mapping[str, Collection[str]], groups: Sequence[str]) -
             if "groups" not in table or "quantity" not in table:
                 continue  # a linked unknown
             quantity = str(table["quantity"])
-            present = _fitting(groups, table["groups"])
+            present = _fitting(groups.get(quantity, ()), table["groups"])
             if quantity not in missing or not present:
                 continue  # not what is chosen here; masses that a test adds
             kept = [name for name in present if name in missing[quantity]]
@@ -299,7 +301,8 @@ def set_unknowns(chosen: Mapping[str, Collection[str]], groups: Sequence[str]) -
             elif kept != present:
                 table["groups"] = kept
         for quantity, names in missing.items():
-            _add(tables, quantity, [name for name in groups if name in names], groups)
+            able = groups.get(quantity, ())
+            _add(tables, quantity, [name for name in able if name in names], able)
         if not tables:
             document.pop("parameter")
 
@@ -331,7 +334,7 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
     low, high : float
         The bounds, in the unit of the unknown.
     groups : sequence of str
-        All groups of the model, in their order.
+        The groups that have the quantity, in their order.
     """
     group, _, quantity = name.rpartition(".")
     bounds = [float(low), float(high)]

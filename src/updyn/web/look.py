@@ -20,6 +20,8 @@ def _variables(colours: dict[str, str]) -> str:
 HEAD = f"""<style>
 body {{ {_variables(dict(PAPER))} background: var(--ground); color: var(--text); }}
 body.body--dark {{ {_variables(dict(DARK))} background: var(--ground); color: var(--text); }}
+body.body--dark {{ --q-primary: var(--after) !important; }}
+body.body--dark .bg-primary {{ color: var(--ground) !important; }}
 body.body--dark iframe {{ color-scheme: dark; }}
 body.body--light iframe {{ color-scheme: light; }}
 .q-header {{ background: var(--panel) !important; color: var(--text) !important;

@@ -17,6 +17,7 @@ from updyn.frf import FRF
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
 from updyn.job.prepare import measurement as read_measurement
 from updyn.job.proposal import job_text, look_at
+from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.viewer import model_scene, page
 
@@ -115,6 +116,8 @@ class View:
         The model in a few words.
     groups : list of str
         Its groups.
+    able : mapping of str to list of str
+        The groups that have a quantity, by the quantities of `CHOICES`.
     tests : list of TestView
         Its tests with FRFs.
     unknowns : list of UnknownRow
@@ -126,6 +129,7 @@ class View:
     title: str
     model: str
     groups: list[str]
+    able: Mapping[str, list[str]]
     tests: list[TestView]
     unknowns: list[UnknownRow]
     wrong: Mapping[str, str]
@@ -215,7 +219,7 @@ def look(path: Path, text: str) -> View:
     wrong: dict[str, str] = {}
     job = _tried(lambda: load_job(path, text=text), "job", wrong)
     if job is None:
-        return View("", "", [], [], [], wrong)
+        return View("", "", [], {}, [], [], wrong)
     ready = _tried(lambda: _prepared(path, text), "all", wrong)
     tests = []
     for number, part in enumerate(job.parts):
@@ -223,13 +227,22 @@ def look(path: Path, text: str) -> View:
             seen = _tried(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
             tests += [] if seen is None else [seen]
     if ready is None:
-        return View(job.title or path.stem, "", [], tests, [], wrong)
+        return View(job.title or path.stem, "", [], {}, tests, [], wrong)
     model = ready.model
     about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
     unknowns = [
         UnknownRow(p.name, p.group, p.quantity, p.start, p.lower, p.upper) for p in ready.parameters
     ]
-    return View(job.title or path.stem, about, list(model.groups), tests, unknowns, wrong)
+    groups = list(model.groups)
+    title = job.title or path.stem
+    return View(title, about, groups, _able(model), tests, unknowns, wrong)
+
+
+def _able(model: Model) -> dict[str, list[str]]:
+    """Return the groups of a model that have each quantity of `CHOICES`."""
+    stiff = [name for name, group in model.groups.items() if group.stiffness is not None]
+    heavy = [name for name, group in model.groups.items() if group.mass is not None]
+    return {"stiffness": stiff, "mass": heavy, "loss_factor": stiff}
 
 
 def _tried(make: Callable[[], T], what: str, wrong: dict[str, str]) -> T | None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from updyn.errors import InputError
 from updyn.io.atomic import write_bytes
+from updyn.outputs.manifest import MANIFEST
 
 __all__ = ["Project", "RunFolder"]
 
@@ -112,7 +113,7 @@ class Project:
         """Return the files that a job could name: all but results and job files."""
         found = []
         for folder, names in self._walk():
-            if _RESULT not in names:
+            if _RESULT not in names and MANIFEST not in names:
                 found += [folder / n for n in names if not n.endswith(_NO_INPUT)]
         return sorted(found)
 

@@ -132,7 +132,7 @@ PLAN = Task(
         Field("band", "band, from and to (Hz)", "numbers"),
         Field("quantity", "quantity", "choice", ("accelerance", "mobility", "receptance")),
         Field("criterion", "criterion", "choice", ("d-optimal", "a-optimal")),
-        Field("candidates", "candidates (labels; none: every DOF)", "texts"),
+        Field("candidates", "candidates (none: all)", "texts"),
     ),
     "Chooses sensors and forces before a test, so that the unknowns of the job are determined"
     " best.",

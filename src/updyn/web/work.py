@@ -75,7 +75,7 @@ class _Reporter:
 
     def say(self, text: str) -> None:
         """Write a sentence."""
-        write("note", text=text)
+        write("stage", text=text)
 
 
 def write(kind: str, **content: Any) -> None:
@@ -84,7 +84,7 @@ def write(kind: str, **content: Any) -> None:
     Parameters
     ----------
     kind : str
-        What it is about: ``"progress"``, ``"note"``, ``"error"``, ``"done"``.
+        What it is about: ``"progress"``, ``"stage"``, ``"note"``, ``"error"``, ``"done"``.
     **content
         Plain data.
     """

@@ -47,6 +47,8 @@ class Worker:
         Its steps, with ``stage``, ``iteration``, ``cost`` and ``values``.
     now : mapping
         Where it is.
+    stages : deque of str
+        What it has said of its work.
     notes : deque of str
         Its warnings.
     state : {"running", "stopping", "done", "failed"}
@@ -66,6 +68,7 @@ class Worker:
         self._folder, self._resume = folder, resume
         self.steps: deque[Mapping[str, Any]] = deque(maxlen=_MOST_STEPS)
         self.now: Mapping[str, Any] = {}
+        self.stages: deque[str] = deque(maxlen=_MOST_NOTES)
         self.notes: deque[str] = deque(maxlen=_MOST_NOTES)
         self.state, self.message, self.status, self.version = "running", "", "", 0
         self._process: subprocess.Popen[str] | None = None
@@ -149,6 +152,8 @@ class Worker:
             if is_step or not self.steps:
                 self.steps.append(told)
             self.now = told
+        elif kind == "stage":
+            self.stages.append(told["text"])
         elif kind == "note":
             self.notes.append(told["text"])
         else:

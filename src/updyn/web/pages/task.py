@@ -72,6 +72,8 @@ def state_of(worker: Worker) -> None:
         text += f": {now['stage']}, {now['accepted']} steps"
         if now["cost"] is not None:
             text += f", misfit {now['cost']:.6g}"
+    elif worker.active and worker.stages:
+        text += f": {worker.stages[-1]}"
     if worker.state == "done":
         text += f": {worker.status}"
     with ui.row().classes("items-center"):
@@ -80,9 +82,10 @@ def state_of(worker: Worker) -> None:
         ui.label(text).classes("text-lg").mark("state").props("role=status")
     for note in list(worker.notes):
         ui.label(note).classes("opacity-80 whitespace-pre-wrap")
-    if worker.message:
+    if worker.message or worker.stages:
         with ui.expansion("Summary", value=worker.state == "failed").classes("w-full"):
-            ui.label(worker.message).classes("whitespace-pre font-mono text-sm overflow-auto")
+            lines = "\n".join([*worker.stages, worker.message])
+            ui.label(lines).classes("whitespace-pre font-mono text-sm overflow-auto")
 
 
 def task_page(task: str) -> Callable[[Workspace], None]:

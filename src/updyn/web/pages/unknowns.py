@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 from updyn.web import edits
 from updyn.web.looking import CHOICES, Separability, UnknownRow, View, identifiability
-from updyn.web.pages.frame import asked, embedded, said, watch
+from updyn.web.pages.frame import asked, complain, embedded, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.picks import hear_picks
 from updyn.web.workspace import Workspace
@@ -89,11 +89,16 @@ def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
         def change(event: events.ValueChangeEventArguments[Any]) -> None:
             names = {each: set(groups) for each, groups in chosen.items()}
             (names[quantity].add if event.value else names[quantity].discard)(group)
-            edit = edits.set_unknowns(names, view.groups)
+            if not any(names.values()) and len(view.unknowns) == 1:
+                complain("a job needs one unknown at least; choose another one first")
+                boxes[group, quantity].set_value(True)
+                return
+            edit = edits.set_unknowns(names, view.able)
             said(workspace.opened.edit)(f"{group}.{quantity}", edit)
 
         return change
 
+    boxes: dict[tuple[str, str], ui.checkbox] = {}
     groups = [name for name in view.groups if name in picked] or view.groups
     if len(groups) < len(view.groups):
 
@@ -113,7 +118,9 @@ def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
             ui.label(group)
             for quantity in CHOICES:
                 box = ui.checkbox(value=group in chosen[quantity]).props("dense")
+                box.set_enabled(group in view.able[quantity])
                 box.on_value_change(toggled(group, quantity))
+                boxes[group, quantity] = box
                 box._props["aria-label"] = f"{group} {quantity}"
 
 
@@ -166,10 +173,11 @@ def _bounds(workspace: Workspace, view: View, unknown: UnknownRow) -> None:
         ui.label(unknown.name).classes("text-lg")
         low = ui.number("lower bound", value=unknown.lower)
         high = ui.number("upper bound", value=unknown.upper)
+        able = view.able.get(unknown.quantity, view.groups)
 
         def take() -> None:
             if low.value is not None and high.value is not None:
-                edit = edits.set_bounds(unknown.name, low.value, high.value, view.groups)
+                edit = edits.set_bounds(unknown.name, low.value, high.value, able)
                 workspace.opened.edit(f"bounds of {unknown.name}", edit)
             dialog.close()
 
