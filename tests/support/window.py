@@ -100,7 +100,8 @@ def browsing(
         browser = playwright.chromium.launch(
             executable_path=program("browser"), args=["--no-sandbox"]
         )
-        page = browser.new_page(viewport={"width": width, "height": height})
+        context = browser.new_context(viewport={"width": width, "height": height})
+        page = context.new_page()
         page.set_default_timeout(PATIENCE)
         heard = Heard()
         heard.listen(page)

@@ -1,0 +1,134 @@
+"""What is clicked in the pages that the window embeds becomes an edit of the job; names stay text."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from updyn.demos import find_demo
+from window import browsing, serving
+
+pytest.importorskip("nicegui")
+pytest.importorskip("playwright")
+pytestmark = [
+    pytest.mark.needs("browser"),
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+FIND = "label => document.querySelector('[data-scene]').updynViewer.find(label)"
+#: As plotly tells of a click on a pole.
+CLICK = (
+    "frequency => document.querySelector('[data-figure=\"diagram\"]').emit('plotly_click',"
+    " { points: [{ x: frequency, data: { yaxis: 'y' } }] })"
+)
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("project")
+    job = find_demo("beam").write_inputs(folder)
+    text = job.read_text(encoding="utf-8")
+    text = text.replace('title = "Steel beam, whole"', "title = '<b id=\"bold\">Beam</b>'", 1)
+    text = text.replace("[method]", "[modes]\ndamping = 'structural'\n\n[method]", 1)
+    assert "bold" in text
+    job.write_text(text, encoding="utf-8")
+    with serving(folder, "job.toml") as server, browsing(server) as (page, heard):
+        yield server, page, heard, job
+        assert heard.wrong == []
+
+
+def embedded(page, ready):
+    """The page within the page, once it has drawn."""
+    handle = page.wait_for_selector("iframe")
+    frame = handle.content_frame()
+    frame.wait_for_function(ready)
+    return frame
+
+
+def saved(page, job):
+    """The job after it was saved."""
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_text("job.toml", exact=True).wait_for()
+    return tomllib.loads(job.read_text(encoding="utf-8"))
+
+
+def test_a_sensor_is_moved_by_two_clicks(window):
+    server, page, _, job = window
+    page.goto(f"{server.base}/model")
+    drawn = "() => document.querySelector('[data-scene]')?.updynViewer?.find"
+    frame = embedded(page, drawn)
+    frame.evaluate(FIND, 107)  # the picture: the sensor that is there
+    page.get_by_text("107:Z: click the node that it sits at").wait_for()
+    frame.evaluate(FIND, 102)
+    page.get_by_text("job.toml (edited)").wait_for()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("job.toml", exact=True).wait_for()
+    page.get_by_role("button", name="Redo").click()
+    assert saved(page, job)["match"]["table"]["107:Z"] == "102:Z"
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("job.toml (edited)").wait_for()
+    assert "107:Z" not in saved(page, job).get("match", {}).get("table", {})
+
+
+def test_the_groups_at_a_node_are_offered(window):
+    server, page, _, _ = window
+    page.goto(f"{server.base}/unknowns")
+    frame = embedded(page, "() => document.querySelector('[data-scene]')?.updynViewer?.find")
+    page.get_by_role("checkbox", name="pads stiffness").wait_for()
+    frame.evaluate(FIND, 102)
+    page.get_by_role("button", name="Show all groups").click()
+    page.get_by_role("checkbox", name="pads stiffness").wait_for()
+
+
+def test_a_pole_is_picked_and_let_go(window):
+    server, page, _, job = window
+    page.goto(f"{server.base}/modes")
+    page.get_by_role("button", name="Save and begin").click()
+    page.get_by_role("status").filter(has_text="Ended").wait_for()
+    frame = embedded(page, "() => document.querySelector('[data-figure=\"diagram\"]')?.emit")
+    frame.evaluate(CLICK, 476.46)
+    page.get_by_text("Picked for the job: 476.46 Hz.").wait_for()
+    assert saved(page, job)["modes"]["pick"] == [476.46]
+    frame.evaluate(CLICK, 476.46)
+    page.get_by_text("Nothing is picked: all are taken.").wait_for()
+    assert "pick" not in saved(page, job)["modes"]
+
+
+def test_html_in_a_title_is_text(window):
+    server, page, _, _ = window
+    for place in ("/", "/job", "/measurement", "/run", "/results"):
+        page.goto(f"{server.base}{place}")
+        page.get_by_text("job.toml").first.wait_for()
+        assert page.locator("#bold").count() == 0
+        for frame in page.frames:
+            assert frame.locator("#bold").count() == 0
+
+
+def test_a_message_that_is_no_pick_is_left_alone(window):
+    server, page, _, _ = window
+    page.goto(f"{server.base}/unknowns")
+    page.get_by_role("checkbox", name="pads stiffness").wait_for()
+    frame = embedded(page, "() => document.querySelector('[data-scene]')?.updynViewer?.find")
+    for message in ("'text'", "{ updynPick: 3 }", "{ updynPick: { groups: {}, label: [] } }"):
+        frame.evaluate(f"parent.postMessage({message}, '*')")
+    page.evaluate("window.postMessage({ updynPick: { groups: ['pads'] } }, '*')")  # not of a frame
+    page.wait_for_timeout(1000)
+    assert page.get_by_role("button", name="Show all groups").count() == 0
+
+
+def test_two_tabs_show_the_same_job(window):
+    server, page, heard, _ = window
+    other = page.context.new_page()
+    heard.listen(other)
+    other.goto(f"{server.base}/unknowns")
+    page.goto(f"{server.base}/unknowns")
+    box = page.get_by_role("checkbox", name="pads loss_factor")
+    box.wait_for()
+    box.click()
+    other.get_by_text("job.toml (edited)").wait_for()
+    other.get_by_role("checkbox", name="pads loss_factor", checked=False).wait_for()
+    other.get_by_role("button", name="Undo").click()
+    page.get_by_role("checkbox", name="pads loss_factor", checked=True).wait_for()
+    other.close()
