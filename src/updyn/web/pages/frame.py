@@ -111,6 +111,8 @@ def _job_bar(workspace: Workspace) -> None:
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
     """Do something whenever a value has changed: what another tab or a run has done is seen so.
 
+    To be called before what shows the value: a change while that is being made is seen, too.
+
     Parameters
     ----------
     version : callable

@@ -83,5 +83,5 @@ async def show(workspace: Workspace) -> None:
         if not view.wrong:
             ui.label(f"{view.model}; {len(view.unknowns)} unknowns. Nothing is wrong with the job.")
 
-    await checked()
     watch(lambda: workspace.version, checked.refresh)
+    await checked()

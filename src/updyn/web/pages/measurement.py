@@ -52,8 +52,8 @@ async def show(workspace: Workspace) -> None:
         if view.tests and not view.wrong:
             _look_for_faults(workspace)
 
-    await content()
     watch(lambda: workspace.version, content.refresh)
+    await content()
 
 
 class _Choice:

@@ -62,8 +62,8 @@ async def show(workspace: Workspace) -> None:
             )
             table.on_select(mover.select).props("flat dense")
 
-    await content()
     watch(lambda: workspace.version, content.refresh)
+    await content()
 
 
 def _unmatched(test: TestView) -> list[dict[str, str]]:

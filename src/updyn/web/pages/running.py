@@ -102,8 +102,8 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         ui.select(SCALES, label="magnitude").bind_value(shown, "scale").on_value_change(
             picture.refresh
         ).classes("min-w-32")
-    await picture()
     watch(lambda: _step(workspace), picture.refresh)
+    await picture()
 
 
 def _pair(found: Curve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:

@@ -74,8 +74,8 @@ async def show(workspace: Workspace) -> None:
                     _separability(found)
                     _table(workspace, view, found)
 
+            watch(lambda: workspace.version, determined.refresh)
             await determined()
-    watch(lambda: workspace.version, determined.refresh)
 
 
 def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
