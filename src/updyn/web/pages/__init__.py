@@ -72,5 +72,8 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
 
 def _plain(text: str, status: int = 404) -> HTMLResponse:
     """Return a text as a page that says why there is no other."""
-    head = '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
+    head = (
+        '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
+        '<meta name="color-scheme" content="light dark">'
+    )
     return HTMLResponse(f"{head}<p>{escape(text)}</p>", status_code=status)
