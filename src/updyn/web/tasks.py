@@ -86,6 +86,8 @@ class Task:
         Keys of the table that a page offers.
     about : str
         What it does, in a sentence.
+    stops : bool
+        Whether it can stop with what it has, and go on from there.
     """
 
     do: Callable[[Path, Path, Reporter, bool], Ended]
@@ -94,6 +96,7 @@ class Task:
     table: str = ""
     fields: Sequence[Field] = ()
     about: str = ""
+    stops: bool = False
 
 
 def _run(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
@@ -111,7 +114,7 @@ def _plan(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
     return Ended("planned", made.summary())
 
 
-RUN = Task(_run, "report.html", "-run")
+RUN = Task(_run, "report.html", "-run", stops=True)
 MODES = Task(
     _modes,
     "modes.html",

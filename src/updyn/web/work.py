@@ -2,19 +2,20 @@
 
 Each line that it writes is an object of JSON, with its `kind`.
 
-SIGINT asks it to stop and to write what it has, as at the command line.
+A line on its standard input asks it to stop and to write what it has.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import signal
+import os
 import sys
+import threading
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from updyn.errors import UpdynError, UpdynWarning
@@ -31,14 +32,17 @@ _BETWEEN = 0.1
 
 
 class _StopFlag:
-    """Whether the task shall stop; a second time ends it at once."""
+    """Whether the task shall stop: a line on stdin asks for it, and so does the server's end.
+
+    A line, as not every system can send a signal to another process.
+    """
 
     def __init__(self) -> None:
         self.stop = False
+        threading.Thread(target=self._listen, daemon=True).start()
 
-    def __call__(self, _number: int, _frame: FrameType | None) -> None:
-        if self.stop:
-            raise KeyboardInterrupt
+    def _listen(self) -> None:
+        os.read(sys.stdin.fileno(), 1)  # no buffer, which could not be left at the end
         self.stop = True
 
 
@@ -48,7 +52,7 @@ class _Reporter:
     Parameters
     ----------
     flag : _StopFlag
-        Set by SIGINT.
+        Whether the task shall stop.
     """
 
     def __init__(self, flag: _StopFlag) -> None:
@@ -88,8 +92,9 @@ def write(kind: str, **content: Any) -> None:
     **content
         Plain data.
     """
-    sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
-    sys.stdout.flush()
+    with suppress(BrokenPipeError):  # the server has ended; the results are written all the same
+        sys.stdout.write(json.dumps({"kind": kind, **content}) + "\n")
+        sys.stdout.flush()
 
 
 def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) -> int:
@@ -109,12 +114,9 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     Returns
     -------
     int
-        0, 2 for input that cannot be used, 130 where it was ended at once.
+        0, or 2 for input that cannot be used.
     """
     flag = _StopFlag()
-    signal.signal(signal.SIGINT, flag)
-    if hasattr(signal, "pthread_sigmask"):  # it was blocked until now
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     warnings.showwarning = _show
     warnings.simplefilter("always", UpdynWarning)
     confine(Path(folder))
@@ -126,9 +128,6 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     except OSError as error:
         write("error", text=f"{error.filename or out}: {error.strerror or error}")
         return 2
-    except KeyboardInterrupt:
-        write("error", text="Ended at once; what was saved can be gone on with.")
-        return 130
     write("done", status=ended.status, text=ended.summary)
     return 0
 

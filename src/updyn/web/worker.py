@@ -10,10 +10,11 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from updyn.engines.interrupts import interrupts_blocked
+from updyn.web.tasks import TASKS
 
 __all__ = ["Worker"]
 
@@ -51,7 +52,7 @@ class Worker:
         What it has said of its work.
     notes : deque of str
         Its warnings.
-    state : {"running", "stopping", "done", "failed"}
+    state : {"running", "stopping", "done", "stopped", "failed"}
         How it is with the task.
     message : str
         Its summary, or why it failed.
@@ -81,18 +82,19 @@ class Worker:
         if self._resume:
             command.append("--resume")
         threads = {name: os.environ.get(name, "1") for name in _THREADS}
-        with interrupts_blocked():  # it unblocks them once it knows what to do
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                env={**os.environ, **threads, "PYTHONUTF8": "1"},
-                start_new_session=True,  # Ctrl-C in the terminal of the server is for the server
-            )
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            env={**os.environ, **threads, "PYTHONUTF8": "1"},
+            # Ctrl-C in the terminal of the server is for the server.
+            start_new_session=sys.platform != "win32",
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        )
         collecting = threading.Thread(target=self._collect, daemon=True)
         collecting.start()
         threading.Thread(target=self._listen, args=(collecting,), daemon=True).start()
@@ -103,12 +105,21 @@ class Worker:
         return self.state in ("running", "stopping")
 
     def stop(self) -> None:
-        """Ask the task to stop after the lines under way and to write what it has."""
+        """Ask the task to stop after the lines under way and to write what it has.
+
+        One that has nothing to write before its end is ended.
+        """
         if self._process is None or not self.active:
             return
         self.state = "stopping"
         self.version += 1
-        self._process.send_signal(signal.SIGINT)
+        if not TASKS.find(self.task).stops:
+            self._process.kill()  # its files are replaced as one, in the end
+            return
+        assert self._process.stdin is not None
+        with suppress(OSError):  # it has just ended
+            self._process.stdin.write("stop\n")
+            self._process.stdin.flush()
 
     def end(self) -> None:
         """Stop the task and wait until its results are written; one that does not end is killed."""
@@ -141,6 +152,9 @@ class Worker:
                 except (ValueError, KeyError, TypeError):
                     self._errors.append(line.rstrip("\n"))
         code = self._process.wait()
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
         collecting.join(_LAST_LINES)
         self._close(code)
 
@@ -165,6 +179,8 @@ class Worker:
         """Note how the process ended."""
         if code == 0 and self.status:
             self.state = "done"
+        elif self.state == "stopping" and not TASKS.find(self.task).stops:
+            self.message, self.state = "Stopped; nothing was written.", "stopped"
         else:
             self.message = self.message or _epitaph(code, list(self._errors))
             self.state = "failed"

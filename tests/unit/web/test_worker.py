@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,8 +14,10 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.demos import chain
+from updyn.demos import chain, find_demo
 from updyn.dynamics.response import response
+from updyn.web import edits
+from updyn.web.document import JobDocument
 from updyn.web.worker import Worker
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are another thing on Windows")
@@ -209,3 +213,30 @@ def test_what_a_process_says_that_is_no_progress(tmp_path: Path) -> None:
         assert worker.state == "failed"
         assert end in worker.message.splitlines()[0]
         assert worker.message.splitlines()[-1] == "the last line"
+
+
+def test_a_task_that_has_nothing_to_write_yet_is_ended(tmp_path):
+    job = find_demo("chain").write_inputs(tmp_path)
+    document = JobDocument(job)
+    for key, value in {"n_sensors": 3, "band": [0.6, 22.0], "robust": 400}.items():
+        document.edit(key, edits.set_key("plan", key, value))
+    document.save()
+    worker = Worker("plan", job, tmp_path / "plan", tmp_path)
+    worker.start()
+    wait(lambda: bool(worker.stages))
+    worker.stop()
+    wait(lambda: not worker.active)
+    assert (worker.state, worker.message) == ("stopped", "Stopped; nothing was written.")
+    assert not (tmp_path / "plan" / "plan.json").exists()
+
+
+def test_a_run_whose_server_has_ended_writes_its_results(tmp_path):
+    job = find_demo("chain").write_inputs(tmp_path)
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "updyn.web.work", "run", job, out, tmp_path]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    process.stdout.readline()  # it is at work
+    process.stdout.close()
+    process.stdin.close()
+    assert process.wait(120) == 0
+    assert (out / "result.json").is_file()

@@ -32,7 +32,7 @@ async def show(workspace: Workspace) -> None:
     """
     if no_job(workspace):
         return
-    controls(workspace, "run", begin="Save and run", resumes=True)
+    controls(workspace, "run", begin="Save and run")
     _watched(workspace)
     view = await asked(workspace.view)
     if view is None:

@@ -24,11 +24,12 @@ _STATES = {
     "running": "Running",
     "stopping": "Stopping after this step",
     "done": "Ended",
+    "stopped": "Stopped",
     "failed": "Failed",
 }
 
 
-def controls(workspace: Workspace, task: str, *, begin: str, resumes: bool) -> None:
+def controls(workspace: Workspace, task: str, *, begin: str) -> None:
     """Show the folder for the results, and the buttons.
 
     Parameters
@@ -39,15 +40,13 @@ def controls(workspace: Workspace, task: str, *, begin: str, resumes: bool) -> N
         Its name.
     begin : str
         What the button says.
-    resumes : bool
-        Whether the task can go on where it was stopped.
     """
     with ui.row().classes("items-center"):
         folder = ui.input("Folder for the results", value=workspace.proposed_folder(task))
         folder.classes("w-80")
         start = said(lambda: workspace.begin(task, folder.value))
         ui.button(begin, on_click=start).props("no-caps")
-        if resumes:
+        if TASKS.find(task).stops:
             resume = said(lambda: workspace.begin(task, folder.value, resume=True))
             ui.button("Resume", on_click=resume).props("outline no-caps")
 
@@ -108,7 +107,7 @@ def task_page(task: str) -> Callable[[Workspace], None]:
         work = TASKS[task]
         ui.label(work.about)
         _form(workspace, work.table, work.fields)
-        controls(workspace, task, begin="Save and begin", resumes=False)
+        controls(workspace, task, begin="Save and begin")
         if task == "modes":
             _pick_poles(workspace)
 
