@@ -99,13 +99,18 @@ class Workspace:
             If it cannot be read.
         """
         path = self.project.inside(name)
+        document = self.document
+        if document is not None and document.changed and document.path == path:
+            return
+        self._check_saved()
+        self.document = JobDocument(path)
+
+    def _check_saved(self) -> None:
+        """Check that the open job, where there is one, has no edits that would be lost."""
         if self.document is not None and self.document.changed:
-            if self.document.path == path:
-                return
             raise InputError(
                 f"{self.document.path.name} has edits that are not saved; save or undo"
             )
-        self.document = JobDocument(path)
 
     def open_demo(self, name: str) -> None:
         """Write the inputs of a demo into a new folder of the project and open its job.
@@ -114,7 +119,13 @@ class Workspace:
         ----------
         name : str
             Of the demo.
+
+        Raises
+        ------
+        InputError
+            If the open job has edits that are not saved; nothing is written then.
         """
+        self._check_saved()
         demo = find_demo(name)
         folder = self.project.free_name(self.project.folder / demo.name)
         folder.mkdir()
@@ -180,8 +191,10 @@ class Workspace:
         Raises
         ------
         InputError
-            If a file cannot be read, leads out of the project, or the job exists.
+            If a file cannot be read, leads out of the project, the job exists, or the open one has
+            edits that are not saved; nothing is written then.
         """
+        self._check_saved()
         inputs = self.project.inside(model), self.project.inside(measurement)
         path = self.project.inside(name)
         if os.path.lexists(path):

@@ -1,0 +1,35 @@
+"""A job with edits that are not saved stays open, and nothing is written beside it."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("nicegui")
+
+from updyn.demos import find_demo
+from updyn.errors import InputError
+from updyn.web.workspace import Workspace
+
+
+@pytest.mark.parametrize(
+    "leave",
+    [
+        lambda w: w.open_demo("beam"),
+        lambda w: w.create("chain.h5", "chain.uff", "new.toml", {}),
+        lambda w: w.open_job("other.toml"),
+    ],
+    ids=["a demo", "a new job", "another job"],
+)
+def test_edits_are_not_lost(tmp_path, leave):
+    job = find_demo("chain").write_inputs(tmp_path)
+    (tmp_path / "other.toml").write_bytes(job.read_bytes())
+    workspace = Workspace(tmp_path)
+    workspace.open_job("job.toml")
+    workspace.opened.replace("typing", "title = 'mine'\n" + workspace.opened.text)
+    before, text = sorted(tmp_path.rglob("*")), workspace.opened.text
+    with pytest.raises(InputError, match="edits that are not saved"):
+        leave(workspace)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert workspace.opened.text == text
+    workspace.open_job("job.toml")  # the same one, as it is edited
+    assert workspace.opened.text == text
