@@ -25,7 +25,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
             if block.language == "python":
                 run_python(block, "docs/plant.md", namespace)
                 ran += 1
-        assert ran == 10
+        assert ran == 11
         yield namespace
 
 
@@ -74,11 +74,31 @@ def test_the_family_is_as_the_page_says(page: dict[str, Any]) -> None:
     assert len(page["poles"]) == page["servo_plant"].n_states
 
 
+def test_the_causal_error_is_below_that_of_the_plant(page: dict[str, Any]) -> None:
+    plant = page["plant"]
+    assert 0.0 < plant.facts["causal error"] < plant.relative_error
+
+
 def test_the_job_is_read() -> None:
     (block,) = [b for b in blocks(PAGE) if b.language == "toml"]
     table = PlantTable.model_validate(tomllib.loads(block.text)["plant"])
     assert [p.name for p in table.input_ports] == ["drive", "wind"]
     assert table.family == 20
+
+
+def test_the_random_controllers_are_those_of_the_benchmark() -> None:
+    own = PAGE.read_text(encoding="utf-8").splitlines()
+    readme = (ROOT / "benchmarks/README.md").read_text(encoding="utf-8").splitlines()
+    rows = {line.split("|")[2].strip(): line for line in own if line.startswith(("| 2 %", "| 1 %"))}
+    assert len(rows) == 3
+    there = [line for line in readme if line.startswith(("| peak, ", "| relative, "))]
+    for states, row in rows.items():
+        (other,) = [line for line in there if line.split("|")[2].strip() == states]
+        cells = [c.strip() for c in other.strip("|").split("|")]
+        _, _, *figures, within = [c.strip() for c in row.strip("|").split("|")]
+        assert [f.removesuffix(" %") for f in figures] == cells[3:6]
+        beyond = int(cells[6].split()[0])
+        assert within == ("all" if not beyond else f"{20 - beyond} of 20")
 
 
 def test_the_table_is_that_of_the_benchmark() -> None:

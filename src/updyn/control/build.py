@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.antiresonances import ZeroShift, shifts
+from updyn.control.causal import GAIN, differences, least_error
 from updyn.control.complex_modes import (
     ComplexModes,
     Fitted,
@@ -35,7 +36,9 @@ from updyn.control.space import (
     Conversion,
     ModalSpace,
     Projection,
-    modal_space,
+    imaginary,
+    projection,
+    rates,
     shared_projection,
 )
 from updyn.control.spectrum import Spectrum
@@ -103,6 +106,36 @@ class _Task:
     powers: NDArray[np.intp]
     band: tuple[float, float]
     ports: tuple[tuple[Port, ...], tuple[Port, ...]]
+    spectrum: Callable[[], Spectrum]
+
+    def least(self, found: Kept) -> float:
+        """Return a lower bound on the error of any stable plant, see `updyn.control.causal`.
+
+        Parameters
+        ----------
+        found : Kept
+            What the structure's response is compared with; the bound hardly depends on it.
+        """
+        if not self.space.lossy:  # dampers are causal
+            return 0.0
+        target = self.target
+        level = np.broadcast_to(target.level, target.reference.shape)
+        if target.measure == "relative":
+            level = target.reference
+
+        spectrum = self.spectrum()
+
+        def structure(lines: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return np.asarray(spectrum.receptance(lines) * rates(self.powers, imaginary(lines)))
+
+        growth = (2 - self.powers) * (self.space.rigid > 0)
+        channels = differences(
+            target.freq, structure, level, found, full(self.space, self.powers), growth
+        )
+        least = 0.0
+        for channel in channels:
+            least = least_error(channel, self.band, least)
+        return least
 
     def approximation(self) -> Approximation:
         """Return what a rational approximation begins with: the poles that count most first."""
@@ -200,7 +233,9 @@ def plant(
     -------
     Plant
         With `relative_error` (or `error` and `peak_error`) within the tolerance, computed from its
-        own matrices.
+        own matrices. Of a model, ``facts["causal error"]`` is a lower bound on that error for any
+        stable plant whose gain outside the band is at most ten times the largest of the structure
+        there; 0 without structural damping.
 
     Raises
     ------
@@ -210,7 +245,8 @@ def plant(
     ModelError
         If the structure is not statically stable.
     ToleranceError
-        If no order holds the tolerance; the message says what was reached.
+        If no order holds the tolerance; the message says what was reached, and whether causality
+        keeps any stable plant from it.
     DofError
         If the model has not the DOFs of a port.
     SolverError
@@ -238,7 +274,8 @@ def plant(
     task, quantities = _task(own, *ports, band, quantity, tier, backend, error)
     _check_tolerance(tolerance)
     found = _chosen(task, _check_route(route, task, error), tolerance)
-    return _realised(task, found, own.title, quantities, tolerance)
+    made = _realised(task, found, own.title, quantities, tolerance)
+    return replace(made, facts={**made.facts, "causal error": task.least(found)})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -335,7 +372,7 @@ class Shared:
             self.ports,
             self.quantities,
             space,
-            spectrum.poles,
+            (spectrum.poles, lambda: spectrum),
             self.projection.band,
             self.error,
             spectrum.receptance,
@@ -524,7 +561,7 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
 
     Where a rational approximation is among several, it is taken if it needs fewer states.
     """
-    reached: dict[str, float] = {}
+    reached: dict[str, Kept] = {}
     refused: dict[str, ModelError] = {}
     own = tuple(route for route in routes if route != "rational")
     best = _converted(task, own, tolerance, reached, refused)
@@ -538,26 +575,39 @@ def _chosen(task: _Task, routes: tuple[str, ...], tolerance: float) -> Kept:
             if found.holds:
                 return found
             if best is None:
-                reached["rational"] = found.error
+                reached["rational"] = found
     if best is not None:
         return best
     if not reached:
         raise next(iter(refused.values()))
     others = ", ".join(repr(r) for r in ROUTES[1:] if r not in routes)
-    said = ", ".join(f"{error:.3g} by route {route!r}" for route, error in reached.items())
+    said = ", ".join(f"{kept.error:.3g} by route {route!r}" for route, kept in reached.items())
     advice = "Allow a larger tolerance, narrow the band"
     if others:
         advice += f", or try route {others}"
-    why = ""
-    if "rational" in reached and task.space.lossy:
-        why = (
-            ". Structural damping is not causal (Kramers-Kronig): the phase that it has over the"
-            f" band is not that of a system in time. {reached['rational']:.3g} is the smallest of"
-            " the orders that were tried; it is not proved that none is closer"
-        )
     raise ToleranceError(
         f"plant: no order holds a tolerance of {tolerance:g} from {task.band[0]:g} to"
-        f" {task.band[1]:g} Hz; reached: {said}{why}. {advice}"
+        f" {task.band[1]:g} Hz; reached: {said}.{_why(task, reached, tolerance)} {advice}"
+    )
+
+
+def _why(task: _Task, reached: dict[str, Kept], tolerance: float) -> str:
+    """Return whether it is causality that keeps a tolerance from being reached."""
+    if not task.space.lossy:
+        return ""
+    least = task.least(min(reached.values(), key=lambda kept: kept.error))
+    limit = (
+        f"stable plant whose gain outside the band is at most {GAIN:g} times the largest of the"
+        " structure there"
+    )
+    if least > tolerance:
+        return (
+            " Structural damping is not causal (Kramers-Kronig): the phase that it has over the"
+            f" band is not that of a system in time, and no {limit} comes nearer than {least:.2g}."
+        )
+    return (
+        f" Causality would allow it: a {limit} is off by {least:.2g} or more, which is below the"
+        " tolerance."
     )
 
 
@@ -565,7 +615,7 @@ def _converted(
     task: _Task,
     routes: tuple[str, ...],
     tolerance: float,
-    reached: dict[str, float],
+    reached: dict[str, Kept],
     refused: dict[str, ModelError],
 ) -> Kept | None:
     """Return the first of the structure's own conversions that holds the tolerance."""
@@ -576,7 +626,8 @@ def _converted(
                     found = fewest(conversion, task.target, tolerance, lenient=lenient)
                     if found.holds:
                         return found
-                    reached[route] = min(found.error, reached.get(route, np.inf))
+                    if route not in reached or found.error < reached[route].error:
+                        reached[route] = found
             except ModelError as error:
                 refused[route] = error
         if task.target.measure == "relative":
@@ -676,11 +727,21 @@ def _task(
 ) -> tuple[_Task, tuple[str, ...]]:
     limits = _check_band(band)
     quantities = _quantities(quantity, len(outputs))
-    space = modal_space(model, inputs, outputs, limits, backend=backend)
+    system = AffineSystem.compile(model)
+    found = projection(model, system, inputs, outputs, limits, backend=backend)
+    space = found.space(system.start)
     _check_begin(space, limits[0])
     ports = inputs, outputs
     answer = answered(model, *ports, space.solver, tier, backend)
-    task = _aimed(ports, quantities, space, _poles(space), limits, measure, answer)
+    task = _aimed(
+        ports,
+        quantities,
+        space,
+        (_poles(space), lambda: Spectrum.of(found, system.start)),
+        limits,
+        measure,
+        answer,
+    )
     return task, quantities
 
 
@@ -696,7 +757,7 @@ def _aimed(
     ports: tuple[tuple[Port, ...], tuple[Port, ...]],
     quantities: tuple[str, ...],
     space: ModalSpace,
-    poles: NDArray[np.complex128],
+    damped: tuple[NDArray[np.complex128], Callable[[], Spectrum]],
     band: tuple[float, float],
     measure: str,
     receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
@@ -706,7 +767,7 @@ def _aimed(
     target = Target.of(
         receptance,
         quantities,
-        target_lines(poles, band),
+        target_lines(damped[0], band),
         slow=bool(space.omega[0] < 2.0 * np.pi * band[0]),
         potential=full(space, powers).potential,
         measure=measure,
@@ -716,7 +777,7 @@ def _aimed(
         raise SolverError(
             "plant: the structure has no finite answer at a line of the band: it is not damped"
         )
-    return _Task(space, target, powers, band, ports)
+    return _Task(space, target, powers, band, ports, damped[1])
 
 
 def _poles(space: ModalSpace) -> NDArray[np.complex128]:

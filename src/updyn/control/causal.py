@@ -1,0 +1,310 @@
+"""Lower bound on the error of any stable plant over a band, with its gain outside limited.
+
+Structural damping is not causal: the response H(i omega) of the structure is not that of any stable
+system. On a band alone there is no smallest error, as a plant that is free outside comes as near to
+H in it as one likes, with a gain outside that grows without bound. With a limit g on the gain
+outside there is one, by Nehari's theorem. Let the allowance |W| be eps times the reference of the
+errors in the band, and g outside, W outer (no zeros, no poles in the right half-plane), F = H in
+the band, 0 outside. A stable G with |G - F| <= |W| exists if and only if the Hankel operator of
+F / W has a norm of at most 1 (Z. Nehari, Annals of Mathematics 65 (1957) 153-162; for a band, L.
+Baratchart, J. Leblond & J. R. Partington, Constructive Approximation 12 (1996) 423-435). The least
+eps is found by bisection.
+
+The right half-plane is mapped to the outside of the unit circle, s = i omega_0 tan(theta / 2). A
+section of the Hankel matrix has no larger norm than the operator: what is found is a lower bound,
+but for the resolution of the circle. What is bounded is the difference from a plant that is known,
+which is small and smooth where resonances are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from updyn.control.space import Conversion
+from updyn.control.target import Kept
+
+__all__ = ["GAIN", "NOTHING", "Circle", "Differs", "differences", "hankel_norm", "least_error"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_TWO_PI = 2.0 * np.pi
+
+#: Gain allowed outside the band, over the largest that the structure has there.
+GAIN = 10.0
+#: Errors below this cannot be told from rounding of the response.
+NOTHING = 1e-6
+#: Width of the band's margin over which the allowance grows to that outside, as a logarithm: within
+#: the band, so that what is bounded from below remains so; wider where the band is very wide.
+_MARGIN = 0.03
+#: Points of the circle in that margin, and least and largest number of all, as powers of 2.
+_IN_MARGIN, _LEAST_POINTS, _MOST_POINTS = 24, 13, 16
+#: Size of the section of the Hankel matrix, as a share of the points.
+_SECTION = 32
+#: Lower end of a band that begins at 0, as a share of its upper end, for the scale of the circle.
+_LOW = 1e-3
+#: Relative accuracy of the bound.
+_ACCURATE = 1e-3
+#: Lines on each side of the band at which the gain there is looked at, and how far they reach.
+_OUTSIDE, _REACH = 400, 1e3
+#: Lines whose responses are computed at once.
+_BLOCK = 4096
+#: Largest limit of a gain: of an undamped resonance outside the band, where there is none.
+_UNLIMITED = 1e30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Circle:
+    """Evenly spaced points of the unit circle as frequencies, and what is analytic outside it.
+
+    Attributes
+    ----------
+    n : int
+        Number of points, a power of 2.
+    scale : float
+        Frequency in Hz that lies at a right angle.
+    margin : float
+        Width of the margins of the band, as a logarithm of frequency.
+    """
+
+    n: int
+    scale: float
+    margin: float = _MARGIN
+
+    @classmethod
+    def of(cls, band: tuple[float, float]) -> Circle:
+        """Return one that resolves the ends of a band in Hz."""
+        low, high = max(band[0], _LOW * band[1]), band[1]
+        ratio = np.sqrt(high / low)
+        needed = _TWO_PI * _IN_MARGIN * (1.0 + ratio**2) / (2.0 * ratio * _MARGIN)
+        n = 2 ** int(np.clip(np.ceil(np.log2(needed)), _LEAST_POINTS, _MOST_POINTS))
+        return cls(n, float(np.sqrt(low * high)), _MARGIN * max(1.0, float(needed) / n))
+
+    @property
+    def freq(self) -> _Real:
+        """Frequency of each point in Hz, negative on the lower half; neither 0 nor infinite."""
+        theta = _TWO_PI * (np.arange(self.n) + 0.5) / self.n
+        return np.asarray(self.scale * np.tan(0.5 * theta))
+
+    def coefficients(self, values: NDArray[np.float64] | _Complex) -> _Complex:
+        """Return the Fourier coefficients of values at the points, in the order of an FFT."""
+        return np.asarray(np.fft.fft(values) / self.n * self._turn.conj())
+
+    def outer(self, logarithm: _Real) -> _Complex:
+        """Return log W of the outer function with a given log |W|, at the points."""
+        c = self.coefficients(logarithm)
+        k = np.fft.fftfreq(self.n, 1.0 / self.n)
+        c = c * np.select([k < 0, k == 0], [2.0, 1.0], 0.0)
+        c[self.n // 2] = 0.0
+        return np.asarray(np.fft.ifft(c * self._turn) * self.n)
+
+    @property
+    def _turn(self) -> _Complex:
+        k = np.fft.fftfreq(self.n, 1.0 / self.n)
+        return np.asarray(np.exp(1j * np.pi * k / self.n))
+
+
+def hankel_norm(circle: Circle, values: _Complex) -> float:
+    """Return the distance of a function on the axis from the stable ones, in the largest error.
+
+    It is the norm of the Hankel operator of the function (Nehari), of a section of it.
+
+    Parameters
+    ----------
+    circle : Circle
+        Where it is known.
+    values : ndarray of complex, shape (n,)
+        Of a real system: conjugate at negative frequencies.
+    """
+    n = circle.n // _SECTION
+    c = circle.coefficients(values).real[1 : 2 * n]
+    length = 4 * n
+    spectrum = np.fft.rfft(c, length)
+
+    def product(v: _Real) -> _Real:
+        return np.fft.irfft(spectrum * np.fft.rfft(np.ravel(v)[::-1], length), length)[
+            n - 1 : 2 * n - 1
+        ]
+
+    if not np.abs(c).max(initial=0.0) > 0.0:
+        return 0.0
+    hankel = LinearOperator((n, n), matvec=product, dtype=np.float64)
+    start = 1.0 / (1.0 + np.arange(n))
+    found = eigsh(hankel, k=1, which="LM", v0=start, tol=0.1 * _ACCURATE, return_eigenvectors=False)
+    return float(np.abs(found[0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Differs:
+    """How a structure differs from a plant in one channel.
+
+    Attributes
+    ----------
+    difference : callable
+        Returns the structure's response less the plant's, at lines in Hz of the band.
+    reference : callable
+        Returns of what an error is a share, at lines in Hz of the band.
+    below, above : float
+        Largest allowed difference of a stable system from the plant, below and above the band;
+        below where `growth` has been divided out.
+    growth : int
+        Power with which the response grows towards 0 Hz: the limit there is `below`
+        |1 + low / (i f)|^growth.
+    """
+
+    difference: Callable[[_Real], _Complex]
+    reference: Callable[[_Real], _Real]
+    below: float
+    above: float
+    growth: int = 0
+
+
+def least_error(channel: Differs, band: tuple[float, float], known: float = 0.0) -> float:
+    """Return a lower bound on the largest error of any stable system in a band.
+
+    Parameters
+    ----------
+    channel : Differs
+        The channel.
+    band : (float, float)
+        Lowest and highest line in Hz.
+    known : float
+        A bound, such as that of another channel: where this one is below, it is not computed.
+
+    Returns
+    -------
+    float
+        As a share of the reference; `known` where it is below that, 0 where it is below rounding.
+    """
+    low, high = band
+    circle = Circle.of(band)
+    freq = circle.freq
+    size = np.abs(freq)
+    inside = (size >= low) & (size <= high)
+    up = inside & (freq > 0)
+    lines, places = size[up], np.flatnonzero(up)
+    mirrored = circle.n - 1 - places
+    grown = np.asarray((1.0 + low / (1j * freq)) ** channel.growth, dtype=np.complex128)
+    wanted = np.zeros(circle.n, dtype=np.complex128)
+    wanted[places] = channel.difference(lines)
+    wanted[mirrored] = wanted[places].conj()
+    reference = channel.reference(lines)
+    own = np.zeros(circle.n)
+    own[places] = own[mirrored] = np.log(reference / np.abs(grown[places]))
+    share = _inside(size, band, circle.margin)
+    limit = np.log(np.where(size < low, channel.below, channel.above))
+    if low > 0:  # in the margin at the lower end the limit is that below
+        limit = np.where(size < circle.scale, np.log(channel.below), limit)
+    fixed = wanted / grown * np.exp(-circle.outer(share * own + (1.0 - share) * limit))
+    follows = circle.outer(share)
+    reached = float(np.max(np.abs(wanted[places]) / reference))
+
+    def excess(logarithm: float) -> float:
+        norm = hankel_norm(circle, fixed * np.exp(-logarithm * follows))
+        return float(np.log(max(norm, 1e-300)))
+
+    floor = max(NOTHING, NOTHING * reached, known)
+    if reached <= floor or excess(np.log(floor)) <= 0.0:
+        return known
+    if excess(np.log(reached)) >= 0.0:
+        return reached
+    return float(np.exp(brentq(excess, np.log(floor), np.log(reached), xtol=_ACCURATE)))
+
+
+def _inside(size: _Real, band: tuple[float, float], margin: float) -> _Real:
+    """Return 1 in the band, 0 outside, and a smooth step within its margins."""
+    low, high = band
+    with np.errstate(divide="ignore", over="ignore"):
+        step = np.clip(np.log(high / size) / margin, 0.0, 1.0)
+        if low > 0:
+            step = np.minimum(step, np.clip(np.log(size / low) / margin, 0.0, 1.0))
+        # Smooth in all derivatives: points resolve what its outer function does.
+        return np.asarray(1.0 / (1.0 + np.exp(1.0 / step - 1.0 / (1.0 - step))))
+
+
+def differences(
+    freq: _Real,
+    structure: Callable[[_Real], _Complex],
+    level: _Real,
+    found: Kept,
+    outside: Conversion,
+    growth: NDArray[np.intp],
+) -> list[Differs]:
+    """Return how a structure differs from a choice of candidates, channel by channel.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n_f,)
+        Lines of the band in Hz, ascending, that resolve the structure.
+    structure : callable
+        Returns its response at lines in Hz of the band, shape (n_f, n_y, n_u).
+    level : ndarray of float, shape (n_f, n_y, n_u)
+        Of what errors are shares.
+    found : Kept
+        The choice.
+    outside : Conversion
+        The structure's modes, for its gain outside the band.
+    growth : ndarray of int, shape (n_y,)
+        Power with which each output grows towards 0 Hz.
+
+    Returns
+    -------
+    list of Differs
+        Outputs one after the other, of each all inputs.
+    """
+    band = float(freq[0]), float(freq[-1])
+    cache: dict[bytes, _Complex] = {}
+
+    def difference(lines: _Real) -> _Complex:
+        key = lines.tobytes()
+        if key not in cache:
+            parts = np.array_split(lines, 1 + len(lines) // _BLOCK)
+            cache[key] = np.concatenate(
+                [structure(some) - found.conversion.response(found.mask, some) for some in parts]
+            )
+        return cache[key]
+
+    whole = np.ones(len(outside.frequency), dtype=np.bool_)
+    natural = np.concatenate([outside.frequency, found.conversion.frequency])
+    limits = []
+    for lines in _beside(band, natural):
+        if not len(lines):
+            limits.append(np.ones(level.shape[1:]))
+            continue
+        grown = np.ones((len(lines), len(growth), 1))
+        if lines[-1] < band[0]:
+            grown = (np.abs(1.0 + band[0] / (1j * lines))[:, None] ** growth)[:, :, None]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            own = np.abs(outside.response(whole, lines)) / grown
+            other = np.abs(found.conversion.response(found.mask, lines)) / grown
+            limit = GAIN * own.max(axis=0) + other.max(axis=0)
+        least = NOTHING**2 * level.max(axis=0)  # of a channel without coupling
+        limits.append(np.maximum(np.where(limit < _UNLIMITED, limit, _UNLIMITED), least))
+
+    def channel(i: int, j: int) -> Differs:
+        return Differs(
+            lambda lines: np.asarray(difference(lines)[:, i, j]),
+            # Between lines it is rather too large, as |H| is convex but at antiresonances.
+            lambda lines: np.asarray(np.interp(lines, freq, level[:, i, j])),
+            float(limits[0][i, j]),
+            float(limits[1][i, j]),
+            int(growth[i]),
+        )
+
+    return [channel(i, j) for i, j in np.ndindex(*level.shape[1:])]
+
+
+def _beside(band: tuple[float, float], natural: _Real) -> tuple[_Real, _Real]:
+    """Return lines below and above a band, natural frequencies included."""
+    low, high = band
+    below, above = np.zeros(0), np.geomspace(high, _REACH * high, _OUTSIDE)[1:]
+    if low > 0:
+        below = np.geomspace(low / _REACH, low, _OUTSIDE)[:-1]
+        below = np.union1d(below, natural[(natural > below[0]) & (natural < low)])
+    above = np.union1d(above, natural[(natural > high) & (natural < above[-1])])
+    return below, above
