@@ -19,6 +19,7 @@ __all__ = [
     "DARK",
     "DIVERGING",
     "FIGURE_TEXT",
+    "LOOKS",
     "PAPER",
     "PRINTED",
     "SEQUENTIAL",
@@ -73,6 +74,9 @@ PAPER: Mapping[str, str] = {
     "more-3": "#0072b2",
     "more-4": "#00497a",
     "none": "#bcc3cb",
+    "plain": "#7f9bb3",
+    "ghost": "#d5dae0",
+    "edge": "#3d4650",
     "force": "#b0267f",
 }
 #: The same on a dark screen.
@@ -119,6 +123,9 @@ DARK: Mapping[str, str] = {
     "more-3": "#56b4e9",
     "more-4": "#a8deff",
     "none": "#525b66",
+    "plain": "#7d97ad",
+    "ghost": "#333a42",
+    "edge": "#0c0f12",
     "force": "#ff7ac2",
 }
 #: What differs on paper from a light screen: text and rules are darker.
@@ -129,6 +136,8 @@ PRINTED: Mapping[str, str] = {
     "faint": "#b5bcc4",
     "link": "#000000",
 }
+#: What a page can be told to look like, whatever the system says.
+LOOKS = ("light", "dark")
 #: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
 #: the colours are repeated with the next dash.
 CATEGORIES = ("after", "before", "third", "fourth")
@@ -188,19 +197,23 @@ def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:
 def css() -> str:
     """Return the tokens as variables of a style sheet: light, dark screen, paper.
 
+    A screen is light or dark as its system is, or as the attribute ``data-look`` of the root says.
     The class ``paper`` of the root is set while a page is printed: its figures are drawn before the
     rules of print hold.
     """
     sizes = {f"size-{name}": f"{size:g}rem" for name, size in SIZES.items()}
     spaces = {f"space-{name}": f"{space}px" for name, space in SPACES.items()}
     rest = {"font": _FONT, "figure-text": f"{FIGURE_TEXT}px", **sizes, **spaces}
-    dark = f":root:not(.paper) {_declarations(DARK)}"
+    dark = _declarations(DARK)
+    by_system = f":root:not(.paper, [data-look]) {dark}"
     return "\n".join(
         (
             f":root {_declarations({'color-scheme': 'light dark'}, variables=False)}",
             f":root {_declarations({**PAPER, **rest})}",
+            *(f":root[data-look={look}] {{ color-scheme: {look}; }}" for look in LOOKS),
             ":root.paper { color-scheme: light; }",
-            f"@media screen and (prefers-color-scheme: dark) {{ {dark} }}",
+            f"@media screen and (prefers-color-scheme: dark) {{ {by_system} }}",
+            f"@media screen {{ :root[data-look=dark]:not(.paper) {dark} }}",
             f"@media print {{ :root {_declarations(PRINTED)} :root {{ color-scheme: light; }} }}",
             "",
         )

@@ -96,6 +96,19 @@ def test_a_pole_is_picked_and_let_go(window):
     assert "pick" not in saved(page, job)["modes"]
 
 
+def test_pages_within_pages_are_light_or_dark_as_the_window_is(window):
+    server, page, _, _ = window
+    page.goto(f"{server.base}/model")
+    ground = "() => getComputedStyle(document.body).backgroundColor"
+    drawn = "() => document.querySelector('[data-scene]')?.updynViewer?.find"
+    for chosen, colour in (("dark", "rgb(20, 23, 27)"), ("light", "rgb(255, 255, 255)")):
+        page.get_by_role("button", name="Light or dark").click()
+        with page.expect_navigation():
+            page.get_by_text(chosen, exact=True).click()
+        assert embedded(page, drawn).evaluate(ground) == colour
+        assert page.evaluate(ground) == colour
+
+
 def test_html_in_a_title_is_text(window):
     server, page, _, _ = window
     for place in ("/", "/job", "/measurement", "/run", "/results"):

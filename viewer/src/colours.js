@@ -1,4 +1,4 @@
-// Colours are those of the page: the variables --v-NAME of the viewer's style, which follow light and dark.
+// Colours are those of the page: its variables --NAME, which follow light and dark.
 
 const probe = () => document.createElement("canvas").getContext("2d", { willReadFrequently: true });
 let painter = null;
@@ -12,7 +12,7 @@ function parts(text) {
   return [...painter.getImageData(0, 0, 1, 1).data.slice(0, 3)].map((part) => part / 255);
 }
 
-export const css = (element, name) => getComputedStyle(element).getPropertyValue(`--v-${name}`).trim() || "#808080";
+export const css = (element, name) => getComputedStyle(element).getPropertyValue(`--${name}`).trim() || "#808080";
 export const rgb = (element, name) => parts(css(element, name));
 
 export const RAMP = ["seq-0", "seq-1", "seq-2", "seq-3", "seq-4", "seq-5", "seq-6", "seq-7"];

@@ -5,7 +5,7 @@ const element = (name, className, text = "") => Object.assign(document.createEle
 
 function swatch(colour, text) {
   const item = element("li", ""), mark = element("i", "");
-  mark.style.background = `var(--v-${colour})`;
+  mark.style.background = `var(--${colour})`;
   item.append(mark, text);
   return item;
 }
@@ -14,7 +14,7 @@ export function drawLegend(place, { colouring, moving, layers, arrows }) {
   place.replaceChildren();
   if (colouring === "displacement" && moving) {
     const bar = element("div", "v-ramp");
-    bar.style.background = `linear-gradient(to right, ${RAMP.map((name) => `var(--v-${name})`).join(", ")})`;
+    bar.style.background = `linear-gradient(to right, ${RAMP.map((name) => `var(--${name})`).join(", ")})`;
     const ends = element("div", "v-ends");
     ends.append(element("span", "", "0"), element("span", "", "largest"));
     place.append(element("b", "", "Displacement (relative)"), bar, ends);

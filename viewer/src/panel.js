@@ -150,7 +150,7 @@ export class Panel {
         viewer.set({ hidden });
       });
       const swatch = made("i", {});
-      swatch.style.background = `var(--v-${role})`;
+      swatch.style.background = `var(--${role})`;
       return made("label", { className: missing ? "v-missing" : "" }, box, swatch, ` ${name}`);
     }));
   }

@@ -54,7 +54,7 @@ export class Spectrum {
     this.svg.replaceChildren(...layers.map(({ role, curve }) => {
       const line = document.createElementNS(SVG, "path");
       line.setAttribute("d", path(this.operating.freq, curve, [low, high]));
-      line.style.stroke = `var(--v-${role})`;
+      line.style.stroke = `var(--${role})`;
       return line;
     }), this.cursor = document.createElementNS(SVG, "line"));
     this.cursor.setAttribute("y1", 0);

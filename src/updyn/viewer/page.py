@@ -6,6 +6,7 @@ from functools import lru_cache
 from html import escape
 from importlib import resources
 
+from updyn.style import css
 from updyn.viewer.encoding import as_json
 from updyn.viewer.scene import Scene
 
@@ -34,7 +35,7 @@ def script() -> str:
 
 
 def fragment(scene: Scene, name: str = "updyn-scene") -> str:
-    """Return a scene for a page that holds `script` once.
+    """Return a scene for a page that holds `script` once, and the tokens of `updyn.style.css`.
 
     Parameters
     ----------
@@ -74,8 +75,8 @@ def page(scene: Scene) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{title}</title><link rel="icon" href="data:,">'
-        "<style>:root { color-scheme: light dark; } body { margin: 8px; font-family: system-ui,"
-        " sans-serif; }</style></head>\n"
+        f"<style>{css()} body {{ margin: 8px; background: var(--ground); color: var(--text);"
+        " font-family: var(--font); }</style></head>\n"
         f"<body>{fragment(scene)}\n<script>{script()}\nupdynViewer.start();</script></body></html>\n"
     )
 

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from updyn.style import CATEGORIES
 from updyn.web.look import colour, text_style
 
-__all__ = ["SCALES", "cost_chart", "edges", "frf_chart", "masked", "parameter_chart", "thinned"]
+__all__ = [
+    "SCALES",
+    "coherence_chart",
+    "cost_chart",
+    "edges",
+    "frf_chart",
+    "masked",
+    "parameter_chart",
+    "thinned",
+]
 
 #: Unit of the FRFs of translations by quantity, in SI, and the reference of their decibels.
 _UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
@@ -91,6 +100,40 @@ def frf_chart(
     if brush:
         chart["brush"] = {"xAxisIndex": 0, "brushType": "lineX", "brushMode": "single"}
         chart["toolbox"] = {"show": False}
+    return chart
+
+
+def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str, Any]:
+    """Return the coherence of a channel over frequency, to stand under its FRF.
+
+    Parameters
+    ----------
+    freq : ndarray of float, shape (n,)
+        Lines in Hz.
+    values : ndarray of float, shape (n,)
+        Between 0 and 1; nan where it is not known.
+
+    Returns
+    -------
+    dict
+    """
+    line = {
+        "type": "line",
+        "name": "coherence",
+        "data": _rows(freq, np.asarray(values, dtype=float), "linear", _MOST_POINTS),
+        "showSymbol": False,
+        "lineStyle": {"width": 1.2, **colour("measured")},
+        "itemStyle": colour("measured"),
+    }
+    chart: dict[str, Any] = {
+        "animation": False,
+        "grid": {**_GRID, "top": 10, "bottom": 24},
+        "tooltip": {"trigger": "axis"},
+        "xAxis": {**_axis("", 0), "min": "dataMin", "max": "dataMax"},
+        "yAxis": {**_axis("coherence (1)", 66), "min": 0, "max": 1, "splitNumber": 2},
+        "series": [line],
+    }
+    chart["xAxis"]["axisLabel"] |= {"show": False}
     return chart
 
 

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response as model_response
 from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
@@ -70,6 +71,8 @@ class TestView:
         Who sits where; empty where that could not be found.
     held : list of str
         Responses that are held out of the fit.
+    coherence : ndarray of float, shape of `values`, or None
+        Where the file has it.
     """
 
     name: str
@@ -82,6 +85,7 @@ class TestView:
     band: tuple[float, float] | None
     matches: list[dict[str, str]]
     held: list[str]
+    coherence: NDArray[np.float32] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,6 +286,7 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         table.band,
         matches,
         [str(one) for one in part.validation or () if isinstance(one, str)],
+        None if whole.coherence is None else whole.coherence.astype(np.float32),
     )
 
 
@@ -357,9 +362,7 @@ def curve(
     own = ready.tests[test]
     data: FRF = own.frf
     freq = data.freq[:: max(1, len(data.freq) // _MOST_LINES)]
-    unknowns = ParameterSet(tuple(p for p in ready.parameters if not p.is_channel))
-    x = np.array([values.get(p.name, p.start) for p in unknowns])
-    model = unknowns.apply(own.model, x) if len(unknowns) else own.model
+    model = _model_at(ready, own.model, values)
     shown = model_response(
         model,
         freq,
@@ -370,7 +373,14 @@ def curve(
     return Curve(shown.freq, shown.values[:, 0, 0])
 
 
-def structure(path: Path, text: str) -> str:
+def _model_at(ready: Prepared, model: Model, values: Mapping[str, float]) -> Model:
+    """Return a model at values of the unknowns; others have those of the start."""
+    unknowns = ParameterSet(tuple(p for p in ready.parameters if not p.is_channel))
+    x = np.array([values.get(p.name, p.start) for p in unknowns])
+    return unknowns.apply(model, x) if len(unknowns) else model
+
+
+def structure(path: Path, text: str, n_modes: int = 0) -> str:
     """Return the viewer of the model with sensors and forces as a page.
 
     Parameters
@@ -379,16 +389,22 @@ def structure(path: Path, text: str) -> str:
         The job file.
     text : str
         Its text.
+    n_modes : int
+        How many of the lowest modes at the start values are animated, where the model has as many.
 
     Returns
     -------
     str
         HTML.
     """
-    own = _prepared(path, text).tests[0]
+    ready = _prepared(path, text)
+    own = ready.tests[0]
     data = own.data
     sensors, forces = ([], []) if not isinstance(data, FRF) else (data.responses, data.references)
-    shown = page(model_scene(own.model, responses=list(sensors), references=list(forces)))
+    model = _model_at(ready, own.model, {})
+    moving = modes(model, min(n_modes, model.n_dofs)) if n_modes else None
+    scene = model_scene(model, moving, responses=list(sensors), references=list(forces))
+    shown = page(scene)
     return shown.replace("</body>", f"<script>{FORWARD}</script></body>")
 
 

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from updyn.style import CATEGORIES
-from updyn.web.charts import SCALES, cost_chart, frf_chart, masked, parameter_chart, thinned
+from updyn.web.charts import (
+    SCALES,
+    coherence_chart,
+    cost_chart,
+    frf_chart,
+    masked,
+    parameter_chart,
+    thinned,
+)
 
 FREQ = np.array([1.0, 2.0, 3.0, 4.0])
 H = np.array([1.0, 10.0j, 0.0, np.nan])
@@ -142,3 +150,10 @@ def test_values_beside_their_start():
     )
     assert chart["yAxis"]["data"] == ["a", "c"]
     assert data(chart) == [1.5, 0.25]
+
+
+def test_coherence_has_gaps_where_it_is_not_known():
+    chart = coherence_chart(FREQ, np.array([1.0, 0.5, np.nan, 0.0], dtype=np.float32))
+    assert data(chart) == [[1.0, 1.0], [2.0, 0.5], [3.0, None], [4.0, 0.0]]
+    assert (chart["yAxis"]["min"], chart["yAxis"]["max"]) == (0, 1)
+    json.dumps(chart, allow_nan=False)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from updyn.demos import chain
+from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
 from updyn.errors import InputError
+from updyn.io import write_frf, write_model
 from updyn.job import load_job
+from updyn.model import Model
 from updyn.web import looking
+from viewer_case import block
 
 JOB = """\
 title = "Chain"
@@ -114,6 +122,70 @@ def test_what_the_data_could_determine(path: Path) -> None:
 def test_the_structure_of_a_model_without_positions(path: Path) -> None:
     with pytest.raises(InputError, match="the model has no geometry"):
         looking.structure(path, JOB)
+
+
+@pytest.fixture(scope="module")
+def solid(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, Model]:
+    """A block with a job whose start has half the stiffness of the file's left half."""
+    folder, model = tmp_path_factory.mktemp("solid"), block()
+    data = response(model, np.linspace(10.0, 200.0, 40), ["15:X", "15:-Z"], ["15:Z"])
+    write_model(model, folder / "block.h5")
+    write_frf(data, folder / "block.uff")
+    text = (
+        '[model]\nfile = "block.h5"\n[test]\nfile = "block.uff"\n[[parameter]]\n'
+        'groups = "left"\nquantity = "stiffness"\nstart = 0.5\n'
+    )
+    return folder / "job.toml", text, model
+
+
+def drawn(page: str) -> dict[str, Any]:
+    """The scene of a page."""
+    found = re.search(r'<script type="application/json" id="updyn-scene">(.*?)</script>', page)
+    assert found is not None
+    scene: dict[str, Any] = json.loads(found[1])
+    return scene
+
+
+def test_the_structure_has_sensors_and_forces_and_tells_of_picks(
+    solid: tuple[Path, str, Model],
+) -> None:
+    page = looking.structure(*solid[:2])
+    assert looking.FORWARD in page
+    scene = drawn(page)
+    assert [arrow["label"] for arrow in scene["arrows"]] == ["15:X", "15:-Z", "15:Z"]
+    assert scene["modes"] is None
+
+
+def test_the_modes_of_the_structure_are_those_of_the_start(solid: tuple[Path, str, Model]) -> None:
+    path, text, model = solid
+    rows = drawn(looking.structure(path, text, 3))["modes"]["rows"]
+    start = modes(model.scaled({"left": {"stiffness": 0.5}}), 3)
+    expected = [f"{i}: {f:.5g} Hz" for i, f in enumerate(start.frequency, 1)]
+    assert [row["label"].partition(",")[0] for row in rows] == expected
+    assert len(drawn(looking.structure(path, text, 10**6))["modes"]["rows"]) == model.n_dofs
+
+
+def test_a_sensor_with_the_wrong_sign_is_found_and_undone(path: Path) -> None:
+    data = chain.measure()
+    values = data.values.copy()
+    values[:, 1] *= -1.0
+    write_frf(dataclasses.replace(data, values=values), path.with_name("chain.uff"))
+    text = JOB.replace("[2.0, 10.0]", "[0.0, 100.0]")
+    found = looking.findings(path, text)
+    assert found[0].written == "sign:5:X"
+    assert "5:X" in found[0].statement
+    assert [row.odds for row in found] == sorted((row.odds for row in found), reverse=True)
+    repaired = text.replace("band =", 'repair = ["sign:5:X"]\nband =')
+    assert all(row.written != "sign:5:X" for row in looking.findings(path, repaired))
+
+
+def test_coherence_is_that_of_the_file(path: Path) -> None:
+    data = chain.measure()
+    stated = np.linspace(0.2, 1.0, data.values.size).reshape(data.values.shape)
+    write_frf(dataclasses.replace(data, coherence=stated), path.with_name("coherent.nc"))
+    assert looking.look(path, JOB).tests[0].coherence is None
+    seen = looking.look(path, JOB.replace("chain.uff", "coherent.nc")).tests[0].coherence
+    np.testing.assert_allclose(seen, stated, rtol=1e-6)
 
 
 def test_a_proposed_job_can_be_read(path: Path, chain_project: Path) -> None:

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Query
 from fastapi.responses import HTMLResponse
 from nicegui import ui
 
 from updyn.errors import UpdynError
+from updyn.style import LOOKS
 from updyn.web.looking import structure
 from updyn.web.pages import job, measurement, model, results, running, start, unknowns
 from updyn.web.pages.frame import framed
@@ -32,6 +33,7 @@ PAGES: Mapping[str, tuple[str, Callable[[Workspace], Any]]] = {
     "/results": ("Results", results.show),
     "/plant": ("Plant", task_page("plant")),
 }
+_MOST_MODES = 100
 #: A written page may run its own script and nothing else, and cannot ask this server for anything.
 _SANDBOX = "sandbox allow-scripts allow-downloads allow-popups allow-modals"
 
@@ -51,12 +53,12 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
         ui.page(place, title=f"{name} – updyn")(framed(workspace, places, place, fill))
 
     @app.get("/embedded/structure")
-    def shown_structure() -> HTMLResponse:
+    def shown_structure(modes: int = Query(0, ge=0, le=_MOST_MODES)) -> HTMLResponse:
         try:
-            content = workspace.ask(structure)
+            content = workspace.ask(structure, modes)
         except UpdynError as error:
             return _plain(str(error), 200)  # the page around it says the same
-        return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
+        return _sandboxed(content, workspace.theme)
 
     @app.get("/embedded/page/{name:path}")
     def shown_page(name: str) -> HTMLResponse:
@@ -67,7 +69,14 @@ def add_pages(app: FastAPI, workspace: Workspace) -> None:
             content = path.read_text(encoding="utf-8")
         except (UpdynError, OSError, UnicodeDecodeError) as error:
             return _plain(f"{name}: cannot be shown: {error}")
-        return HTMLResponse(content, headers={"content-security-policy": _SANDBOX})
+        return _sandboxed(content, workspace.theme)
+
+
+def _sandboxed(page: str, theme: str) -> HTMLResponse:
+    """Return a page of the package, light or dark as the window is."""
+    if theme in LOOKS:
+        page = page.replace("<html ", f'<html data-look="{theme}" ', 1)
+    return HTMLResponse(page, headers={"content-security-policy": _SANDBOX})
 
 
 def _plain(text: str, status: int = 404) -> HTMLResponse:

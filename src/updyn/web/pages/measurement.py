@@ -8,7 +8,7 @@ import numpy as np
 from nicegui import events, ui
 
 from updyn.web import edits
-from updyn.web.charts import SCALES, edges, frf_chart, masked
+from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, masked
 from updyn.web.looking import FindingRow, TestView, findings
 from updyn.web.pages.frame import asked, said, watch
 from updyn.web.pages.job import no_job, troubles
@@ -112,6 +112,8 @@ class _Measurement:
         clicked = _CLICKED.replace("ID", str(self._chart.id))
         self._chart.on("click", self._clicked, js_handler=clicked)
         self._is_ready = False
+        self._coherence = ui.column().classes("w-full gap-0")
+        self._show_coherence()
         self._validation()
 
     def _validation(self) -> None:
@@ -162,10 +164,21 @@ class _Measurement:
             **({} if len(names) == 1 else {"points": _FEW_POINTS}),
         )
 
+    def _show_coherence(self) -> None:
+        """Show the coherence of the channel, where one is chosen and it is known."""
+        test, choice = self._test, self._choice
+        self._coherence.clear()
+        if test.coherence is None or _ALL in (choice.response, choice.reference):
+            return
+        values = test.coherence[:, choice.response, choice.reference]
+        with self._coherence:
+            ui.echart(coherence_chart(test.freq, values)).classes("w-full h-32").mark("coherence")
+
     def _redraw(self) -> None:
         self._chart.options.clear()
         self._chart.options.update(self._options())
         self._chart.update()
+        self._show_coherence()
 
     def _dragged(self, event: events.GenericEventArguments) -> None:
         areas = event.args.get("areas") or []

@@ -21,6 +21,8 @@ from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
 
+#: How many are shown when asked for.
+_MODES = 12
 _DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 _COLUMNS = [
     {"name": "sensor", "label": "sensor or force", "field": "sensor", "align": "left"},
@@ -43,6 +45,13 @@ async def show(workspace: Workspace) -> None:
     mover = _Mover(workspace)
     hear_picks(mover.take)
 
+    modes = 0
+
+    async def animate() -> None:
+        nonlocal modes
+        modes = _MODES
+        await content.refresh()
+
     @ui.refreshable
     async def content() -> None:
         view = await asked(workspace.view)
@@ -52,8 +61,11 @@ async def show(workspace: Workspace) -> None:
         mover.show(view.tests)
         if view.groups:
             ui.label(view.model)
-            address = f"/embedded/structure?{workspace.opened.version}"
+            address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
             embedded(address, "Structure", "640px")
+            if not modes:
+                label = f"Show the {_MODES} lowest modes of the start"
+                ui.button(label, on_click=animate).props("outline no-caps")
         for test in view.tests:
             ui.label(f"Sensors and forces {test.name}").classes("text-lg")
             rows = test.matches or _unmatched(test)
