@@ -167,6 +167,7 @@ class TestGroups:
         assert (
             len(model.geometry.lines) == 9 * 10 + 12 * 11
         )  # 2 x 2 x 10 bricks: 9 lines along, 12 edges a layer
+        assert len(model.geometry.faces) == 4 * 2 * 10 + 2 * 4
 
     def test_positions_in_the_unit_that_is_stated(self, folder):
         model = updyn.read_model(folder / "beam.emat", unit="in")

@@ -102,6 +102,7 @@ def test_a_mesh(tmp_path: Path, write: Any, whole: bool, unit: str, metres: floa
     np.testing.assert_allclose(geometry.xyz, XYZ * metres, rtol=1e-15)
     assert pairs(geometry) == {*HEX, (7, 21)}
     assert len(geometry.lines) == len(HEX) + 1
+    assert geometry.faces.shape == (6, 4)
     assert geometry.axes is None
 
 
@@ -120,20 +121,24 @@ def test_a_plane_mesh(tmp_path: Path, write: Any) -> None:
     geometry = updyn.read_geometry(path)
     np.testing.assert_array_equal(geometry.xyz, XYZ[:4])
     assert pairs(geometry) == {(11, 12), (12, 13), (11, 13), (13, 14), (12, 14)}
+    assert geometry.faces.tolist() == [[11, 12, 13, 13], [11, 13, 14, 12]]
 
 
 @pytest.mark.parametrize(
-    ("kind", "n_nodes", "n_edges"),
-    [("TETRA10", 10, 6), ("tet4", 4, 6), ("PYRAMID5", 5, 8), ("WEDGE6", 6, 9), ("HEX20", 20, 12),
-     ("SHELL4", 4, 4), ("SHELL3", 3, 3), ("TRISHELL3", 3, 3), ("QUAD9", 9, 4), ("TRUSS", 2, 1),
-     ("BEAM3", 3, 1), ("SPHERE", 1, 0)],
+    ("kind", "n_nodes", "n_edges", "n_faces"),
+    [("TETRA10", 10, 6, 4), ("tet4", 4, 6, 4), ("PYRAMID5", 5, 8, 5), ("WEDGE6", 6, 9, 5),
+     ("HEX20", 20, 12, 6), ("SHELL4", 4, 4, 1), ("SHELL3", 3, 3, 1), ("TRISHELL3", 3, 3, 1),
+     ("QUAD9", 9, 4, 1), ("TRUSS", 2, 1, 0), ("BEAM3", 3, 1, 0), ("SPHERE", 1, 0, 0)],
 )  # fmt: skip
-def test_edges_join_corners(tmp_path: Path, kind: str, n_nodes: int, n_edges: int) -> None:
+def test_edges_join_corners(
+    tmp_path: Path, kind: str, n_nodes: int, n_edges: int, n_faces: int
+) -> None:
     """A corner of a solid or a shell is met by as many edges at least as it has dimensions."""
     path = tmp_path / "one.exo"
     rng = np.random.default_rng(3)
     write_4(path, contents(rng.random((20, 3)), None, {kind: [list(range(1, n_nodes + 1))]}), MARKS)
-    assert len(updyn.read_geometry(path).lines) == n_edges
+    geometry = updyn.read_geometry(path)
+    assert (len(geometry.lines), len(geometry.faces)) == (n_edges, n_faces)
 
 
 def test_other_elements_are_not_drawn_and_said_so(tmp_path: Path, write: Any) -> None:

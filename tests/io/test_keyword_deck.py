@@ -11,7 +11,8 @@ from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix.model import read_parts
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.keyword_deck.cards import read_cards, short_number
-from updyn.io.keyword_deck.structure import edges, read_deck, read_properties
+from updyn.io.keyword_deck.structure import drawn, read_deck, read_properties
+from updyn.shapes import edges_of, faces_of
 
 
 def parts_of(path: Path, text: str):
@@ -99,8 +100,10 @@ def test_what_the_bar_is_made_of(tmp_path):
     assert parts["ALU"].values("mass") == [2700.0]
     assert step == ["*STEP", "*FREQUENCY, SOLVER=MATRIXSTORAGE", "*END STEP"]
     # 6 x 2 bricks side by side: 6*3*2 edges along X, 7*2*2 along Y, 7*3 along Z.
-    assert len(edges(deck)) == 36 + 28 + 21
-    assert np.isin(deck.nodes, edges(deck)).all()
+    edges = edges_of(drawn(deck))
+    assert len(edges) == 36 + 28 + 21
+    assert np.isin(deck.nodes, edges).all()
+    assert len(faces_of(drawn(deck))) == 2 * 12 + 2 * 6 + 2 * 2  # above and below, along, ends
 
 
 def test_supports_of_the_step_come_along_and_its_loads_do_not(tmp_path):

@@ -55,7 +55,8 @@ def test_positions_and_edges(deck):
     geometry = geometry_of(deck())
     np.testing.assert_array_equal(geometry.nodes, [1, 2, 3, 4])
     np.testing.assert_array_equal(geometry.xyz, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    assert geometry.lines.tolist() == [[1, 2], [2, 3], [3, 4], [1, 4]]
+    assert geometry.lines.tolist() == [[1, 2], [1, 4], [2, 3], [3, 4]]
+    assert geometry.faces.tolist() == [[1, 2, 3, 4]]
     assert geometry.axes is None
     np.testing.assert_array_equal(geometry_of(deck(), unit="mm").xyz[2], [1e-3, 1e-3, 0])
 

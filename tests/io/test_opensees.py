@@ -216,6 +216,20 @@ def test_a_truss():
     np.testing.assert_array_equal(model.geometry.lines, [[1, 4], [2, 4], [3, 4]])
 
 
+def test_plane_elements_have_faces():
+    ops.model("basic", "-ndm", 2, "-ndf", 2)
+    for i, corner in enumerate([(0, 0), (1, 0), (1, 1), (0, 1), (2, 0)]):
+        ops.node(i + 1, *map(float, corner))
+    ops.fix(1, 1, 1)
+    ops.nDMaterial("ElasticIsotropic", 1, 7.0e10, 0.3, 2700.0)
+    ops.element("quad", 1, 1, 2, 3, 4, 0.01, "PlaneStress", 1)
+    ops.element("tri31", 2, 2, 5, 3, 0.01, "PlaneStress", 1)
+    ops.mass(2, 1.0, 1.0)
+    model = from_opensees(ops)
+    assert model.geometry.faces.tolist() == [[1, 2, 3, 4], [2, 5, 3, 3]]
+    assert len(model.geometry.lines) == 6
+
+
 @pytest.mark.parametrize("tie", ["all", "some", "rigid"])
 def test_tied_nodes(tie):
     """Constraints are condensed out as OpenSees does it; a node tied in part keeps the rest."""

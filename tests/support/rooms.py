@@ -21,6 +21,7 @@ ORDER = (
     ("progress",),
     ("notebook",),
     ("foreign",),
+    ("shapes",),
     ("dofs",),
     ("geometry",),
     ("frf",),

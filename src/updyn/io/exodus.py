@@ -1,9 +1,9 @@
-"""Exodus II files (Cubit, Coreform, Sierra, MOOSE): where nodes stand, and edges of elements.
+"""Exodus II files (Cubit, Coreform, Sierra, MOOSE): where nodes stand, and the elements to draw.
 
 Positions are ``coordx``, ``coordy``, ``coordz``, or the rows of ``coord``; of plane files z is 0.
 Node numbers are ``node_num_map``, else 1, 2, ... Blocks of elements ``connect1``, ... name nodes by
-their place in the file, and their ``elem_type`` says which of them are joined by edges. The file
-states no unit.
+their place in the file, and their ``elem_type`` says which shape they have. The file states no
+unit.
 """
 
 from __future__ import annotations
@@ -21,48 +21,44 @@ from updyn.foreign import box
 from updyn.geometry import Geometry
 from updyn.io.items import placed, real, vector, whole
 from updyn.io.lengths import length
+from updyn.shapes import (
+    HEXAHEDRON,
+    LINE,
+    PYRAMID,
+    QUADRANGLE,
+    TETRAHEDRON,
+    TRIANGLE,
+    WEDGE,
+    Shape,
+    edges_of,
+    faces_of,
+)
 
 __all__ = ["read_geometry"]
 
-_Edges = tuple[tuple[int, int], ...]
-
-
-def _ring(n: int, start: int = 0) -> _Edges:
-    return tuple((start + i, start + (i + 1) % n) for i in range(n))
-
-
-def _to_apex(n: int) -> _Edges:
-    return tuple((i, n) for i in range(n))
-
-
-def _upright(n: int) -> _Edges:
-    return tuple((i, i + n) for i in range(n))
-
-
-_LINE = ((0, 1),)
-_TRIANGLE = _ring(3)
-_QUADRANGLE = _ring(4)
-#: Edges between corners, which come first in every element, by the start of its type.
-_EDGES: dict[str, _Edges] = {
-    "SPHERE": (),
-    "CIRCLE": (),
-    "POINT": (),
-    "NODE": (),
-    "BEAM": _LINE,
-    "BAR": _LINE,
-    "TRUSS": _LINE,
-    "ROD": _LINE,
-    "EDGE": _LINE,
-    "LINE": _LINE,
-    "SPRING": _LINE,
-    "TRI": _TRIANGLE,  # TRISHELL, too
-    "QUAD": _QUADRANGLE,
-    "SHELL": _QUADRANGLE,
-    "TET": (*_TRIANGLE, *_to_apex(3)),
-    "PYR": (*_QUADRANGLE, *_to_apex(4)),
-    "WEDGE": (*_TRIANGLE, *_ring(3, 3), *_upright(3)),
-    "HEX": (*_QUADRANGLE, *_ring(4, 4), *_upright(4)),
+#: Shapes by the start of their type, None: nothing is drawn.
+_SHAPES = {
+    "SPHERE": None,
+    "CIRCLE": None,
+    "POINT": None,
+    "NODE": None,
+    "BEAM": LINE,
+    "BAR": LINE,
+    "TRUSS": LINE,
+    "ROD": LINE,
+    "EDGE": LINE,
+    "LINE": LINE,
+    "SPRING": LINE,
+    "TRI": TRIANGLE,  # TRISHELL, too
+    "QUAD": QUADRANGLE,
+    "SHELL": QUADRANGLE,
+    "TET": TETRAHEDRON,
+    "PYR": PYRAMID,
+    "WEDGE": WEDGE,
+    "HEX": HEXAHEDRON,
 }
+#: A shell may be a triangle, and of a plane file a line.
+_SHELLS = {2: LINE, 3: TRIANGLE}
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
@@ -108,7 +104,9 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
                 f"node_num_map: {len(numbers)} numbers for {len(xyz)} positions", path
             )
     with placed(path):
-        return Geometry(numbers, xyz * scale, numbers[_edges(found, len(xyz), path)])
+        drawn = _drawn(found, len(xyz), path)
+        lines, faces = numbers[edges_of(drawn)], numbers[faces_of(drawn)]
+        return Geometry(numbers, xyz * scale, lines, faces=faces)
 
 
 def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.float64]:
@@ -134,26 +132,32 @@ def _positions(variables: Mapping[str, Any], path: str | Path) -> NDArray[np.flo
     return xyz
 
 
-def _edges(found: Mapping[str, Any], n_nodes: int, path: str | Path) -> NDArray[np.int64]:
-    """Return the places of nodes that are joined, each pair once, shape (m, 2)."""
-    pairs = [np.empty((0, 2), dtype=np.int64)]
+def _drawn(
+    found: Mapping[str, Any], n_nodes: int, path: str | Path
+) -> list[tuple[Shape, NDArray[np.int64]]]:
+    """Return the elements by shape, with the places of their nodes."""
+    drawn: list[tuple[Shape, NDArray[np.int64]]] = []
     unknown: dict[str, int] = {}
     for name, values in found["variables"].items():
         if not name.startswith("connect") or not values.size:
             continue
-        kind = found["types"][name]
+        kind = found["types"][name].upper()
         elements = whole(values, name, path)
-        edges = _edges_of(kind, elements.shape[1]) if elements.ndim == 2 else None
-        if edges is None:
-            unknown[kind] = unknown.get(kind, 0) + len(elements)
+        start = next((start for start in _SHAPES if kind.startswith(start)), None)
+        n_own = elements.shape[1] if elements.ndim == 2 else 0
+        shape = None if start is None else _SHAPES[start]
+        if start == "SHELL":
+            shape = _SHELLS.get(n_own, shape)
+        if start is None or not n_own or (shape is not None and n_own < shape.n_corners):
+            unknown[found["types"][name]] = unknown.get(found["types"][name], 0) + len(elements)
             continue
         wrong = elements[(elements < 1) | (elements > n_nodes)]
         if wrong.size:
             raise FormatError(
                 f"{name}: an element at node {wrong[0]} of the file; expected 1 to {n_nodes}", path
             )
-        if edges:
-            pairs.append(elements[:, np.array(edges)].reshape(-1, 2) - 1)
+        if shape is not None:
+            drawn.append((shape, elements - 1))
     if unknown:
         said = ", ".join(f"{number} of type {kind!r}" for kind, number in unknown.items())
         warnings.warn(
@@ -161,18 +165,4 @@ def _edges(found: Mapping[str, Any], n_nodes: int, path: str | Path) -> NDArray[
             UpdynWarning,
             stacklevel=3,
         )
-    joined = np.sort(np.concatenate(pairs), axis=1)
-    distinct: NDArray[np.int64] = np.unique(joined[joined[:, 0] != joined[:, 1]], axis=0)
-    return distinct
-
-
-def _edges_of(kind: str, n_nodes: int) -> _Edges | None:
-    """Return which nodes of an element are joined, or None where that is not known."""
-    for start, edges in _EDGES.items():
-        if kind.upper().startswith(start):
-            # A shell may be a triangle, and of a plane file a line.
-            if start == "SHELL" and n_nodes < 4:
-                edges = _TRIANGLE if n_nodes == 3 else _LINE
-            fits = all(max(pair) < n_nodes for pair in edges)
-            return edges if fits else None
-    return None
+    return drawn

@@ -24,6 +24,16 @@ from updyn.errors import ModelError, OptionError
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
 from updyn.model import Group, Model
+from updyn.shapes import (
+    HEXAHEDRON,
+    LINE,
+    QUADRANGLE,
+    TETRAHEDRON,
+    TRIANGLE,
+    Shape,
+    edges_of,
+    faces_of,
+)
 
 __all__ = ["from_opensees"]
 
@@ -39,10 +49,14 @@ _DIRECTIONS = {
     (3, 3): (0, 1, 2),
     (3, 6): (0, 1, 2, 3, 4, 5),
 }
-_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
-_BRICK = (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-#: Edges between nodes of an element, by its number of nodes.
-_EDGES = {2: ((0, 1),), 3: ((0, 1), (1, 2), (2, 0)), 4: _RING, 8: _BRICK}
+#: Shapes by number of nodes and a part of the type's name; others of as many nodes are lines.
+_SHAPES = (
+    (3, ("tri", "shell"), TRIANGLE),
+    (4, ("tetra",), TETRAHEDRON),
+    (4, ("quad", "shell"), QUADRANGLE),
+    (8, ("brick",), HEXAHEDRON),
+)
+_LINES = {2: LINE, 3: TRIANGLE, 4: QUADRANGLE, 8: HEXAHEDRON}
 #: Commands that a module of OpenSees has to have.
 _COMMANDS = ("getNodeTags", "printA", "setElementRayleighDampingFactors")
 _Array = NDArray[np.float64]
@@ -254,13 +268,20 @@ def _geometry(ops: Any, length: float) -> Geometry:
     for i, node in enumerate(nodes):
         there = ops.nodeCoord(node)
         xyz[i, : len(there)] = there
-    pairs = [np.empty((0, 2), dtype=np.int64)]
+    lines: list[tuple[Shape, NDArray[np.int64]]] = []
+    faces: list[tuple[Shape, NDArray[np.int64]]] = []
     for tag in ops.getEleTags():
-        ends = np.array(ops.eleNodes(tag), dtype=np.int64)
-        if len(ends) in _EDGES:
-            pairs.append(ends[np.array(_EDGES[len(ends)])])
-    lines = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
-    return Geometry(nodes, xyz * length, lines[lines[:, 0] != lines[:, 1]])
+        ends = np.array([ops.eleNodes(tag)], dtype=np.int64)
+        kind, count = str(ops.eleType(tag)).lower(), ends.shape[1]
+        for n_nodes, parts, shape in _SHAPES:
+            if count == n_nodes and any(part in kind for part in parts):
+                faces.append((shape, ends))
+                lines.append((shape, ends))
+                break
+        else:
+            if count in _LINES:
+                lines.append((_LINES[count], ends))
+    return Geometry(nodes, xyz * length, edges_of(lines), faces=faces_of(faces))
 
 
 # -- matrices -----------------------------------------------------------------------------------

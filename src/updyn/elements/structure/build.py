@@ -18,6 +18,7 @@ from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
+from updyn.shapes import as_quadrangles, outer_faces
 
 __all__ = ["structure", "structure_from_table"]
 
@@ -274,26 +275,8 @@ def _faces(elements: Iterable[Element]) -> NDArray[np.int64]:
     """
     found = {True: [np.empty((0, 4), dtype=np.int64)], False: [np.empty((0, 4), dtype=np.int64)]}
     for element in elements:
-        faces = element.faces()
-        if faces.shape[1] == 3:
-            faces = faces[:, [0, 1, 2, 2]]
-        found[element.encloses].append(faces)
-    solid, open_ = (np.concatenate(found[encloses]) for encloses in (True, False))
-    _, first, count = np.unique(
-        _whatever_order(solid), axis=0, return_index=True, return_counts=True
-    )
-    every = np.concatenate([solid[np.sort(first[count == 1])], open_])
-    _, first = np.unique(_whatever_order(every), axis=0, return_index=True)
-    return np.asarray(every[np.sort(first)])
-
-
-def _whatever_order(faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return faces, shape (n, 4), with their nodes sorted; of triangles the least stands twice."""
-    out = np.sort(faces, axis=1)
-    triangle = faces[:, 2] == faces[:, 3]
-    three = np.sort(faces[triangle, :3], axis=1)
-    out[triangle] = three[:, [0, 0, 1, 2]]
-    return out
+        found[element.encloses].append(as_quadrangles(element.faces()))
+    return outer_faces(*(np.concatenate(found[encloses]) for encloses in (True, False)))
 
 
 # -- DOFs

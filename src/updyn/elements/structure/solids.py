@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from updyn.elements.checks import connectivity, material, store
 from updyn.elements.structure.element import TRANSLATIONS, Element, ElementMatrices
 from updyn.errors import ModelError
+from updyn.shapes import HEXAHEDRON, TETRAHEDRON
 
 __all__ = ["Solid", "inside_out", "solid_matrices"]
 
@@ -41,11 +42,7 @@ _SIMPLEX_EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 
 #: Number of corners by number of nodes.
 _CORNERS = {4: 4, 8: 8, 10: 4, 20: 8}
-#: Faces by number of corners, as positions in an element, outwards.
-_FACES: dict[int, list[tuple[int, ...]]] = {
-    4: [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)],
-    8: [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-}
+_SHAPES = {4: TETRAHEDRON, 8: HEXAHEDRON}
 _ELEMENTS = {4: "ElementTetP1", 8: "ElementHex1", 10: "ElementTetP2", 20: "ElementHexS2"}
 #: Orders of the quadrature of stiffness and of mass, by number of nodes.
 _ORDERS = {4: (1, 2), 8: (2, 2), 10: (2, 4), 20: (4, 4)}
@@ -116,7 +113,7 @@ class Solid(Element):
 
     def faces(self) -> NDArray[np.int64]:
         """Return the corners of the faces that belong to one element only."""
-        corners = np.array(_FACES[_CORNERS[self.connectivity.shape[1]]])
+        corners = np.array(_SHAPES[_CORNERS[self.connectivity.shape[1]]].faces)
         faces = self.connectivity[:, corners].reshape(-1, corners.shape[1])
         _, first, count = np.unique(
             np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True

@@ -18,6 +18,7 @@ from updyn.foreign import box
 from updyn.geometry import Geometry
 from updyn.io.ansys.archive import check_archive
 from updyn.io.items import is_file, placed
+from updyn.shapes import HEXAHEDRON, LINE, QUADRANGLE, TETRAHEDRON, Shape, edges_of, faces_of
 
 __all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
 
@@ -28,18 +29,13 @@ BY = (*_NUMBERS, "component")
 #: Elements whose matrices come from real constants or a matrix of their own, not from a material:
 #: COMBIN14, MASS21, MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
 _NO_MATERIAL = (14, 21, 27, 37, 39, 40, 214, 250)
-_RING = ((0, 1), (1, 2), (2, 3), (3, 0))
-_EDGES: tuple[tuple[tuple[int, ...], int, tuple[tuple[int, int], ...]], ...] = (
-    # element routines, corner nodes, edges between them
-    (
-        (45, 95, 185, 186, 190),
-        8,
-        (*_RING, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-    ),
-    ((92, 187, 285), 4, ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))),
-    ((42, 63, 82, 93, 181, 182, 183, 281), 4, _RING),
-    ((3, 4, 8, 14, 16, 39, 40, 44, 180, 188, 189, 214, 288, 289), 2, ((0, 1),)),
-)
+#: Shapes by element routine.
+_SHAPES: dict[int, Shape] = {
+    **dict.fromkeys((45, 95, 185, 186, 190), HEXAHEDRON),
+    **dict.fromkeys((92, 187, 285), TETRAHEDRON),
+    **dict.fromkeys((42, 63, 82, 93, 181, 182, 183, 281), QUADRANGLE),
+    **dict.fromkeys((3, 4, 8, 14, 16, 39, 40, 44, 180, 188, 189, 214, 288, 289), LINE),
+}
 _FIRST_NODE = 10  # in an element's row: ten attributes come before its nodes
 
 
@@ -80,23 +76,31 @@ class Attributes:
     angles: NDArray[np.float64]
 
     def geometry(self, length: float) -> Geometry:
-        """Return positions in m, edges of the elements, and nodal systems where there are any.
+        """Return positions in m, nodal systems where there are any, edges and faces.
 
         Parameters
         ----------
         length : float
             Unit of length of the deck in m.
         """
-        pairs = [np.empty((0, 2), dtype=np.int64)]
-        for routine, corner in zip(self.routine.tolist(), self.nodes_of, strict=True):
-            for routines, count, edges in _EDGES:
-                if routine in routines and len(corner) >= count:
-                    pairs.append(corner[np.array(edges)])
-        lines = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
-        drawn = lines[np.isin(lines, self.nodes).all(axis=1) & (lines[:, 0] != lines[:, 1])]
+        drawn = self._drawn()
         axes = _axes(self.angles) if np.any(self.angles) else None
         with placed(self.path):
-            return Geometry(self.nodes, self.xyz * length, drawn, axes)
+            xyz = self.xyz * length
+            return Geometry(self.nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
+
+    def _drawn(self) -> list[tuple[Shape, NDArray[np.int64]]]:
+        """Return the elements by shape, with the nodes at their corners."""
+        known = set(self.nodes.tolist())
+        found: dict[Shape, list[NDArray[np.int64]]] = {}
+        for routine, nodes in zip(self.routine.tolist(), self.nodes_of, strict=True):
+            shape = _SHAPES.get(routine)
+            if shape is None or len(nodes) < shape.n_corners:
+                continue
+            corners = nodes[: shape.n_corners]
+            if known.issuperset(corners.tolist()):
+                found.setdefault(shape, []).append(corners)
+        return [(shape, np.array(nodes)) for shape, nodes in found.items()]
 
 
 def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:

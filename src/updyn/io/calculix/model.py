@@ -26,12 +26,13 @@ from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
     Deck,
     Property,
-    edges,
+    drawn,
     heading_of,
     read_deck,
     read_properties,
 )
 from updyn.model import Group, Matrix, Model
+from updyn.shapes import edges_of, faces_of
 
 __all__ = [
     "Rotations",
@@ -76,8 +77,9 @@ def read_model(
     Model
         Groups: the materials, the springs and the point masses, by name; DOFs: those of the nodes
         that are neither held nor tied, and rotations of the reference nodes of rigid bodies;
-        geometry: all nodes, with the edges of the elements. ``*DAMPING, STRUCTURAL=`` is the loss
-        factor of a material, ALPHA and BETA (of the whole deck) the viscous damping of each group.
+        geometry: all nodes, with edges and faces of the solids. ``*DAMPING, STRUCTURAL=`` is the
+        loss factor of a material, ALPHA and BETA (of the whole deck) the viscous damping of each
+        group.
 
     Raises
     ------
@@ -144,8 +146,11 @@ def read_model(
             groups[name] = Group(K, M, loss_factor=gamma, viscous=C)
     heading = heading_of(model)
     with placed(path):
-        drawn = Geometry(deck.nodes, deck.xyz * units.length, edges(deck))
-        return Model.from_groups(groups, dofs, geometry=drawn, title=heading)
+        solids = drawn(deck)
+        geometry = Geometry(
+            deck.nodes, deck.xyz * units.length, edges_of(solids), faces=faces_of(solids)
+        )
+        return Model.from_groups(groups, dofs, geometry=geometry, title=heading)
 
 
 def read_parts(

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
+from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
 __all__ = [
     "Deck",
     "Elements",
     "Property",
     "Section",
-    "edges",
+    "drawn",
     "heading_of",
     "read_deck",
     "read_members",
@@ -34,41 +35,22 @@ __all__ = [
 
 #: Nodes of the solids, and which of them are corners of which shape.
 SOLIDS = {
-    "C3D4": (4, "tetrahedron"),
-    "C3D4H": (4, "tetrahedron"),
-    "C3D5": (5, "pyramid"),
-    "C3D6": (6, "wedge"),
-    "C3D8": (8, "brick"),
-    "C3D8R": (8, "brick"),
-    "C3D8I": (8, "brick"),
-    "C3D10": (10, "tetrahedron"),
-    "C3D10T": (10, "tetrahedron"),
-    "C3D10M": (10, "tetrahedron"),
-    "C3D15": (15, "wedge"),
-    "C3D20": (20, "brick"),
-    "C3D20R": (20, "brick"),
+    "C3D4": (4, TETRAHEDRON),
+    "C3D4H": (4, TETRAHEDRON),
+    "C3D5": (5, PYRAMID),
+    "C3D6": (6, WEDGE),
+    "C3D8": (8, HEXAHEDRON),
+    "C3D8R": (8, HEXAHEDRON),
+    "C3D8I": (8, HEXAHEDRON),
+    "C3D10": (10, TETRAHEDRON),
+    "C3D10T": (10, TETRAHEDRON),
+    "C3D10M": (10, TETRAHEDRON),
+    "C3D15": (15, WEDGE),
+    "C3D20": (20, HEXAHEDRON),
+    "C3D20R": (20, HEXAHEDRON),
 }
 #: Springs to ground or between nodes, and point masses.
 POINTS = {"SPRING1": 1, "SPRING2": 2, "SPRINGA": 2, "MASS": 1}
-_EDGES = {
-    "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "pyramid": ((0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)),
-    "wedge": ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    "brick": (
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,8 +210,8 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
     return deck
 
 
-def edges(deck: Deck) -> NDArray[np.int64]:
-    """Return the edges of the solids between their corners, each once.
+def drawn(deck: Deck) -> list[tuple[Shape, NDArray[np.int64]]]:
+    """Return the solids by shape.
 
     Parameters
     ----------
@@ -238,16 +220,10 @@ def edges(deck: Deck) -> NDArray[np.int64]:
 
     Returns
     -------
-    ndarray of int, shape (m, 2)
-        Pairs of node numbers.
+    list of (Shape, ndarray of int)
+        With the nodes of each, shape (m, k).
     """
-    pairs = [np.empty((0, 2), dtype=np.int64)]
-    for block in deck.elements:
-        if block.type in SOLIDS:
-            _, shape = SOLIDS[block.type]
-            corners = np.array(_EDGES[shape])
-            pairs.append(block.nodes[:, corners].reshape(-1, 2))
-    return np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+    return [(SOLIDS[b.type][1], b.nodes) for b in deck.elements if b.type in SOLIDS]
 
 
 # -- cards --------------------------------------------------------------------------------------

@@ -161,7 +161,7 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
     -------
     Geometry
         Positions in m in the basic system, the displacement directions of grids that have their
-        own, and the edges of the elements.
+        own, and the edges and faces of the elements.
 
     Raises
     ------

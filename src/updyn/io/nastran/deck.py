@@ -21,6 +21,17 @@ from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
 from updyn.io.items import placed
 from updyn.io.nastran.cards import Card, Line, lines_of, parse
+from updyn.shapes import (
+    HEXAHEDRON,
+    LINE,
+    QUADRANGLE,
+    TETRAHEDRON,
+    TRIANGLE,
+    WEDGE,
+    Shape,
+    edges_of,
+    faces_of,
+)
 
 __all__ = [
     "ELEMENTS",
@@ -52,52 +63,45 @@ class Element:
         Fields of its grids, in order.
     properties : tuple of str
         Property cards it may point to with its second field; empty: it is its own property.
-    edges : tuple of (int, int)
-        Which of its grids to join by a line in a drawing.
+    shape : Shape, optional
+        How it is drawn.
     """
 
     nodes: tuple[int, ...]
     properties: tuple[str, ...] = ()
-    edges: tuple[tuple[int, int], ...] = ()
-
-
-def _ring(n: int, start: int = 0) -> tuple[tuple[int, int], ...]:
-    return tuple((start + i, start + (i + 1) % n) for i in range(n))
+    shape: Shape | None = None
 
 
 def _fields(n: int, start: int = 2) -> tuple[int, ...]:
     return tuple(range(start, start + n))
 
 
-_LINE = ((0, 1),)
-_PRISM = tuple((i, i + 3) for i in range(3))
-_BOX = tuple((i, i + 4) for i in range(4))
 _SHELL = ("PSHELL", "PCOMP")
 _SOLID = ("PSOLID",)
 
 ELEMENTS = {
-    "CBAR": Element((2, 3), ("PBAR", "PBARL"), _LINE),
-    "CBEAM": Element((2, 3), ("PBEAM", "PBEAML"), _LINE),
-    "CROD": Element((2, 3), ("PROD",), _LINE),
-    "CTUBE": Element((2, 3), ("PTUBE",), _LINE),
-    "CONROD": Element((1, 2), (), _LINE),
-    "CBUSH": Element((2, 3), ("PBUSH",), _LINE),
-    "CELAS1": Element((2, 4), ("PELAS",), _LINE),
-    "CELAS2": Element((2, 4), (), _LINE),
-    "CQUAD4": Element(_fields(4), _SHELL, _ring(4)),
-    "CQUADR": Element(_fields(4), _SHELL, _ring(4)),
-    "CQUAD8": Element(_fields(8), _SHELL, _ring(4)),
-    "CTRIA3": Element(_fields(3), _SHELL, _ring(3)),
-    "CTRIAR": Element(_fields(3), _SHELL, _ring(3)),
-    "CTRIA6": Element(_fields(6), _SHELL, _ring(3)),
-    "CSHEAR": Element(_fields(4), ("PSHEAR",), _ring(4)),
-    "CTETRA": Element(_fields(10), _SOLID, (*_ring(3), (0, 3), (1, 3), (2, 3))),
-    "CPENTA": Element(_fields(15), _SOLID, (*_ring(3), *_ring(3, 3), *_PRISM)),
-    "CHEXA": Element(_fields(20), _SOLID, (*_ring(4), *_ring(4, 4), *_BOX)),
+    "CBAR": Element((2, 3), ("PBAR", "PBARL"), LINE),
+    "CBEAM": Element((2, 3), ("PBEAM", "PBEAML"), LINE),
+    "CROD": Element((2, 3), ("PROD",), LINE),
+    "CTUBE": Element((2, 3), ("PTUBE",), LINE),
+    "CONROD": Element((1, 2), (), LINE),
+    "CBUSH": Element((2, 3), ("PBUSH",), LINE),
+    "CELAS1": Element((2, 4), ("PELAS",), LINE),
+    "CELAS2": Element((2, 4), (), LINE),
+    "CQUAD4": Element(_fields(4), _SHELL, QUADRANGLE),
+    "CQUADR": Element(_fields(4), _SHELL, QUADRANGLE),
+    "CQUAD8": Element(_fields(8), _SHELL, QUADRANGLE),
+    "CTRIA3": Element(_fields(3), _SHELL, TRIANGLE),
+    "CTRIAR": Element(_fields(3), _SHELL, TRIANGLE),
+    "CTRIA6": Element(_fields(6), _SHELL, TRIANGLE),
+    "CSHEAR": Element(_fields(4), ("PSHEAR",), QUADRANGLE),
+    "CTETRA": Element(_fields(10), _SOLID, TETRAHEDRON),
+    "CPENTA": Element(_fields(15), _SOLID, WEDGE),
+    "CHEXA": Element(_fields(20), _SOLID, HEXAHEDRON),
     "CONM2": Element((1,)),
     "CMASS2": Element((2, 4)),
-    "CDAMP1": Element((2, 4), ("PDAMP",), _LINE),
-    "CDAMP2": Element((2, 4), (), _LINE),
+    "CDAMP1": Element((2, 4), ("PDAMP",), LINE),
+    "CDAMP2": Element((2, 4), (), LINE),
 }
 #: Elements that are their own property: a group each.
 OWN = tuple(name for name, e in ELEMENTS.items() if not e.properties)
@@ -769,7 +773,7 @@ class _Systems:
 
 
 def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
-    """Return positions (m, basic system), directions of displacement, and edges of the elements.
+    """Return positions (m, basic system), directions of displacement, edges and faces.
 
     Raises
     ------
@@ -789,17 +793,18 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
             pairs = zip(motions, positions, strict=True)
             axes = np.array([motion.directions(position) for motion, position in pairs])
     with placed(deck.path):
-        return Geometry(nodes, np.array(positions).reshape(-1, 3) * scale, _edges(deck), axes)
+        drawn = _drawn(deck)
+        xyz = np.array(positions).reshape(-1, 3) * scale
+        return Geometry(nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
 
 
-def _edges(deck: Deck) -> list[tuple[int, int]]:
-    found: dict[tuple[int, int], None] = {}
+def _drawn(deck: Deck) -> list[tuple[Shape, NDArray[np.int64]]]:
+    """Return the elements by shape, with the grids at their corners."""
+    found: dict[Shape, list[list[int]]] = {}
     for card in deck.elements:
-        nodes = deck.nodes_of(card)
-        for first, second in ELEMENTS[card.name].edges:
-            if max(first, second) >= len(nodes):
-                continue
-            a, b = sorted((nodes[first], nodes[second]))
-            if a != b and a in deck.grids and b in deck.grids:
-                found[a, b] = None
-    return list(found)
+        shape = ELEMENTS[card.name].shape
+        if shape is not None:
+            corners = deck.nodes_of(card)[: shape.n_corners]
+            if len(corners) == shape.n_corners and all(node in deck.grids for node in corners):
+                found.setdefault(shape, []).append(corners)
+    return [(shape, np.array(nodes, dtype=np.int64)) for shape, nodes in found.items()]

@@ -1,0 +1,183 @@
+"""Shapes of finite elements: the lines and faces that are drawn of them, by their corners.
+
+Corners are in the order that Nastran, Abaqus, CalculiX, Ansys, Exodus, OpenSees and VTK share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "HEXAHEDRON",
+    "LINE",
+    "PYRAMID",
+    "QUADRANGLE",
+    "TETRAHEDRON",
+    "TRIANGLE",
+    "WEDGE",
+    "Shape",
+    "as_quadrangles",
+    "edges_of",
+    "faces_of",
+    "outer_faces",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The corners of an element.
+
+    Attributes
+    ----------
+    n_corners : int
+        How many; nodes on edges come after them.
+    edges : tuple of (int, int)
+        Corners that an edge joins.
+    faces : tuple of tuple of int
+        Corners around each face, seen from outside.
+    encloses : bool
+        Whether the faces enclose a volume, so that one that two elements share is an inner one.
+    """
+
+    n_corners: int
+    edges: tuple[tuple[int, int], ...]
+    faces: tuple[tuple[int, ...], ...] = ()
+    encloses: bool = False
+
+
+def _ring(n: int, start: int = 0) -> tuple[tuple[int, int], ...]:
+    return tuple((start + i, start + (i + 1) % n) for i in range(n))
+
+
+def _upright(n: int) -> tuple[tuple[int, int], ...]:
+    return tuple((i, i + n) for i in range(n))
+
+
+def _to_apex(n: int) -> tuple[tuple[int, int], ...]:
+    return tuple((i, n) for i in range(n))
+
+
+LINE = Shape(2, ((0, 1),))
+TRIANGLE = Shape(3, _ring(3), ((0, 1, 2),))
+QUADRANGLE = Shape(4, _ring(4), ((0, 1, 2, 3),))
+TETRAHEDRON = Shape(
+    4, (*_ring(3), *_to_apex(3)), ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)), encloses=True
+)
+PYRAMID = Shape(
+    5,
+    (*_ring(4), *_to_apex(4)),
+    ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    encloses=True,
+)
+WEDGE = Shape(
+    6,
+    (*_ring(3), *_ring(3, 3), *_upright(3)),
+    ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    encloses=True,
+)
+HEXAHEDRON = Shape(
+    8,
+    (*_ring(4), *_ring(4, 4), *_upright(4)),
+    ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    encloses=True,
+)
+
+
+def edges_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+    """Return the edges of elements, each once.
+
+    Parameters
+    ----------
+    elements : iterable of (Shape, ndarray of int)
+        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`).
+
+    Returns
+    -------
+    ndarray of int, shape (n, 2)
+        The nodes that they join; an edge whose ends are one node is none.
+    """
+    pairs = [np.empty((0, 2), dtype=np.int64)]
+    for shape, nodes in elements:
+        pairs.append(nodes[:, np.array(shape.edges)].reshape(-1, 2))
+    joined = np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)
+    return np.asarray(joined[joined[:, 0] != joined[:, 1]])
+
+
+def faces_of(elements: Iterable[tuple[Shape, NDArray[np.int64]]]) -> NDArray[np.int64]:
+    """Return the faces of elements that can be seen from outside, each once.
+
+    Parameters
+    ----------
+    elements : iterable of (Shape, ndarray of int)
+        Elements of one shape and their nodes, shape (m, at least `Shape.n_corners`). One whose
+        corners coincide has the faces that are left of it.
+
+    Returns
+    -------
+    ndarray of int, shape (n, 4)
+        Nodes around each, the last of a triangle twice.
+    """
+    solid = [np.empty((0, 4), dtype=np.int64)]
+    open_ = [np.empty((0, 4), dtype=np.int64)]
+    for shape, nodes in elements:
+        found = solid if shape.encloses else open_
+        found += [as_quadrangles(nodes[:, face]) for face in map(list, shape.faces)]
+    return outer_faces(np.concatenate(solid), np.concatenate(open_))
+
+
+def as_quadrangles(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return faces as four nodes each, the last of a triangle twice.
+
+    Parameters
+    ----------
+    faces : ndarray of int, shape (n, 3) or (n, 4)
+        Nodes around each; neighbours may be one node.
+
+    Returns
+    -------
+    ndarray of int, shape (at most n, 4)
+        Without those that have fewer than three nodes.
+    """
+    given = faces if faces.shape[1] == 4 else faces[:, [0, 1, 2, 2]]
+    stands = given != np.roll(given, -1, axis=1)  # the last of those that are one node
+    order = np.argsort(~stands, axis=1, kind="stable")
+    out = np.take_along_axis(given, order, axis=1)
+    count = stands.sum(axis=1)
+    out[count == 3, 3] = out[count == 3, 2]
+    return np.asarray(out[count >= 3])
+
+
+def outer_faces(solid: NDArray[np.int64], open_: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the faces that can be seen from outside, each once.
+
+    Parameters
+    ----------
+    solid : ndarray of int, shape (n, 4)
+        All faces of solids, the last node of a triangle twice. One that stands twice lies within.
+    open_ : ndarray of int, shape (m, 4)
+        Those of shells.
+
+    Returns
+    -------
+    ndarray of int, shape (k, 4)
+        In the order given.
+    """
+    _, first, count = np.unique(
+        _whatever_order(solid), axis=0, return_index=True, return_counts=True
+    )
+    every = np.concatenate([solid[np.sort(first[count == 1])], open_])
+    _, first = np.unique(_whatever_order(every), axis=0, return_index=True)
+    return np.asarray(every[np.sort(first)])
+
+
+def _whatever_order(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return faces, shape (n, 4), with their nodes sorted; of triangles the least stands twice."""
+    out = np.sort(faces, axis=1)
+    triangle = faces[:, 2] == faces[:, 3]
+    three = np.sort(faces[triangle, :3], axis=1)
+    out[triangle] = three[:, [0, 0, 1, 2]]
+    return out
