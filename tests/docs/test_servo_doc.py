@@ -22,7 +22,7 @@ def page() -> dict[str, Any]:
         if block.language == "python":
             run_python(block, "docs/servo.md", namespace)
             ran += 1
-    assert ran == 6
+    assert ran == 8
     return namespace
 
 
@@ -38,6 +38,14 @@ def test_the_loop_is_stable_and_its_crossover_is_near_the_rule(page: dict[str, A
     assert servo.velocity_loop.margins.crossover == pytest.approx(4.0, rel=0.05)
     assert servo.velocity_loop.margins.phase_margin > 45.0
     assert len(servo.velocity_loop.margins.gain_crossings) == 3
+
+
+def test_sampling_takes_phase_as_the_hold_and_the_delay_do(page: dict[str, Any]) -> None:
+    """The controller's dead time of 1 ms is that of the delay; the hold takes half an interval more."""
+    continuous, sampled = page["servo"].velocity_loop.margins, page["m"]
+    lost = 360.0 * continuous.gain_crossings * 0.5e-3
+    off = sampled.phase_margins - (continuous.phase_margins - lost)
+    assert (np.abs(off) < 0.1 * lost).all()
 
 
 def test_the_windy_dish_errs_as_its_spectrum_says(page: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ import pytest
 import updyn
 from pages_read import attributes, dump, values
 from updyn.control.job.plant_result import lines_of, make_plant
-from updyn.control.job.record import control_record
+from updyn.control.job.record import control_record, servo_record
 from updyn.control.report.page import write_plant_page
 from updyn.control.report.plant import share
 from updyn.control.servo.controller import Controller, Notch
@@ -37,6 +37,7 @@ quantity = ["mobility", "receptance"]
 band = [1.0, 90.0]
 family = 4
 seed = 3
+sampling = { dt = 0.0005, delay = 0.001 }
 [servo]
 torque = "M<i>"
 velocity = "speed"
@@ -246,6 +247,24 @@ def test_margins_of_the_family_are_in_the_table(made, parts):
     assert cells[2:4] == [f"{min(inner):.3g}°", str(int(np.argmin(inner)))]
     outer = [m.phase_margin for m in servo.position_loop.members]
     assert cells[6:8] == [f"{min(outer):.3g}°", str(int(np.argmin(outer)))]
+
+
+def test_margins_of_the_sampled_loops_are_in_a_table_of_their_own(made, parts):
+    servo = made[1].servo
+    text = parts[0]["servo"]
+    assert servo.sampled.dt == 0.0005
+    assert servo.sampled.delay == 2
+    own = text[
+        text.index("Margins of the sampled loops: every 0.5 ms, with the hold, torque late by 2") :
+    ]
+    row = re.search(r'<tr><th scope="row">phase margin</th>(.*?)</tr>', own)[1]
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    margins = [loop.margins.phase_margin for loop in servo.sampled.loops]
+    assert cells[::2] == [f"{margin:.3g}°" for margin in margins]
+    assert "dead time of 1 ms is not in it" in own
+    record = servo_record(servo)["sampled"]
+    assert record["velocity_loop"]["margins"]["phase_margin"] == pytest.approx(margins[0])
+    assert len(record["poles"]) == len(servo.sampled.poles)
 
 
 def test_responses_over_time(made, parts):

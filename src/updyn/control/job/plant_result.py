@@ -235,7 +235,8 @@ def make_plant(
                 notes += missing
     if job.table(ServoTable) is not None:
         stage("plant: servo")
-        found, said = _servo(job, model, band, extra.get("family") or made, strict)
+        plants = extra.get("family") or made, extra.get("sampled")
+        found, said = _servo(job, model, band, plants, strict)
         extra |= found
         notes.append(said)
     return replace(base, notes=tuple(filter(None, notes)), **extra)
@@ -245,16 +246,17 @@ def _servo(
     job: Job,
     model: Model,
     band: tuple[float, float],
-    plant: Plant | PlantFamily | None,
+    plants: tuple[Plant | PlantFamily | None, Plant | None],
     strict: bool,
 ) -> tuple[dict[str, Any], str]:
     """Return drive and servo, and a note where one of them cannot be computed."""
     out: dict[str, Any] = {}
+    plant, sampled_plant = plants
     try:
         with job.located():
             out["drive"] = drive_of(job, model, band)
             if plant is not None:
-                out["servo"] = found = servo_of(job, plant)
+                out["servo"] = found = servo_of(job, plant, sampled_plant)
                 if found is not None:
                     nominal = plant if isinstance(plant, Plant) else plant.nominal
                     out["nonlinear"] = nonlinear_of(job, model, nominal, found)

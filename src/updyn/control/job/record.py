@@ -14,7 +14,7 @@ from updyn.control.job.servo import Nonlinear
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.servo.drive import DriveFigures
-from updyn.control.servo.record import Loop, Servo
+from updyn.control.servo.record import Loop, SampledLoops, Servo
 from updyn.store.values import plain
 
 __all__ = [
@@ -196,7 +196,8 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         ``stable``, of every loop and member of a family; ``controller``; the names of the ports;
         ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
         ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` as
-        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``step``,
+        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``sampled``:
+        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z), or None; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
     loops = {loop.name: _loop(loop) for loop in servo.loops}
@@ -214,6 +215,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "velocity_loop": loops["velocity"],
         "position_loop": loops.get("position"),
         "torque_loop": None if servo.torque_loop is None else _loop(servo.torque_loop),
+        "sampled": None if servo.sampled is None else _sampled_loops(servo.sampled),
         "step": _figures_or_none(servo.step, _STEP),
         "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
         "wind": _figures_or_none(servo.wind, _WIND),
@@ -221,10 +223,22 @@ def servo_record(servo: Servo) -> dict[str, Any]:
     }
 
 
+def _sampled_loops(sampled: SampledLoops) -> dict[str, Any]:
+    loops = {f"{loop.name}_loop": _loop(loop) for loop in sampled.loops}
+    return {
+        "dt": sampled.dt,
+        "delay": sampled.delay,
+        **{name: loops.get(name) for name in ("velocity_loop", "position_loop", "torque_loop")},
+        "poles": _complex(sampled.poles),
+        "notes": list(sampled.notes),
+    }
+
+
 def _loop(loop: Loop) -> dict[str, Any]:
     return {
         "margins": plain(asdict(loop.margins)),
         "bandwidth": plain(loop.bandwidth),
+        "modulus_range": plain(loop.modulus_range),
         "worst": {name: plain(asdict(spread)) for name, spread in loop.worst.items()},
         "unstable_members": list(loop.unstable_members),
     }

@@ -63,7 +63,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
         return drive_figures(model, table.motor, table.load, ratio=table.ratio, band=band)
 
 
-def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
+def servo_of(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None) -> Servo | None:
     """Return the servo on a plant, or on its family; None where the job has no controller.
 
     Parameters
@@ -72,6 +72,8 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
         The job.
     plant : Plant or PlantFamily
         Continuous.
+    sampled : Plant, optional
+        The nominal one, sampled with its delay.
 
     Raises
     ------
@@ -99,6 +101,7 @@ def servo_of(job: Job, plant: Plant | PlantFamily) -> Servo | None:
             disturbance_step=table.disturbance_step,
             wind=None if table.wind is None else table.wind.wind(),
             duration=table.duration,
+            sampled=sampled,
         )
 
 

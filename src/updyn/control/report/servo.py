@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
 from updyn.control.report.plant import degree_axis, unit_ratio
 from updyn.control.servo.drive import DriveFigures
 from updyn.control.servo.margins import Margins
-from updyn.control.servo.record import Loop, Servo, StepResponse, WindResponse
+from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse, WindResponse
 from updyn.report.formats import number
 from updyn.report.plots import (
     Figure,
@@ -393,7 +393,7 @@ SERVO = ServoSection()
 
 
 def _servo_context(servo: Servo) -> dict[str, Any]:
-    head, margins = _margins(servo)
+    head, margins = _margins(servo.loops)
     return {
         "verdict": _verdict(servo),
         "notes": [_sentence(note) for note in servo.notes],
@@ -401,6 +401,7 @@ def _servo_context(servo: Servo) -> dict[str, Any]:
         "controller": _controller(servo),
         "margins_head": head,
         "margins": margins,
+        "sampled": None if servo.sampled is None else _sampled(servo.sampled),
         "has_family": bool(servo.velocity_loop.members),
         "unstable": _unstable(servo),
         "loops": [_loop(loop) for loop in servo.loops],
@@ -506,26 +507,53 @@ def _with_unit(value: float | None, digits: int, unit: str) -> str:
 
 
 # -- margins --------------------------------------------------------------------------------------
-def _margins(servo: Servo) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of the table of margins."""
+def _margins(loops: Sequence[Loop]) -> tuple[list[str], list[list[str]]]:
+    """Return head and rows of a table of margins."""
     head = ["figure"]
     bandwidth = ["closed-loop bandwidth"]
-    for loop in servo.loops:
+    structure = ["modulus margin of the structure, by the plant's error"]
+    for loop in loops:
         head += [f"{loop.name} loop", "at"]
         bandwidth += [_hz(loop.bandwidth), "–"]
         if loop.members:
             head += ["worst of family", "plant"]
             bandwidth += ["–", "–"]
+        span = "–"
+        if loop.modulus_range is not None:
+            span = " to ".join(number(value, 3) for value in loop.modulus_range)
+        structure += [span, "–"] + ["–"] * (2 * bool(loop.members))
     rows = []
     for title, name, text in _FIGURES:
         cells = []
-        for loop in servo.loops:
+        for loop in loops:
             cells += [text(getattr(loop.margins, name)), _hz(_at(loop.margins, name))]
             if loop.members:
                 cells += _worst_cells(loop, name, text)
         if set(cells) != {"–"}:
             rows.append([title, *cells])
+    if set(structure[1:]) != {"–"}:
+        rows.append(structure)
     return head, [*rows, bandwidth]
+
+
+def _sampled(sampled: SampledLoops) -> dict[str, Any]:
+    """Return the table of the margins of the sampled loops."""
+    head, rows = _margins(sampled.loops)
+    late = "without delay"
+    if sampled.delay:
+        late = f"torque late by {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
+    notes = [_sentence(note) for note in sampled.notes]
+    if not sampled.stable:
+        notes.insert(0, "The sampled loop is UNSTABLE.")
+    return {
+        "caption": (
+            f"Margins of the sampled loops: every {number(1e3 * sampled.dt, 4)} ms, with the hold,"
+            f" {late}"
+        ),
+        "head": head,
+        "rows": rows,
+        "notes": notes,
+    }
 
 
 def _worst_cells(loop: Loop, name: str, text: Callable[[float | None], str]) -> list[str]:

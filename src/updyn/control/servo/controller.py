@@ -442,7 +442,7 @@ def require_continuous(plant: Plant) -> None:
         raise OptionError(
             f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and"
             f" the sampling as dead_time of the controller ({1.5 * plant.dt:g} s for one"
-            " interval of computation and the hold)"
+            " interval of computation and the hold), or the sampled plant beside it as sampled="
         )
 
 

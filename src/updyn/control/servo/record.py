@@ -15,6 +15,7 @@ from updyn.control.servo.margins import FIGURES, Margins, Range
 
 __all__ = [
     "Loop",
+    "SampledLoops",
     "Servo",
     "StepResponse",
     "WindResponse",
@@ -63,6 +64,10 @@ class Loop:
     worst : mapping of str to Range
         Smallest and largest of each figure over the members, by the name in `Margins`; empty
         without a family.
+    modulus_range : (float, float) or None
+        Between which the modulus margin of the structure lies, in the band, where the plant is off
+        by at most its relative error; None where that or the margin is not known, or the margin is
+        not in the band.
     """
 
     name: str
@@ -75,6 +80,7 @@ class Loop:
     family_phase: _Real = field(default_factory=lambda: np.zeros((0, 0)))
     members: tuple[Margins, ...] = ()
     worst: Mapping[str, Range] = field(default_factory=dict)
+    modulus_range: tuple[float, float] | None = None
 
     @property
     def magnitude_db(self) -> _Real:
@@ -188,6 +194,46 @@ class WindResponse:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SampledLoops:
+    """The loops of the same controller in a processor, on the sampled plant with its delay.
+
+    Attributes
+    ----------
+    dt : float
+        Sampling interval in s.
+    delay : int
+        Intervals by which the torque is late, a begun one counted as whole; the hold comes on top.
+    velocity_loop : Loop
+        As of `Servo`, up to half the sampling rate.
+    position_loop, torque_loop : Loop or None
+        The same.
+    poles : ndarray of complex, shape (n,)
+        Of the closed loop, z.
+    notes : tuple of str
+        What of the controller is not in it.
+    """
+
+    dt: float
+    delay: int
+    velocity_loop: Loop
+    position_loop: Loop | None
+    torque_loop: Loop | None
+    poles: _Complex
+    notes: tuple[str, ...] = ()
+
+    @property
+    def loops(self) -> tuple[Loop, ...]:
+        """All loops that there are."""
+        every = self.velocity_loop, self.position_loop, self.torque_loop
+        return tuple(loop for loop in every if loop is not None)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every loop is stable."""
+        return all(loop.margins.stable for loop in self.loops)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Servo:
     """A plant under a controller: loops, margins, time responses.
 
@@ -200,8 +246,8 @@ class Servo:
         loop stands alone, and equals `velocity` where one of them is derived from the other.
     plant : dict
         Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``,
-        ``route``, ``inertia`` (rigid-body inertia from torque to velocity, kg m2 or kg; None
-        without rigid-body motion), ``members`` (number of a family's members).
+        ``relative_error``, ``route``, ``inertia`` (rigid-body inertia from torque to velocity, kg
+        m2 or kg; None without rigid-body motion), ``members`` (number of a family's members).
     velocity_loop : Loop
         Broken at the velocity, the position loop open.
     position_loop : Loop or None
@@ -232,6 +278,8 @@ class Servo:
     family_steps : tuple of StepResponse or None
         Response to the step of the reference of each member of a family, None for an unstable one;
         empty where they were not asked for.
+    sampled : SampledLoops or None
+        The same loops on the sampled plant; None where none was given.
     """
 
     controller: Controller
@@ -254,11 +302,13 @@ class Servo:
     notes: tuple[str, ...] = ()
     torque_loop: Loop | None = None
     family_steps: tuple[StepResponse | None, ...] = ()
+    sampled: SampledLoops | None = None
 
     @property
     def stable(self) -> bool:
-        """Whether every loop is stable, of all members of a family too."""
-        return all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
+        """Whether every loop is stable, of all members of a family and sampled too."""
+        own = all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
+        return own and (self.sampled is None or self.sampled.stable)
 
     @property
     def loops(self) -> tuple[Loop, ...]:
@@ -290,12 +340,20 @@ def servo_text(servo: Servo) -> str:
     parts.append(indent(servo.controller.summary(), "  "))
     broken = () if servo.torque_loop is None else (servo.torque_loop,)
     for loop in (*servo.loops, *broken):
-        name = "both loops, broken at the torque" if loop.name == "torque" else f"{loop.name} loop"
-        parts += [name, indent(loop.margins.summary(), "  ")]
+        parts += [_name(loop), indent(loop.margins.summary(), "  ")]
+        if loop.modulus_range is not None:
+            low, high = loop.modulus_range
+            error = 100.0 * plant["relative_error"]
+            parts.append(
+                f"  of the structure: modulus margin {low:.4g} to {high:.4g}, as the plant is off"
+                f" by {error:.2g} %"
+            )
         if loop.bandwidth is not None:
             parts.append(f"  bandwidth       {loop.bandwidth:.6g} Hz (-3 dB, closed)")
         if loop.members:
             parts.append(indent(_family(loop), "  "))
+    if servo.sampled is not None:
+        parts += _sampled(servo.sampled)
     if servo.bandwidth is not None and servo.controller.feed_forward:
         parts.append(
             f"bandwidth from the reference, with feed-forward (-3 dB)  {servo.bandwidth:.6g} Hz"
@@ -309,6 +367,21 @@ def servo_text(servo: Servo) -> str:
         parts.append(_wind(servo.wind))
     parts += [f"note: {note}" for note in servo.notes]
     return "\n".join(parts)
+
+
+def _name(loop: Loop) -> str:
+    return "both loops, broken at the torque" if loop.name == "torque" else f"{loop.name} loop"
+
+
+def _sampled(sampled: SampledLoops) -> list[str]:
+    """Return the margins of the sampled loops."""
+    late = "no delay"
+    if sampled.delay:
+        late = f"a delay of {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
+    parts = [f"sampled every {1e3 * sampled.dt:g} ms, with the hold and {late}"]
+    for loop in sampled.loops:
+        parts += [f"  {_name(loop)}", indent(loop.margins.summary(), "    ")]
+    return [*parts, *(f"  note: {note}" for note in sampled.notes)]
 
 
 def _family(loop: Loop) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
@@ -13,9 +14,10 @@ from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, inertia_of
+from updyn.control.servo.digital import SampledCascade, judge_sampled
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import ranges
-from updyn.control.servo.record import Loop, Servo, StepResponse
+from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
 from updyn.control.servo.stability import Judged, judge_all, judge_torque
 from updyn.control.servo.time_response import Timed, timed
 from updyn.control.servo.wind import Wind
@@ -45,6 +47,7 @@ def servo(
     wind: _Disturbance | None = None,
     duration: float | None = None,
     family_steps: bool = False,
+    sampled: Plant | None = None,
 ) -> Servo:
     """Return loop functions, margins and time responses of a controller on a plant.
 
@@ -83,6 +86,10 @@ def servo(
         Of the step responses in s; by default until they have settled.
     family_steps : bool
         Whether the response to the step of the reference is computed for every member of a family.
+    sampled : Plant, optional
+        The plant once more, from `updyn.sampled` with its delay: `Servo.sampled` then has the
+        margins of the same controller in a processor, converted by Tustin's rule, notches and
+        low-pass at their places. Hold and delay take the place of the controller's dead time.
 
     Returns
     -------
@@ -121,7 +128,8 @@ def servo(
     for k, name in enumerate(("velocity", "position", "torque")):
         own = judged[k]
         if own is not None:
-            loops.append(_loop(name, own, lines, [_one(m[k]) for m in members]))
+            made = _loop(name, own, lines, [_one(m[k]) for m in members])
+            loops.append(replace(made, modulus_range=_modulus_range(cascade, own, name)))
     outer = judged[1] or judged[0]
     s = 1j * _TWO_PI * lines
     over_time = Timed()
@@ -154,6 +162,36 @@ def servo(
         wind=over_time.wind,
         notes=(*_notes(nominal, loops[:2], outer, inertia), *over_time.notes),
         family_steps=steps,
+        sampled=None if sampled is None else _sampled(sampled, controller, wiring, judged),
+    )
+
+
+def _sampled(
+    plant: Plant, controller: Controller, wiring: Wiring, judged: Sequence[Judged | None]
+) -> SampledLoops:
+    """Return the loops on a sampled plant."""
+    if not isinstance(plant, Plant):
+        raise OptionError(f"sampled: expected a Plant, found {type(plant).__name__}")
+    cascade = SampledCascade(plant, controller, wiring)
+    loops: list[Loop | None] = []
+    for name, own in zip(
+        ("velocity", "position", "torque"), judge_sampled(cascade, judged), strict=True
+    ):
+        if own is None:
+            loops.append(None)
+            continue
+        lines = own.w / _TWO_PI
+        loops.append(_loop(name, own, lines[_drawable(lines, [own], [])], []))
+    velocity = loops[0]
+    assert velocity is not None
+    return SampledLoops(
+        cascade.dt,
+        plant.delay,
+        velocity,
+        loops[1],
+        loops[2],
+        cascade.closed(cascade.has_position),
+        cascade.notes,
     )
 
 
@@ -256,6 +294,31 @@ def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) ->
     )
 
 
+def _modulus_range(cascade: Cascade, judged: Judged, name: str) -> tuple[float, float] | None:
+    """Return between which the modulus margin lies by the relative error of the plant.
+
+    A response that is off by a share d changes the velocity loop by d |L|; the position loop, with
+    it closed, by a share d (1 + |T|) / (1 - d |T|), T = L / (1 + L) of the velocity loop; the loop
+    at the torque by d times the sum of its two parts. |1 + L| changes by no more than L.
+    """
+    plant, at = cascade.plant, judged.margins.modulus_margin_at
+    error, (low, high) = plant.relative_error, plant.band
+    if np.isnan(error) or at is None or not low <= at <= high:
+        return None
+    w = judged.w[(judged.w >= _TWO_PI * low) & (judged.w <= _TWO_PI * high)]
+    s = 1j * np.append(w, _TWO_PI * at)
+    L, inner = judged.loop(s), cascade.velocity(s)
+    off = error * np.abs(L)
+    if name == "position":
+        T = np.abs(inner / (1.0 + inner))
+        with np.errstate(divide="ignore"):
+            off = off * (1.0 + T) / np.maximum(1.0 - error * T, 0.0)
+    elif name == "torque":
+        off = error * (np.abs(inner) + np.abs(L - inner))
+    size = np.abs(1.0 + L)
+    return float(max(np.min(size - off), 0.0)), float(np.min(size + off))
+
+
 def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
     """Return the loop function and its unwrapped phase in degrees at some lines."""
     w = _TWO_PI * lines
@@ -287,6 +350,7 @@ def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
         "rigid": plant.rigid,
         "band": tuple(plant.band),
         "error": plant.error,
+        "relative_error": plant.relative_error,
         "route": plant.route,
         "inertia": inertia,
         "members": members,

@@ -20,6 +20,7 @@ __all__ = [
     "judge",
     "judge_all",
     "judge_torque",
+    "margins_of",
     "nyquist_count",
 ]
 
@@ -244,7 +245,7 @@ def judge(
     exact = growing
     if pade:
         exact = nyquist_count(whole, w, open_poles, drifting)
-    margins = _margins(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
+    margins = margins_of(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
     return Judged(loop, w, values, margins, poles, pade, exact == growing)
 
 
@@ -277,7 +278,7 @@ def _lines(
     return grid.resolved(loop, grid.frequencies(dense, low, high, delay))
 
 
-def _margins(
+def margins_of(
     loop: Loop,
     w: _Real,
     values: _Complex,
@@ -287,6 +288,23 @@ def _margins(
     drifting: int,
     delay: float,
 ) -> Margins:
+    """Return the margins of a loop whose crossings and stability are known.
+
+    Parameters
+    ----------
+    loop : callable
+        L(s).
+    w : ndarray of float, shape (n,)
+        Lines in rad/s that resolve it.
+    values : ndarray of complex, shape (n,)
+        L there.
+    gains, phases : ndarray of float
+        Where |L| is 1, and where L is real and negative, in rad/s, ascending.
+    growing, drifting : int
+        Poles of the closed loop that grow, and that stand at 0.
+    delay : float
+        Dead time in s, of which turns beyond the lines are followed.
+    """
     at_phase = 1.0 / np.abs(_at(loop, phases))
     angle = np.angle(-_at(loop, gains))  # phase margin, -pi to pi
     delays = np.mod(angle, _TWO_PI) / gains
