@@ -52,11 +52,11 @@ def bilinear(system: StateSpace, c: float) -> StateSpace:
         return system
     eye = np.eye(system.n_states)
     left = c * eye - system.A
-    into = np.linalg.solve(left, system.B)
-    out = np.linalg.solve(left.T, system.C.T).T
-    root = np.sqrt(2.0 * c)
+    into = np.asarray(np.linalg.solve(left, system.B), dtype=np.float64)
+    out = np.asarray(np.linalg.solve(left.T, system.C.T).T, dtype=np.float64)
+    root = float(np.sqrt(2.0 * c))
     return StateSpace(
-        np.linalg.solve(left, c * eye + system.A),
+        np.asarray(np.linalg.solve(left, c * eye + system.A), dtype=np.float64),
         root * into,
         root * out,
         system.D + system.C @ into,
