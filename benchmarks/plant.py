@@ -168,6 +168,13 @@ def relative(bench: Bench) -> None:
         )
 
 
+def causal(bench: Bench) -> None:
+    """Lower bounds on the relative error of any stable plant, its gain outside the band limited."""
+    for quantity, word in QUANTITIES.items():
+        least = of(bench, 0.3, quantity).facts["causal error"]
+        print(f"{bench.name}, {word}: {100 * least:.2g} % or more by any stable plant", flush=True)
+
+
 def relative_needed(bench: Bench, quantity: str) -> tuple[list[int | None], float, int]:
     """States that balanced truncations of all complex modes need; their error and number."""
     ports = as_ports([bench.force], "input"), as_ports(bench.motions, "output")
@@ -464,6 +471,8 @@ def relative_table(some: list[Bench]) -> None:
     print("|---|" + "---|" * len(RELATIVE))
     for bench in some:
         relative(bench)
+    for bench in some:
+        causal(bench)
 
 
 if __name__ == "__main__":
