@@ -57,6 +57,11 @@ $(VENV)/.installed-%: $(VENV)/.made pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[$*,mkl]"
 	@touch $@ $(VENV)/.installed
 
+# The extra dev holds the two others.
+$(VENV)/.installed-dev: $(VENV)/.made pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable ".[dev,mkl]"
+	@touch $@ $(VENV)/.installed $(VENV)/.installed-test $(VENV)/.installed-docs
+
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "Python 3.11 or later is needed; found $$($(PYTHON) --version). Set PYTHON=..." >&2; exit 1; }
