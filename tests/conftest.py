@@ -37,20 +37,28 @@ settings.load_profile("updyn")
 #: Folders whose tests fit, and print or compare what they find.
 _ROUNDED = {"cli", "comparison", "docs", "recovery", "report"}
 #: All methods on the gear train take minutes, other tests compare methods under every kernel;
-#: rounding is nothing beside the scatter of many draws, or to signals and files.
+#: rounding is nothing beside the scatter of many draws, or to signals, files, refusals and places.
 _ONCE = {
+    "test_bad_jobs.py",
     "test_compare_doc.py",
+    "test_engine.py",
     "test_howto_doc.py",
     "test_process.py",
     "test_sensor_statistics.py",
     "test_statistics.py",
+    "test_uncertainty_doc.py",
 }
+
+
+def _drawn(item: pytest.Item) -> bool:
+    """Whether a browser is looked at, which draws what it is given."""
+    return any("browser" in mark.args for mark in item.iter_markers("needs"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         parts = set(item.path.relative_to(DATA.parent).parts)
-        if parts & _ROUNDED and not parts & _ONCE:
+        if parts & _ROUNDED and not parts & _ONCE and not _drawn(item):
             item.add_marker("kernels")
 
 

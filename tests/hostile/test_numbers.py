@@ -153,28 +153,11 @@ def test_two_hundred_unknowns_are_found_within_their_covariance():
     f = updyn.modes(start, n).frequency
     lines = np.linspace(0.5 * f[0], 1.02 * f[-1], 100)
     data = updyn.response(true, lines, [f"{i + 1}:X" for i in range(n)], [f"{n}:X"])
-    found = updyn.update(start, noisy(data, 2), unknowns, noise={"relative": 0.01})
+    found = updyn.update(start, noisy(data, 2), unknowns, noise={"relative": 0.01}, starts=0)
     assert found.ok
     off = values(found) - exact
     # Chi-squared of 200 degrees of freedom: 200 with a deviation of 20.
     assert off @ np.linalg.solve(found.covariance, off) == pytest.approx(200.0, abs=80.0)
-
-
-def test_a_million_lines():
-    """A mass on a spring, H = 1 / (k (1 + i eta) - omega^2 m); the deviation falls with their root."""
-    start = chain([1e4], [1.0])
-    lines = np.linspace(1.0, 40.0, 1_000_000)
-    clean = updyn.response(start.scaled({"p1": {"stiffness": 1.3}}), lines, ["1:X"], ["1:X"])
-    omega2 = (2.0 * np.pi * lines) ** 2
-    assert np.abs(clean.values[:, 0, 0] * (1.3e4 * (1.0 + 0.02j) - omega2) - 1.0).max() < 1e-12
-    unknowns = updyn.parameters(start, stiffness="all")
-    found = updyn.update(start, noisy(clean, 6), unknowns, noise={"relative": 0.01})
-    assert found.ok
-    # d log H / d log k = -k (1 + i eta) H, and so much of each line's information.
-    share = np.abs(1.3e4 * (1.0 + 0.02j) * clean.values) ** 2
-    std = 1.3 * 0.01 / np.sqrt(2.0 * share.sum())
-    assert found.std["p1.stiffness"] == pytest.approx(std, rel=1e-2)
-    assert found.values["p1.stiffness"] == pytest.approx(1.3, abs=4.0 * std)
 
 
 # Structures that are hard on rounding.

@@ -16,7 +16,7 @@ from updyn.demos.gear_train import known_masses, true_model, true_values
 from updyn.report import write_comparison
 from updyn.report.comparison import gather_curves, is_geometric
 
-LINES = np.linspace(5.0, 60.0, 30) / (2.0 * np.pi)
+LINES = np.linspace(5.0, 60.0, 12) / (2.0 * np.pi)
 NAMES = ["equation-error", "log", "rfm", "frf-sensitivity", "reduced-frf"]
 
 
