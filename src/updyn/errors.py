@@ -57,7 +57,16 @@ __all__ = [
 
 
 class UpdynError(Exception):
-    """Base of every error that updyn raises on purpose."""
+    """Base of every error that updyn raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     updyn.Group([[1.0]], loss_factor=-0.1)
+    ... except updyn.UpdynError as error:
+    ...     print(type(error).__name__)
+    ModelError
+    """
 
 
 class InputError(UpdynError, ValueError):
@@ -141,7 +150,16 @@ class EngineError(UpdynError):
 
 
 class UpdynWarning(UserWarning):
-    """Something that the user should know and may accept."""
+    """Something that the user should know and may accept.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings():
+    ...     warnings.simplefilter("error", updyn.UpdynWarning)  # an error instead
+    ...     updyn.Group([[1.0]], loss_factor=0.02).loss_factor
+    0.02
+    """
 
 
 @contextmanager

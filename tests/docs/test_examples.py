@@ -27,52 +27,11 @@ SHOWN = [test for tests in TESTS.values() for test in tests]
 #: Names of `updyn` whose docstrings show no example yet. To be shortened, never lengthened: a new
 #: name comes with an example.
 WITHOUT = """
-updyn.Backlash
-updyn.Comparison
-updyn.Controller
-updyn.CoulombFriction
-updyn.FRFEstimate
-updyn.Finding
-updyn.ImpactWindow
-updyn.JointResult
-updyn.Notch
-updyn.Plan
-updyn.Plant
-updyn.Port
 updyn.RecordFinding
-updyn.Selection
-updyn.UpdynError
-updyn.UpdynWarning
-updyn.Wind
-updyn.check_records
-updyn.cluster_jointly
-updyn.compare_jointly
-updyn.conversions
-updyn.cut_hits
-updyn.drive_figures
-updyn.estimate_frf
-updyn.frf_estimate
-updyn.joined_frfs
-updyn.limit_cycles
-updyn.opened
-updyn.plan
-updyn.plant
-updyn.plant_family
-updyn.read_plant
-updyn.read_records
-updyn.read_uncertainty
 updyn.sample
-updyn.select_jointly
-updyn.simulate
 updyn.to_control
 updyn.to_frd
-updyn.to_scipy
-updyn.uncertainty_weight
-updyn.write_plan
-updyn.write_plant
 updyn.write_properties
-updyn.write_report
-updyn.write_uncertainty
 """
 
 

@@ -575,6 +575,16 @@ def compare_jointly(
         not known.
     SolverError
         If a model cannot be solved at a line where it starts.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> halves = [frf.select(references=[r]) for r in frf.references.labels]
+    >>> tests = [updyn.Test(model, h, name=n) for h, n in zip(halves, ["a", "b"], strict=True)]
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> updyn.compare_jointly(tests, unknowns, ["log"])["log"].status
+    'converged'
     """
     named = []
     for number, test in enumerate(tests, 1):

@@ -178,6 +178,15 @@ class Comparison(Sequence[Row]):
         Methods that were not run because of that.
     title : str
         For the record.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> found = updyn.compare(model, frf, unknowns, ["equation-error", "log"])
+    >>> [row.method for row in found]
+    ['equation-error', 'log']
     """
 
     rows: tuple[Row, ...]

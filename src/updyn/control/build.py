@@ -260,6 +260,15 @@ def plant(
 
     Full modal damping matrix: C_rs = phi_r^T D phi_s / sqrt(omega_r omega_s); see
     `updyn.control.real_modes`, `complex_modes` and `biot` for the routes.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> made.inputs, made.output_units
+    (('12:X',), ('m/s',))
+    >>> made.relative_error <= made.tolerance
+    True
     """
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     if isinstance(model, FRF):
@@ -669,6 +678,13 @@ def conversions(
     ------
     OptionError, ModelError, DofError, SolverError
         As `plant`.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> found = updyn.conversions(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0))
+    >>> next(c.error < 0.01 for c in found if c.name == "complex")
+    True
     """
     own = _model(model)
     task, _ = _task(

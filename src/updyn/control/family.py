@@ -297,6 +297,16 @@ def plant_family(
 
     The spread is the uncertainty by the data. It does not contain the error of a wrong model
     (`UpdateResult.adequacy`).
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> family = updyn.plant_family(result, ["12:X"], ["12:X"], (0.5, 6.0), n=3)
+    >>> len(family)
+    3
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")

@@ -111,6 +111,15 @@ class Plant:
         in a file of an earlier version.
     zero_shift : tuple of ZeroShift
         The antiresonances of each channel in the band: shift in per cent, and depth in dB.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> made.A.shape == (made.n_states, made.n_states)
+    True
+    >>> made.at(2j * 3.14 * 5.0).shape  # one line, outputs, inputs
+    (1, 1, 1)
     """
 
     A: _Real

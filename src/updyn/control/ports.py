@@ -42,6 +42,12 @@ class Port:
         rotations are mixed and `rotation` does not say what comes of them.
     DofError
         If a label cannot be read, or two are of one DOF.
+
+    Examples
+    --------
+    >>> twist = updyn.Port("twist", {"1:RZ": 0.01, "2:RZ": -1})
+    >>> twist.rotation, twist.motion_unit("receptance")
+    (True, 'rad')
     """
 
     name: str

@@ -88,6 +88,13 @@ def to_scipy(plant: Plant) -> scipy.signal.StateSpace:
     -------
     scipy.signal.StateSpace
         An ``lti`` of a continuous plant, a ``dlti`` with ``dt`` in s of a sampled one.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> updyn.to_scipy(made).A.shape == made.A.shape
+    True
     """
     from scipy.signal import StateSpace
 

@@ -349,6 +349,17 @@ def uncertainty_weight(
     the theory knows no phase. The note of the channel says where. A loop may then well be stable
     with every member without meeting |W T| < 1, as one from a motor to its own speed; `updyn.servo`
     looks at the members one by one.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> family = updyn.plant_family(result, ["12:X"], ["12:X"], (0.5, 6.0), n=3)
+    >>> weight = updyn.uncertainty_weight(family, order=1)
+    >>> len(weight.weights)
+    1
     """
     _check(family, order, kind, tolerance, largest_order, floor)
     roots = [p.poles for p in (family.nominal, *family.members)]

@@ -197,7 +197,7 @@ def read_records(
     factors: Mapping[str, float] | None = None,
     **options: Any,
 ) -> xarray.DataArray:
-    """Read time records.
+    r"""Read time records.
 
     Parameters
     ----------
@@ -227,6 +227,15 @@ def read_records(
         where.
     OptionError
         If the format has no such option; the nearest is named.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> text = "time,hammer,1:Z\n0.0,0.0,0.0\n0.1,5.0,0.2\n0.2,0.0,0.1\n"
+    >>> _ = Path("hit.csv").write_text(text)
+    >>> records = updyn.read_records("hit.csv", units={"hammer": "N", "1:Z": "g"})
+    >>> records.shape  # records, channels, samples
+    (1, 2, 3)
     """
     records: Records = _read(path, "read_records", format, options)
     with placed(path):

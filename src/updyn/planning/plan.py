@@ -129,6 +129,15 @@ def plan(
     greedy choice and exchange (Fedorov, Theory of Optimal Experiments, 1972, chapter 3; for sensors
     Udwadia, J. Eng. Mech. 120 (1994) 368; Papadimitriou, J. Sound Vib. 278 (2004) 923). Standard
     deviations are then those of the exact Jacobian of the chosen layout.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> unknowns = updyn.parameters(model, stiffness="all")
+    >>> layout = updyn.plan(model, unknowns, "all", 2, 1, (0.5, 12.0), robust=0)
+    >>> len(layout.responses), len(layout.references)
+    (2, 1)
     """
     chosen = Selection.of(parameters)
     unknowns = chosen.parameters

@@ -135,6 +135,15 @@ class Plan:
         Of the draws.
     screened : str
         Of very many candidates, among how many the layout was chosen; else empty.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> unknowns = updyn.parameters(model, stiffness="all")
+    >>> layout = updyn.plan(model, unknowns, "all", 2, 1, (0.5, 12.0), robust=0)
+    >>> len(layout.std), layout.criterion
+    (4, 'd-optimal')
     """
 
     criterion: str

@@ -71,6 +71,15 @@ def write_report(
     -----
     A page takes 1.6 MB and, for each channel and line drawn, 32 bytes (38 with coherence); beyond
     `updyn.report.overlay.DRAWING_BUDGET` lines are thinned, which the page says.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.write_report(result, "report.html").name
+    'report.html'
     """
     shown = objects_shown()
     for name in further:

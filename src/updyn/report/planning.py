@@ -51,6 +51,15 @@ def write_plan(plan: Plan, path: str | PathLike[str], title: str = "") -> Path:
     -------
     Path
         The file.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> unknowns = updyn.parameters(model, stiffness="all")
+    >>> layout = updyn.plan(model, unknowns, "all", 2, 1, (0.5, 12.0), robust=0)
+    >>> updyn.write_plan(layout, "plan.html").name
+    'plan.html'
     """
     return write_page(render(plan, title), path)
 

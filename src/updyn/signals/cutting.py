@@ -54,6 +54,24 @@ def cut_hits(
         early for one of its hits.
     OptionError
         If a length or the level has a value that it cannot have.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> updyn.cut_hits(records, "1:X", length=0.5).shape  # records, channels, samples
+    (3, 2, 512)
     """
     lead = length / 20.0 if before is None else before
     return cut(records_of(records), excitation, length, lead, level).to_xarray()

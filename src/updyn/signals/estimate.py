@@ -46,6 +46,25 @@ class FRFEstimate:
         Coherence of each response with each force, the other forces taken out of both.
     records : tuple of int
         Numbers of the records that were kept, from 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> found = updyn.frf_estimate(records, "1:X", band=(1.0, 40.0))
+    >>> found.records
+    (1, 2, 3)
     """
 
     frf: FRF
@@ -206,6 +225,25 @@ def estimate_frf(
         no record is left, a force is zero at a line, or forces cannot be told apart.
     OptionError
         If an option has a value that it cannot have.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> frf = updyn.estimate_frf(records, "1:X", band=(1.0, 40.0))
+    >>> frf.quantity, round(float(abs(frf.values[0, 0, 0])), 6)  # 1 / mass
+    ('accelerance', 0.5)
     """
     return frf_estimate(
         records,
@@ -251,6 +289,24 @@ def frf_estimate(
     ------
     DataError, OptionError
         As `estimate_frf`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> updyn.frf_estimate(records, "1:X", band=(1.0, 40.0)).frf.averages
+    3
     """
     if estimator not in ESTIMATORS:
         raise OptionError(

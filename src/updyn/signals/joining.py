@@ -50,6 +50,14 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
     DataError
         If quantities or lines differ, a pair was measured twice, or one was not measured; the
         message names the setups.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> frf = chain.measure()
+    >>> setups = [frf.select(responses=["2:X", "5:X"]), frf.select(responses=["12:X"])]
+    >>> updyn.joined_frfs(setups, ["first.uff", "second.uff"]).responses.labels
+    ['2:X', '5:X', '12:X']
     """
     if len(frfs) == 1:
         return frfs[0]

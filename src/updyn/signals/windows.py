@@ -34,6 +34,12 @@ class ImpactWindow:
     ------
     OptionError
         If a time is not positive, or a share not between 0 and 1.
+
+    Examples
+    --------
+    >>> window = updyn.ImpactWindow(force=0.05, exponential=0.2)
+    >>> window.force
+    0.05
     """
 
     force: float | None = None

@@ -85,6 +85,16 @@ def write_uncertainty(found: Draws | Profiles, path: str | Path) -> None:
     ------
     OptionError
         If it is neither.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.write_uncertainty(updyn.bootstrap(result, n=20), "uncertainty.nc")
+    >>> updyn.read_uncertainty("uncertainty.nc").values.shape
+    (20, 12)
     """
     if isinstance(found, Draws):
         data = _of_draws(found)
@@ -118,6 +128,16 @@ def read_uncertainty(
         If the file is not there, is damaged, or holds something else (the right reader is named).
     OptionError
         If the draws are about another update.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> updyn.write_uncertainty(updyn.profile(result, ["part3.stiffness"]), "uncertainty.nc")
+    >>> updyn.read_uncertainty("uncertainty.nc", result)
+    Profiles(1 unknowns, 95 %)
     """
     path = Path(path)
     data, _ = read_dataset(path, "uncertainty", "draws or profiles")

@@ -345,6 +345,17 @@ class JointResult:
         deviations, history, status) is the same in all of them.
     title : str
         For the record.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> halves = [frf.select(references=[r]) for r in frf.references.labels]
+    >>> tests = [updyn.Test(model, h, name=n) for h, n in zip(halves, ["a", "b"], strict=True)]
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
+    >>> joint = updyn.update_jointly(tests, unknowns, starts=0)
+    >>> list(joint.results), joint.ok
+    (['a', 'b'], True)
     """
 
     results: Mapping[str, UpdateResult]

@@ -46,6 +46,14 @@ def write_plant(plant: Plant, path: str | Path, *, format: str | None = None) ->
         If it is no plant.
     FormatError
         If no format fits, or the file cannot be written.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> updyn.write_plant(made, "plant.json")
+    >>> bool((updyn.read_plant("plant.json").A == made.A).all())
+    True
     """
     if not isinstance(plant, Plant):
         raise OptionError(f"expected a plant, found {type(plant).__name__}")
@@ -71,6 +79,14 @@ def read_plant(path: str | Path, *, format: str | None = None) -> Plant:
     ------
     FormatError
         If the file is not there, is damaged, or holds something else; file and item are named.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> updyn.write_plant(made, "plant.npz")
+    >>> updyn.read_plant("plant.npz").inputs
+    ('12:X',)
     """
     found = existing(path)
     chosen = plant_format(found, "read_plant", format)

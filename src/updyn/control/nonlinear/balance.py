@@ -186,6 +186,24 @@ def limit_cycles(
     Stability by Loeb's criterion: with F = 1 + N S = U + i V, dU/dA dV/domega - dV/dA dU/domega > 0
     (Gelb & Vander Velde 1968, chapter 3). Describing functions take the oscillation for a sine,
     without bias; a breakaway torque is not in them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shaft = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> drive = updyn.Model.from_groups(
+    ...     {
+    ...         "motor": updyn.Group(mass=np.diag([0.5, 0.0])),
+    ...         "shaft": updyn.Group(2000.0 * shaft, loss_factor=0.02),
+    ...         "load": updyn.Group(mass=np.diag([0.0, 2.0])),
+    ...     },
+    ...     ["1:RZ", "2:RZ"],
+    ... )
+    >>> made = updyn.plant(drive, ["1:RZ"], ["1:RZ"], (1.0, 50.0), quantity="mobility")
+    >>> loop, friction = updyn.Controller(kp=20.0), updyn.CoulombFriction(1.0)
+    >>> at = {"torque": "1:RZ", "velocity": "1:RZ"}
+    >>> len(updyn.limit_cycles(made, loop, friction, "1:RZ", **at))  # friction alone makes none
+    0
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
     system = around(plant, controller, nonlinearity, at, names, pade)

@@ -50,6 +50,11 @@ class Backlash:
     ------
     OptionError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> updyn.Backlash(stiffness=4e5, gap=1e-3).half
+    0.0005
     """
 
     stiffness: float
@@ -215,6 +220,11 @@ class CoulombFriction:
     ------
     OptionError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> updyn.CoulombFriction(5.0, breakaway=8.0).sticks
+    8.0
     """
 
     level: float

@@ -120,6 +120,22 @@ def opened(model: Model | UpdateResult, mesh: str, at: str | Dof, *, name: str =
         If the DOF is not in the model.
     OptionError
         If the model is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shaft = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> drive = updyn.Model.from_groups(
+    ...     {
+    ...         "motor": updyn.Group(mass=np.diag([0.5, 0.0])),
+    ...         "shaft": updyn.Group(2000.0 * shaft, loss_factor=0.02),
+    ...         "load": updyn.Group(mass=np.diag([0.0, 2.0])),
+    ...     },
+    ...     ["1:RZ", "2:RZ"],
+    ... )
+    >>> gap = updyn.opened(drive, "shaft", "2:RZ")
+    >>> round(gap.stiffness, 6), gap.port.name
+    (2000.0, 'gap')
     """
     given = model.model if isinstance(model, UpdateResult) else model
     if not isinstance(given, Model):

@@ -602,6 +602,25 @@ def simulate(
         As `limit_cycles`.
     SolverError
         If the loop chatters, or grows beyond all numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shaft = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> drive = updyn.Model.from_groups(
+    ...     {
+    ...         "motor": updyn.Group(mass=np.diag([0.5, 0.0])),
+    ...         "shaft": updyn.Group(2000.0 * shaft, loss_factor=0.02),
+    ...         "load": updyn.Group(mass=np.diag([0.0, 2.0])),
+    ...     },
+    ...     ["1:RZ", "2:RZ"],
+    ... )
+    >>> made = updyn.plant(drive, ["1:RZ"], ["1:RZ"], (1.0, 50.0), quantity="mobility")
+    >>> loop, friction = updyn.Controller(kp=20.0), updyn.CoulombFriction(1.0)
+    >>> at = {"torque": "1:RZ", "velocity": "1:RZ"}
+    >>> run = updyn.simulate(made, loop, friction, 0.5, "1:RZ", **at)
+    >>> run.verdict
+    'at rest'
     """
     names = {"torque": torque, "velocity": velocity, "position": position, "measured": measured}
     system = around(plant, controller, nonlinearity, at, names, pade)

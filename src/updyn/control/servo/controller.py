@@ -65,6 +65,12 @@ class Notch:
     ------
     OptionError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> notch = updyn.Notch(80.0, zero_damping=0.05, pole_damping=0.5)
+    >>> notch.depth, notch.width  # gain at 80 Hz, width in Hz
+    (0.1, 80.0)
     """
 
     frequency: float
@@ -194,6 +200,12 @@ class Controller:
     ------
     OptionError
         If a number is out of its range.
+
+    Examples
+    --------
+    >>> cascade = updyn.Controller(kp=40.0, ti=0.05, kv=10.0, notches=(updyn.Notch(80.0),))
+    >>> cascade.kv, len(cascade.notches), cascade.dead_time
+    (10.0, 1, 0.0)
     """
 
     kp: float

@@ -299,6 +299,24 @@ def drive_figures(
     onto both: K_c[0, 0] at the motor with the load held, K_c[1, 1] at the load with the motor held.
     Of a train that can turn, K_c [n, 1] = 0, so that they differ by n^2: the sum 1 / k = sum 1 /
     (k_i n_i^2) of a row of parts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shaft = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> drive = updyn.Model.from_groups(
+    ...     {
+    ...         "motor": updyn.Group(mass=np.diag([0.5, 0.0])),
+    ...         "shaft": updyn.Group(2000.0 * shaft, loss_factor=0.02),
+    ...         "load": updyn.Group(mass=np.diag([0.0, 2.0])),
+    ...     },
+    ...     ["1:RZ", "2:RZ"],
+    ... )
+    >>> found = updyn.drive_figures(drive, "1:RZ", "2:RZ")
+    >>> [round(float(f), 2) for f in (*found.locked, *found.free)]  # sqrt(k / J) / (2 pi), in Hz
+    [5.03, 11.25]
+    >>> round(found.inertia_ratio, 6)
+    4.0
     """
     given = model.model if isinstance(model, UpdateResult) else model
     if not isinstance(given, Model):

@@ -52,6 +52,14 @@ class Wind:
     ------
     OptionError
         If a number is out of its range, or not one of `roughness` and `turbulence` is given.
+
+    Examples
+    --------
+    >>> wind = updyn.Wind(mean_speed=10.0, coefficient=30.0, roughness=0.005)
+    >>> wind.mean_torque  # in N m
+    3000.0
+    >>> round(wind.intensity, 3)
+    0.173
     """
 
     mean_speed: float

@@ -70,6 +70,24 @@ def check_records(
     ------
     DataError
         If there is no such channel, or it is zero throughout.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> [finding.kind for finding in updyn.check_records(records, "1:X")]
+    []
     """
     given = records_of(records)
     forces = [excitation] if isinstance(excitation, str) else list(excitation)

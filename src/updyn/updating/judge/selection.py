@@ -294,6 +294,16 @@ def select_jointly(
         unknowns.
     SolverError
         If a model cannot be solved at a line.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> halves = [frf.select(references=[r]) for r in frf.references.labels]
+    >>> tests = [updyn.Test(model, h, name=n) for h, n in zip(halves, ["a", "b"], strict=True)]
+    >>> chosen = updyn.select_jointly(tests, updyn.parameters(model, stiffness="all"))
+    >>> len(chosen.parameters)
+    4
     """
     before = Selection.of(parameters)
     given = before.parameters
@@ -407,6 +417,16 @@ def cluster_jointly(
         If models, data, unknowns or options do not fit together.
     SolverError
         If a model cannot be solved at a line.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> halves = [frf.select(references=[r]) for r in frf.references.labels]
+    >>> tests = [updyn.Test(model, h, name=n) for h, n in zip(halves, ["a", "b"], strict=True)]
+    >>> chosen = updyn.cluster_jointly(tests, updyn.parameters(model, stiffness="all"))
+    >>> len(chosen.parameters)
+    4
     """
     before = Selection.of(parameters)
     given = before.parameters

@@ -41,6 +41,14 @@ class Selection:
     collinearity : float
         Collinearity index of the chosen unknowns (Brun, Reichert & Kuensch 2001): 1 / the last of
         these.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model = chain.build()
+    >>> chosen = updyn.select(model, chain.measure(), updyn.parameters(model, stiffness="all"), n=2)
+    >>> len(chosen.parameters), len(chosen.left_out)
+    (2, 2)
     """
 
     parameters: ParameterSet

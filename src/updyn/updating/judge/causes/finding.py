@@ -47,6 +47,18 @@ class Finding:
         Other faults that these data do not tell from it, as the job writes them.
     test : str
         Which test, where there are several.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build(), chain.measure()
+    >>> crossed = replace(frf, values=frf.values[:, [0, 3, 2, 1, 4]])  # two cables
+    >>> unknowns = updyn.parameters(model, stiffness="all", mass="all")
+    >>> found = updyn.update(model, crossed, unknowns, starts=0)
+    >>> found.findings[0].written
+    'swapped:5:X,10:X'
+    >>> repaired = found.findings[0].repair(crossed)
     """
 
     kind: str
