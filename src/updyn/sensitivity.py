@@ -179,6 +179,7 @@ def receptance(
     columns: NDArray[np.intp],
     *,
     derivatives: bool = True,
+    lines: NDArray[np.float64] | None = None,
 ) -> tuple[_Complex, _Complex | None]:
     """Compute receptance and its derivatives at a block of lines.
 
@@ -196,6 +197,9 @@ def receptance(
         DOFs of responses (n_i) and references (n_j).
     derivatives : bool
         Whether derivatives are wanted.
+    lines : ndarray of float, optional
+        All lines at these values, in Hz, of which `freq` is a block; by default it is all. How they
+        are solved depends on them.
 
     Returns
     -------
@@ -216,7 +220,8 @@ def receptance(
     if derivatives:
         loads = np.concatenate([rows, columns])
     loaded, place = _in_order(loads)
-    X = solver.solve(coefficients, loaded, freq)
+    pencil = solver.pencil(state, freq if lines is None else lines)
+    X = solver.solve(coefficients, loaded, freq, pencil)
     U = X[:, :, place[-len(columns) :]]
     H = solver.at(U, rows).transpose(1, 0, 2)
     if not derivatives:

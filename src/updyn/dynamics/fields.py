@@ -7,7 +7,7 @@ solve left them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, cast
 
@@ -15,7 +15,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.linalg.solver import (
     LARGEST_GROWTH,
@@ -40,6 +41,7 @@ __all__ = [
     "Partition",
     "line_blocks",
     "solve_dense",
+    "solve_lines",
 ]
 
 EXACT_TIERS = ("dense", "sparse")
@@ -89,11 +91,19 @@ class FieldSolver(Protocol):
     def block_size(self, n_columns: int) -> int:
         """Return how many lines to take at a time."""
 
+    def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
+        """Return what solves many lines of a state at once; None where that does not pay.
+
+        The choice depends on the model, its state and all its lines (Hz), not on how they are
+        distributed over blocks and processes.
+        """
+
     def solve(
         self,
         coefficients: NDArray[np.complex128],
         columns: NDArray[np.intp],
         freq: NDArray[np.float64],
+        pencil: Pencil | None = None,
     ) -> NDArray[np.complex128]:
         """Return fields, shape (N, n_lines, r), for unit forces on some DOFs."""
 
@@ -200,11 +210,27 @@ class LineSolver:
             per_line = 16 * (n * n + 2 * n * n_columns)
         return max(1, int(_BLOCK_BYTES // max(per_line, 1)))
 
+    def pencil(self, state: State, lines: NDArray[np.float64]) -> Pencil | None:
+        """Return what solves many lines of a state at once; None where that does not pay.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        lines : ndarray of float, shape (n_f,)
+            All lines that are solved at this state, in Hz.
+        """
+        if self.tier != "dense":
+            return None
+        kept = self._kept.setdefault(b"pencil", (PencilCache(),))
+        return cast("PencilCache", kept[0]).find(self.system, state, lines, self._matrices)
+
     def solve(
         self,
         coefficients: NDArray[np.complex128],
         columns: NDArray[np.intp],
         freq: NDArray[np.float64],
+        pencil: Pencil | None = None,
     ) -> NDArray[np.complex128]:
         """Solve Z X = E at a block of lines, E the columns `columns` of the identity.
 
@@ -215,7 +241,9 @@ class LineSolver:
         columns : ndarray of int, shape (r,)
             DOFs that carry a unit force.
         freq : ndarray of float, shape (n_lines,)
-            In Hz, for messages.
+            In Hz; without a pencil for messages.
+        pencil : Pencil, optional
+            Of the state that the coefficients belong to.
 
         Returns
         -------
@@ -231,10 +259,15 @@ class LineSolver:
         B = np.zeros((n, r), dtype=np.complex128, order="F")
         B[columns, np.arange(r)] = 1.0
         if self.tier == "dense":
-            Z = self._dense(self.system.values(coefficients))
-            loads = np.broadcast_to(B, (len(freq), n, r))
-            X = solve_dense(Z, loads, freq, size=self._sizes(coefficients))
-            return X.transpose(1, 0, 2)
+
+            def exact(lines: NDArray[np.intp]) -> NDArray[np.complex128]:
+                c = coefficients[:, lines]
+                Z = self._dense(self.system.values(c))
+                loads = np.broadcast_to(B, (len(lines), n, r))
+                X = solve_dense(Z, loads, freq[lines], size=self._sizes(c))
+                return X.transpose(1, 0, 2)
+
+            return solve_lines(pencil, freq, self.system.decay, B.real, exact)
         solver, Z = self._whole()
 
         def line(i: int) -> NDArray[np.complex128]:
@@ -388,6 +421,18 @@ class LineSolver:
         (diagonals,) = self._kept[key]
         return np.asarray(np.abs(coefficients).T @ diagonals)
 
+    def _matrices(
+        self, weights: StateWeights
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return K, D and M of a state, shape (N, N) each."""
+        n, places = self.system.n, self.system.rows_of_entries() * self.system.n
+        places += self.system.indices
+        K, D, M = np.zeros((3, n * n))
+        K[places] = self.system.real_values(weights.stiffness)
+        D[places] = self.system.real_values(weights.damping)
+        M[places] = self.system.real_values(weights.mass)
+        return K.reshape(n, n), D.reshape(n, n), M.reshape(n, n)
+
     def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
         n = self.system.n
         if len(values) == n * n:
@@ -401,6 +446,43 @@ def line_blocks(n_lines: int, size: int) -> Iterator[slice]:
     """Yield the lines in blocks of at most `size`, in order."""
     for first in range(0, n_lines, size):
         yield slice(first, min(first + size, n_lines))
+
+
+def solve_lines(
+    pencil: Pencil | None,
+    freq: NDArray[np.float64],
+    decay: float,
+    B: NDArray[np.float64],
+    exact: Callable[[NDArray[np.intp]], NDArray[np.complex128]],
+) -> NDArray[np.complex128]:
+    """Solve a block of lines by the pencil of their state, and line by line what it does not solve.
+
+    Parameters
+    ----------
+    pencil : Pencil or None
+        Of the state; without one every line is solved by itself.
+    freq : ndarray of float, shape (n_lines,)
+        In Hz.
+    decay : float
+        Of the data, in 1/s.
+    B : ndarray of float, shape (n, r)
+        Loads, the same at every line.
+    exact : callable
+        Solves the lines at some positions of the block by factorisations: it returns fields, shape
+        (n, n_positions, r), and says which line is singular.
+
+    Returns
+    -------
+    ndarray of complex, shape (n, n_lines, r)
+    """
+    if pencil is None:
+        return exact(np.arange(len(freq)))
+    s = np.asarray(2j * np.pi * freq + decay, dtype=np.complex128)
+    X, accepted = pencil.solve(s**2, B)
+    rest = np.flatnonzero(~accepted)
+    if len(rest):
+        X[:, rest] = exact(rest)
+    return X
 
 
 @alone

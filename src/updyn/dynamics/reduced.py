@@ -37,7 +37,8 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import AffineSystem, State, Term
-from updyn.dynamics.fields import ACCURACY, line_blocks, solve_dense
+from updyn.dynamics.fields import ACCURACY, line_blocks, solve_dense, solve_lines
+from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
 from updyn.errors import OptionError, SolverError
 from updyn.linalg.solver import Factorised, SparseSolver
 from updyn.linalg.threads import alone
@@ -656,10 +657,10 @@ class Reduction:
     ) -> Iterator[tuple[_Complex, _Complex]]:
         """Yield coordinates and response of the reduced model, block by block of lines."""
         solver = self.solver()
+        pencil = solver.pencil(state, freq)
         for block in line_blocks(len(freq), solver.block_size(len(loaded))):
-            q = solver.solve(
-                solver.system.coefficients(state, 2.0 * np.pi * freq[block]), loaded, freq[block]
-            )
+            c = solver.system.coefficients(state, 2.0 * np.pi * freq[block])
+            q = solver.solve(c, loaded, freq[block], pencil)
             yield q, solver.at(q, self.rows)
 
     def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> _Real:
@@ -913,8 +914,14 @@ class ReducedSolver:
     coupling: Mapping[int, NDArray[np.integer[Any]]]
     backend: str
     label: str = "reduced"
+    _pencils: PencilCache = field(default_factory=PencilCache, init=False, repr=False)
 
     tier: ClassVar[str] = "reduced"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A pencil stays where it is.
+        about = (self.system, self.observed, self.rows, self.stack, self.coupling)
+        return ReducedSolver, (*about, self.backend, self.label)
 
     @property
     def used(self) -> dict[str, int]:
@@ -972,12 +979,31 @@ class ReducedSolver:
         r = self.system.n
         return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
 
+    def pencil(self, state: State, lines: _Real) -> Pencil | None:
+        """Return what solves many lines of a state at once; None where that does not pay.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        lines : ndarray of float, shape (n_f,)
+            All lines that are solved at this state, in Hz.
+        """
+        return self._pencils.find(self.system, state, lines, self._matrices)
+
+    def _matrices(self, weights: StateWeights) -> tuple[_Real, _Real, _Real]:
+        """Return K, D and M of a state, shape (r, r) each."""
+        parts = np.stack([weights.stiffness, weights.damping, weights.mass]) @ self.stack
+        K, D, M = parts.reshape(3, self.system.n, self.system.n)
+        return K, D, M
+
     @alone
     def solve(
         self,
         coefficients: NDArray[np.complex128],
         columns: NDArray[np.intp],
         freq: NDArray[np.float64],
+        pencil: Pencil | None = None,
     ) -> NDArray[np.complex128]:
         """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
 
@@ -988,7 +1014,9 @@ class ReducedSolver:
         columns : ndarray of int, shape (k,)
             DOFs of the model that carry a unit force.
         freq : ndarray of float, shape (n_lines,)
-            In Hz, for messages.
+            In Hz; without a pencil for messages.
+        pencil : Pencil, optional
+            Of the state that the coefficients belong to.
 
         Returns
         -------
@@ -1000,14 +1028,17 @@ class ReducedSolver:
         SolverError
             If the matrix is singular at a line; the message names it.
         """
-        r = self.system.n
-        Z = np.empty((len(freq), r, r), dtype=np.complex128)
-        c = coefficients.T
-        Z.real = (c.real @ self.stack).reshape(-1, r, r)
-        Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
-        loads = self._rows_of(columns).T
-        q = solve_dense(Z, np.broadcast_to(loads, (len(freq), *loads.shape)), freq)
-        return q.transpose(1, 0, 2)
+        r, loads = self.system.n, self._rows_of(columns).T
+
+        def exact(lines: NDArray[np.intp]) -> _Complex:
+            c = coefficients.T[lines]
+            Z = np.empty((len(lines), r, r), dtype=np.complex128)
+            Z.real = (c.real @ self.stack).reshape(-1, r, r)
+            Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
+            q = solve_dense(Z, np.broadcast_to(loads, (len(lines), *loads.shape)), freq[lines])
+            return q.transpose(1, 0, 2)
+
+        return solve_lines(pencil, freq, self.system.decay, loads, exact)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""

@@ -101,10 +101,12 @@ def response(
     if swap:
         loaded, read = at_rows, at_columns
     values = np.empty((len(lines), len(rows), len(columns)), dtype=np.complex128)
-    omega = 2.0 * np.pi * lines
+    omega, start = 2.0 * np.pi * lines, solver.system.start
+    pencil = solver.pencil(start, lines)
     for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
-        c = solver.system.coefficients(solver.system.start, omega[block])
-        X = solver.at(solver.solve(c, loaded.index, lines[block]), read.index).transpose(1, 0, 2)
+        c = solver.system.coefficients(start, omega[block])
+        X = solver.solve(c, loaded.index, lines[block], pencil)
+        X = solver.at(X, read.index).transpose(1, 0, 2)
         if swap:
             X = X.transpose(0, 2, 1)
         values[block] = X

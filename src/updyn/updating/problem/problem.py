@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
+from updyn.dynamics.pencil import pays
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -261,6 +262,8 @@ class Part:
         stored = n * n
         if self.solver.tier == "sparse":
             stored = len(self.solver.system.indices)
+        elif pays(self.solver.system, self.solver.system.start, len(self.frf.freq)):
+            stored = n * n_columns
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
@@ -331,6 +334,7 @@ class Part:
             self.rows,
             self.columns,
             derivatives=derivatives,
+            lines=self.frf.freq,
         )
         factor = self.sign * (self.frf.s[lines] ** QUANTITIES[self.frf.quantity])[:, None, None]
         if dH is not None:

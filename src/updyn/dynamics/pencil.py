@@ -1,0 +1,322 @@
+"""All lines of one state from one eigendecomposition, in place of a factorisation for each line.
+
+Where damping is hysteretic, with loss factors that do not depend on frequency, Z(s) = K + i D +
+s^2 M has the same K, D and M at every line; s = i omega + decay. With P = K + sigma M = L L^T for a
+real sigma > 0,
+
+    Z(s) = L (I + i D' + (s^2 - sigma) M') L^T,    D' = L^-1 D L^-T,    M' = L^-1 M L^-T.
+
+Where all stiffness has one loss factor gamma, the eigenvectors of M' diagonalise this in real
+arithmetic, as L^-1 K L^-T = I - sigma M' (Golub & Van Loan, Matrix Computations (2013), section
+8.7). Else D' = U delta U^T and c = (1 + i delta)^-1/2 leave the complex symmetric S = c U^T M' U c
+= X theta X^-1, and
+
+    Z(s)^-1 = F X (1 + (s^2 - sigma) theta)^-1 X^-1 F^T,    F = L^-T U c.
+
+M may be singular, as it is with DOFs without mass. S may lack eigenvectors, or have some that are
+almost dependent: then the lines are solved one by one. Each line is checked by the residual of one
+combination of its loads and of a load that excites every mode; what fails is solved by itself, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.linalg.solver import LARGEST_PROBE_GROWTH, probe_load, unit_scale
+from updyn.linalg.threads import alone
+
+__all__ = [
+    "LEAST_LINES",
+    "LEAST_REAL_LINES",
+    "Pencil",
+    "PencilCache",
+    "StateWeights",
+    "pays",
+]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Lines of a state from which one eigendecomposition takes less time than a factorisation for each
+#: line. It takes as long as 25 (50 equations) to 42 (100 equations) of them.
+LEAST_LINES = 64
+#: The same in real arithmetic, where it takes as long as 4 to 8.
+LEAST_REAL_LINES = 16
+
+#: Reciprocal condition of the eigenvectors below which the pencil counts as defective.
+_INDEPENDENT = 1e-8
+#: Backward error up to which a line is accepted.
+_ROUNDING = 1e-12
+#: Lines at which the load on every mode grows by this share of what counts as singular are solved
+#: by a factorisation, which tells what is singular.
+_DOUBTFUL = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateWeights:
+    """Weights of the terms in K, D and M of a state, the same at every line.
+
+    Attributes
+    ----------
+    stiffness, damping, mass : ndarray of float, shape (n_terms,)
+        In K, D and M.
+    loss : float or None
+        The loss factor of all stiffness; None where there are several.
+    """
+
+    stiffness: _Real
+    damping: _Real
+    mass: _Real
+    loss: float | None
+
+    @classmethod
+    def find(cls, system: AffineSystem, state: State) -> StateWeights | None:
+        """Return the weights, or None where K, D and M depend on the line.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The compiled model.
+        state : State
+            Its numbers.
+        """
+        quantity = np.array([t.quantity for t in system.terms])
+        tabled = np.array([t.table is not None for t in system.terms])
+        used = state.factor != 0.0
+        if (used & ((state.rate != 0.0) | (tabled & (state.loss != 0.0)))).any():
+            return None
+        static = quantity == "stiffness"
+        losses = np.unique(state.loss[static & used])
+        loss = float(losses[0]) if len(losses) == 1 else None
+        stiffness = np.where(static, state.factor, 0.0)
+        mass = np.where(quantity == "mass", state.factor, 0.0)
+        return cls(stiffness, stiffness * state.loss, mass, loss)
+
+    def pays(self, n_lines: int) -> bool:
+        """Return whether one eigendecomposition takes less time than so many factorisations."""
+        return n_lines >= (LEAST_LINES if self.loss is None else LEAST_REAL_LINES)
+
+
+def pays(system: AffineSystem, state: State, n_lines: int) -> bool:
+    """Return whether one eigendecomposition takes less time than a factorisation for each line.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model.
+    state : State
+        Its numbers.
+    n_lines : int
+        All lines that are solved at this state.
+    """
+    weights = StateWeights.find(system, state)
+    return weights is not None and weights.pays(n_lines)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pencil:
+    """Z(s)^-1 = V diag(1 / (constant + s^2 slope)) W^T of one state.
+
+    Attributes
+    ----------
+    V, W : ndarray of float or complex, shape (n, n)
+        Modes, and what projects loads on them.
+    constant, slope : ndarray of float or complex, shape (n,)
+        Of the modal coordinates: no unit, and s^2.
+    """
+
+    V: NDArray[np.inexact]
+    W: NDArray[np.inexact]
+    constant: NDArray[np.inexact]
+    slope: NDArray[np.inexact]
+    _check: _Check
+
+    @classmethod
+    @alone
+    def decompose(
+        cls, K: _Real, D: _Real, M: _Real, omega: float, loss: float | None = None
+    ) -> Pencil | None:
+        """Return the pencil of a state, or None where its eigenvectors are not independent.
+
+        Parameters
+        ----------
+        K, D, M : ndarray of float, shape (n, n)
+            Stiffness and damping in N/m, mass in kg; symmetric.
+        omega : float
+            Highest line in rad/s.
+        loss : float, optional
+            Where D = loss K.
+        """
+        sigma = omega**2
+        P = K + sigma * M
+        try:
+            L = np.asarray(np.linalg.cholesky(P), dtype=np.float64)
+        except np.linalg.LinAlgError:
+            return None
+        check, mass = _Check.of(K, M, D, unit_scale(P.diagonal())), _between(L, M)
+        if loss is not None:
+            theta, Q = _modes(mass)
+            V = _solved(L, Q, trans="T")
+            constant: NDArray[np.inexact] = 1.0 - sigma * theta
+            if loss:
+                constant = (1.0 + 1j * loss) * constant
+            return cls(V, V, constant, theta, check)
+        delta, U = _modes(_between(L, D))
+        root = 1.0 / np.sqrt(1.0 + 1j * delta)
+        S = root[:, None] * (U.T @ mass @ U) * root
+        theta, X = scipy.linalg.eig(S, overwrite_a=True, check_finite=False)
+        factors, pivots, singular = lapack.zgetrf(X)
+        size = np.abs(X).sum(axis=0).max()
+        if singular or lapack.zgecon(factors, size)[0] < _INDEPENDENT:
+            return None
+        F = _solved(L, U, trans="T") * root
+        W = lapack.zgetrs(factors, pivots, F.T)[0].T
+        return cls(F @ X, W, 1.0 - sigma * theta, theta, check)
+
+    @alone
+    def solve(self, squares: _Complex, B: _Real) -> tuple[_Complex, NDArray[np.bool_]]:
+        """Solve Z X = B at a block of lines.
+
+        Parameters
+        ----------
+        squares : ndarray of complex, shape (n_lines,)
+            s^2, -omega^2 without decay, in 1/s^2.
+        B : ndarray of float, shape (n, r)
+            Loads, the same at every line.
+
+        Returns
+        -------
+        X : ndarray of complex, shape (n, n_lines, r)
+            In m for loads in N.
+        accepted : ndarray of bool, shape (n_lines,)
+            Which lines are solved to rounding and far from singular.
+        """
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            amplitude = 1.0 / (self.constant[:, None] + squares * self.slope[:, None])
+            X = _times(self.V, amplitude[:, :, None] * (self.W.T @ B)[:, None, :])
+            load = self._check.load(B)
+            y = _times(self.V, amplitude * (self.W.T @ load)[:, None])
+            return X, self._check.accepts(squares, y, load)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Check:
+    """The residual of one load at many lines, in scaled DOFs: displacements times `scale`.
+
+    Attributes
+    ----------
+    scale : ndarray of float, shape (n,)
+        `unit_scale` of K + sigma M.
+    parts : tuple of ndarray of float, shape (n, n)
+        K, M, and D where it is not zero, scaled.
+    norms : tuple of float
+        Their largest sums of a row.
+    """
+
+    scale: _Real
+    parts: tuple[_Real, ...]
+    norms: tuple[float, ...]
+
+    @classmethod
+    def of(cls, K: _Real, M: _Real, D: _Real, scale: _Real) -> _Check:
+        """Return the check of K + i D + s^2 M."""
+        matrices = (K, M, D) if D.any() else (K, M)
+        parts = tuple(A / scale / scale[:, None] for A in matrices)
+        norms = tuple(float(np.abs(A).sum(axis=1).max()) for A in parts)
+        return cls(scale, parts, norms)
+
+    def load(self, B: _Real) -> _Complex:
+        """Return a load that excites every mode plus a combination of all columns of B, (n,)."""
+        sizes = (np.abs(B) / self.scale[:, None]).max(axis=0, initial=0.0)
+        phase = np.exp(2j * np.pi * np.random.default_rng(1).random(len(sizes)))
+        weight = phase / np.maximum(sizes, np.finfo(np.float64).tiny)
+        return np.asarray(probe_load(self.scale)[:, 0] + B @ weight, dtype=np.complex128)
+
+    def accepts(self, squares: _Complex, y: _Complex, load: _Complex) -> NDArray[np.bool_]:
+        """Return at which lines y, shape (n, n_lines), answers the load, and grows by little."""
+        b, y = load / self.scale, self.scale[:, None] * y
+        residual, size = np.repeat(b[:, None], len(squares), axis=1), np.zeros(len(squares))
+        weights = (np.ones(1), squares, np.full(1, 1j))
+        for A, norm, weight in zip(self.parts, self.norms, weights, strict=False):
+            residual -= weight * _times(A, y)
+            size = size + norm * np.abs(weight)
+        largest, moved = np.abs(b).max(), np.abs(y).max(axis=0)
+        solved = np.abs(residual).max(axis=0) <= _ROUNDING * (size * moved + largest)
+        return np.asarray(solved & (moved <= _DOUBTFUL * LARGEST_PROBE_GROWTH * largest))
+
+
+@dataclass(slots=True, eq=False)
+class PencilCache:
+    """The pencil of the state that was asked for last: the blocks of its lines share it."""
+
+    _key: bytes = b""
+    _pencil: Pencil | None = None
+
+    def find(
+        self,
+        system: AffineSystem,
+        state: State,
+        lines: _Real,
+        matrices: Callable[[StateWeights], tuple[_Real, _Real, _Real]],
+    ) -> Pencil | None:
+        """Return the pencil of a state, or None where lines are better solved one by one.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The compiled model.
+        state : State
+            Its numbers.
+        lines : ndarray of float, shape (n_f,)
+            All lines that are solved at this state, in Hz.
+        matrices : callable
+            Returns K, D and M for their weights, shape (n, n) each.
+        """
+        highest = float(lines.max(initial=0.0))
+        numbers = (state.factor, state.loss, state.rate, [len(lines), highest])
+        key = np.concatenate(numbers).tobytes()
+        if key != self._key:
+            weights = StateWeights.find(system, state)
+            self._pencil = None
+            if weights is not None and weights.pays(len(lines)):
+                omega = 2.0 * np.pi * highest
+                K, D, M = matrices(weights)
+                self._pencil = Pencil.decompose(K, D, M, omega, weights.loss)
+            self._key = key
+        return self._pencil
+
+
+def _modes(A: _Real) -> tuple[_Real, _Real]:
+    """Return eigenvalues and orthonormal eigenvectors of a symmetric A."""
+    values, vectors = np.linalg.eigh(A)
+    return np.asarray(values, dtype=np.float64), np.asarray(vectors, dtype=np.float64)
+
+
+def _between(L: _Real, A: _Real) -> _Real:
+    """Return L^-1 A L^-T of a symmetric A, symmetric to the last bit."""
+    half = _solved(L, _solved(L, A).T)
+    return np.asarray(0.5 * (half + half.T))
+
+
+def _solved(L: _Real, B: _Real, *, trans: str = "N") -> _Real:
+    """Return L^-1 B, or L^-T B for ``trans="T"``."""
+    return np.asarray(
+        scipy.linalg.solve_triangular(L, B, lower=True, trans=trans, check_finite=False)
+    )
+
+
+def _times(A: NDArray[np.inexact], X: _Complex) -> _Complex:
+    """Return A X for complex X, shape (n, ...), in real arithmetic where A is real."""
+    flat = X.reshape(len(X), -1)
+    if np.iscomplexobj(A):
+        product = np.asarray(A @ flat, dtype=np.complex128)
+    else:
+        product = (A @ np.ascontiguousarray(flat).view(np.float64)).view(np.complex128)
+    return product.reshape(len(A), *X.shape[1:])
