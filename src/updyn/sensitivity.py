@@ -180,6 +180,7 @@ def receptance(
     *,
     derivatives: bool = True,
     lines: NDArray[np.float64] | None = None,
+    weights: _Complex | None = None,
 ) -> tuple[_Complex, _Complex | None]:
     """Compute receptance and its derivatives at a block of lines.
 
@@ -200,13 +201,15 @@ def receptance(
     lines : ndarray of float, optional
         All lines at these values, in Hz, of which `freq` is a block; by default it is all. How they
         are solved depends on them.
+    weights : ndarray of complex, shape (n_p, n_f), optional
+        What the derivatives by each unknown are multiplied by at each line; by default 1.
 
     Returns
     -------
     H : ndarray of complex, shape (n_f, n_i, n_j)
         In m/N.
     dH : ndarray of complex, shape (n_p, n_f, n_i, n_j), or None
-        By unit of each unknown.
+        By unit of each unknown, times the weights.
 
     Raises
     ------
@@ -227,7 +230,10 @@ def receptance(
     if not derivatives:
         return H, None
     V = X[:, :, _view(place[: len(rows)])]
-    return H, contract(system, unknowns, -unknowns.slopes(system, state, values, omega), V, U)
+    slopes = -unknowns.slopes(system, state, values, omega)
+    if weights is not None:
+        slopes *= weights[unknowns.owner]
+    return H, contract(system, unknowns, slopes, V, U)
 
 
 @alone

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from updyn.linalg.threads import alone
 
@@ -75,9 +75,50 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     return Local(0.5 * float(last @ last), triangle[:n, :n].copy(), last[:n].copy())
 
 
+#: Rows of a tall block, and of a sample of it, over its columns: the sample shows how the columns
+#: depend on each other.
+_TALL, _SAMPLE = 20, 4
+#: Smallest diagonal entry over the largest of the factor of preconditioned columns. Their condition
+#: is about its reciprocal; the square of that times the unit roundoff is the relative error of
+#: every singular value.
+_EVEN = 0.03
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
 @alone
 def qr_triangle(block: _Matrix) -> _Matrix:
     """Return R of the QR factors, shape (min(m, n), n); overwrites a block in Fortran order."""
+    m, n = block.shape
+    if m > _TALL * n and n > 1 and block.flags.f_contiguous:
+        found = _preconditioned(block)
+        if found is not None:
+            return found
+    return _householder(block)
+
+
+def _preconditioned(block: _Matrix) -> _Matrix | None:
+    """Return R by Cholesky of preconditioned columns, or None where rows differ too much.
+
+    R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal, so that R_2 of
+    their Gram matrix is as exact as by reflections: R = R_2 R_1 (Garrison & Ipsen, SIAM J. Matrix
+    Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm"). A third of the time.
+    """
+    m, n = block.shape
+    # Evenly spread, and out of step with responses, references and lines.
+    rows = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
+    sample = _householder(np.asfortranarray(block[rows]))
+    if not np.diag(sample).all():
+        return None
+    Q = blas.dtrsm(1.0, sample, block, side=1)
+    factor, failed = lapack.dpotrf(blas.dsyrk(1.0, Q, trans=1), clean=1)
+    even = np.diag(factor)
+    if failed or not even.min() > _EVEN * even.max():
+        return None
+    return np.asarray(factor @ sample, dtype=np.float64)
+
+
+def _householder(block: _Matrix) -> _Matrix:
+    """Return R by reflections, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:
         return block[:0]
     # Recursive within narrow panels: for tall blocks several times faster than geqrf, which numpy

@@ -325,7 +325,7 @@ class Part:
         SolverError
             If the model is singular at a line.
         """
-        freq = self.frf.freq[lines]
+        freq, rate = self.frf.freq[lines], self.frf.s[lines] ** QUANTITIES[self.frf.quantity]
         H, dH = sensitivity.receptance(
             self.solver,
             self.unknowns,
@@ -335,11 +335,11 @@ class Part:
             self.columns,
             derivatives=derivatives,
             lines=self.frf.freq,
+            weights=self.coordinates.slope(x)[:, None] * rate,
         )
-        factor = self.sign * (self.frf.s[lines] ** QUANTITIES[self.frf.quantity])[:, None, None]
-        if dH is not None:
-            dH *= self.coordinates.slope(x)[:, None, None, None] * factor
-        H = H * factor
+        if dH is not None and (self.sign != 1.0).any():
+            dH *= self.sign
+        H = H * (self.sign * rate[:, None, None])
         if self._gains is not None:
             self._gains.apply(x, H, dH)
         return Block(lines, H, dH, self.frf.values[lines])

@@ -189,7 +189,9 @@ class LogError(LineResidual):
         weight = np.where(usable, 1.0 if self.weight is None else self.weight, 0.0)
         H = np.where(usable, block.H, 1.0)
         r = weight * np.log(H / np.where(usable, block.measured, 1.0))
-        return r, block.dH * (weight / H)
+        J = block.dH
+        J *= weight / H
+        return r, J
 
 
 @dataclass(frozen=True, slots=True, eq=False)
