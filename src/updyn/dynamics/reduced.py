@@ -795,6 +795,7 @@ class Basis:
     weight: _Real
     terms: list[_Real] = field(init=False)
     _blocks: list[_Real] = field(default_factory=list, init=False)
+    _is_normal: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
         self.terms = [np.zeros((0, 0)) for _ in self.system.terms]
@@ -815,6 +816,7 @@ class Basis:
             if out.size < size:
                 out._blocks.append(block[:, : size - out.size])
         out.terms = [np.ascontiguousarray(A[:size, :size]) for A in self.terms]
+        out._is_normal = self._is_normal
         return out
 
     def moved(self, coordinates: _Real) -> _Real:
@@ -834,17 +836,34 @@ class Basis:
         """Add what is new in the columns of X, shape (N, k); X is overwritten."""
         scale = self.weight[:, None]
         X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
+        root = None if self._is_normal else self._normalising()
         for _ in range(2):  # once more, for what rounding left
+            if root is not None:
+                X -= self.moved(root @ (root.T @ self.projected(scale**2 * X)))
+                continue
             for block in self._blocks:
                 X -= block @ (block.T @ (scale**2 * X))
         Q, R = np.linalg.qr(scale * X)
         U, s, _ = np.linalg.svd(R)
         Q = Q @ U[:, s > _NEW]
         Q /= scale
-        self.extend(Q)
+        self._add(Q)
+
+    def _normalising(self) -> _Real:
+        """Return T for which V T is orthonormal in the weights and spans what V does, (r, k)."""
+        gram = np.hstack([self.projected(self.weight[:, None] ** 2 * b) for b in self._blocks])
+        sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
+        square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
+        kept = square > _INDEPENDENT * square[-1]
+        return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
 
     def extend(self, W: _Real) -> None:
         """Add columns as they are, shape (N, k), and project the model's matrices on them."""
+        if W.shape[1]:
+            self._is_normal = False
+            self._add(W)
+
+    def _add(self, W: _Real) -> None:
         if W.shape[1] == 0:
             return
         W = np.ascontiguousarray(W)
@@ -867,7 +886,7 @@ class Basis:
         for first in range(0, len(V), _ROWS):
             part = slice(first, first + _ROWS)
             V[part] = np.hstack([b[part] for b in self._blocks]) @ C
-        self._blocks = [V]
+        self._blocks, self._is_normal = [V], False
         self.terms = [C.T @ A @ C for A in self.terms]
 
     def combined(self, weights: _Real) -> _Real:

@@ -238,6 +238,35 @@ def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     np.testing.assert_allclose(basis.at(np.array([3, 1])), (V @ C)[[3, 1]], rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.parametrize("change", ["rotated", "extended", "leading"])
+def test_vectors_are_added_to_a_basis_that_is_not_orthonormal(change: str) -> None:
+    """What is in the basis adds nothing, and what is new is added, whatever was done before."""
+    system = AffineSystem.compile(plate(10))
+    rng = np.random.default_rng(1)
+    basis = Basis(system, np.sqrt(rng.uniform(1, 1e6, system.n)))
+    basis.append(rng.standard_normal((system.n, 8)))
+    if change == "rotated":
+        basis.rotate(rng.standard_normal((8, 5)))
+    else:
+        basis.extend(rng.standard_normal((system.n, 4)))
+    if change == "leading":
+        basis = basis.leading(10)
+    size, all_dofs = basis.size, np.arange(system.n)
+    before = basis.at(all_dofs)
+    basis.append(before @ rng.standard_normal((size, 3)))
+    assert basis.size == size
+    new = rng.standard_normal((system.n, 2))
+    basis.append(np.hstack([new, before[:, :2]]))
+    assert basis.size == size + 2
+    V = basis.at(all_dofs)
+    left = new - V @ np.linalg.lstsq(V, new)[0]
+    np.testing.assert_array_less(np.linalg.norm(left, axis=0), 1e-9 * np.linalg.norm(new, axis=0))
+    W = V[:, size:] * basis.weight[:, None] ** 2
+    np.testing.assert_allclose(V[:, size:].T @ W, np.eye(2), atol=1e-9)
+    lengths = np.linalg.norm(before * basis.weight[:, None], axis=0)
+    np.testing.assert_allclose(before.T @ W / lengths[:, None], 0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("options", [{}, {"damper": 3e3}], ids=["layers", "dampers"])
 def test_a_basis_of_many_states_holds_roughly_between_them(options: dict) -> None:
     system = AffineSystem.compile(plate(**options))
