@@ -42,6 +42,10 @@ _CHUNK = 8192
 #: three times as fast.
 _BESIDE = 2**21
 
+#: Of at most so many entries in all, places are found by sorting numbers: what sparse arrays do
+#: before they begin takes longer.
+_FEW = 2**14
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Term:
@@ -345,6 +349,11 @@ def _union(matrices: list[Any], n: int) -> Any:
     Neighbours are added in pairs, so that an entry is looked at once for each doubling, not once
     for each matrix. Booleans, not values: a sum of values could cancel to zero and drop an entry.
     """
+    if sum(m.nnz for m in matrices) + n <= _FEW:
+        numbers = np.unique(np.concatenate([_numbers(m) for m in matrices] + [_diagonal(n)]))
+        ends = np.searchsorted(numbers, n * np.arange(n + 1)).astype(np.int32)
+        there = np.ones(len(numbers), dtype=np.bool_)
+        return sp.csr_array((there, (numbers % n).astype(np.int32), ends), shape=(n, n))
     if len(matrices) > 1:
         half = len(matrices) // 2
         return _union(matrices[:half], n) + _union(matrices[half:], n)
@@ -353,6 +362,17 @@ def _union(matrices: list[Any], n: int) -> Any:
         (np.ones(only.nnz, dtype=np.bool_), only.indices, only.indptr), shape=(n, n)
     )
     return entries + sp.eye_array(n, dtype=np.bool_, format="csr")
+
+
+def _numbers(matrix: Any) -> NDArray[np.int64]:
+    """Return the position of each entry of a canonical CSR matrix in the full one, row by row."""
+    n = matrix.shape[1]
+    return np.repeat(n * np.arange(n), np.diff(matrix.indptr)) + matrix.indices
+
+
+def _diagonal(n: int) -> NDArray[np.int64]:
+    """Return the positions of the diagonal."""
+    return (n + 1) * np.arange(n)
 
 
 @dataclass(slots=True, eq=False)
@@ -365,6 +385,7 @@ class _Places:
         default_factory=dict, init=False
     )
     _rows: dict[bytes, NDArray[np.intp]] = field(default_factory=dict, init=False)
+    _sorted: NDArray[np.int64] | None = field(default=None, init=False)
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
         """Return the term of a matrix, canonical CSR."""
@@ -375,11 +396,14 @@ class _Places:
         n, data = len(rows), matrix.data
         if matrix.nnz == n * n:
             return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
-        local = sp.csr_array((data, columns, _begin(matrix, rows)), shape=(n, n))
+        begin = _begin(matrix, rows)
         # Sparse rows pay only when the group is large and its matrix mostly empty.
-        dense = n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2
-        if dense:
-            local = local.toarray()
+        local: Any
+        if n <= _DENSE_OWN and matrix.nnz > 0.1 * n**2:
+            local = np.zeros((n, n))
+            local[np.repeat(np.arange(n), np.diff(begin)), columns] = data
+        else:
+            local = sp.csr_array((data, columns, begin), shape=(n, n))
         return Term(name, quantity, rows, local, slots, data, table)
 
     def _of(self, matrix: Any) -> tuple[NDArray[np.intp], NDArray[Any], NDArray[Any]]:
@@ -392,6 +416,11 @@ class _Places:
         return rows, self._slots(matrix, rows), number[matrix.indices]
 
     def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
+        if len(self.indices) <= _FEW:
+            if self._sorted is None:
+                n = len(self.indptr) - 1
+                self._sorted = np.repeat(n * np.arange(n), np.diff(self.indptr)) + self.indices
+            return np.searchsorted(self._sorted, _numbers(matrix)).astype(self.indptr.dtype)
         begin, kind = self.indptr[rows], self.indptr.dtype
         own = np.zeros(len(rows) + 1, dtype=kind)
         np.cumsum(self.indptr[rows + 1] - begin, out=own[1:])

@@ -526,7 +526,7 @@ def solve_dense(
     loads[:, :, :r] = B
     loads[:, :, r:] = probe_load(unit_scale(size))
     try:
-        X = np.asarray(np.linalg.solve(Z, loads), dtype=np.complex128)
+        X = _solved(Z, loads)
     except np.linalg.LinAlgError:
         X = np.stack([_solved_or_infinite(z, load) for z, load in zip(Z, loads, strict=True)])
     answer, probe = X[:, :, :r], X[:, :, r:]
@@ -538,12 +538,21 @@ def solve_dense(
     return answer
 
 
+def _solved(Z: NDArray[np.complex128], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the solution of Z X = B, in real arithmetic where nothing damps."""
+    if Z.imag.any():
+        return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
+    # Real and imaginary parts stand side by side, as columns of their own.
+    X = np.linalg.solve(Z.real, np.ascontiguousarray(B).view(np.float64))
+    return np.ascontiguousarray(X).view(np.complex128)
+
+
 def _solved_or_infinite(
     Z: NDArray[np.complex128], B: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
     """Return the solution of Z X = B at one line, infinite where Z has no inverse."""
     try:
-        return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
+        return _solved(Z, B)
     except np.linalg.LinAlgError:
         return np.full_like(B, np.inf)
 

@@ -205,3 +205,30 @@ def test_a_matrix_of_zeros_is_a_term_without_rows() -> None:
     assert result.status == "not-identifiable"
     assert result.values["a.stiffness"] == pytest.approx(1.0, abs=1e-6)
     assert np.isinf(result.std["b.stiffness"])
+
+
+def test_small_patterns_are_those_of_large_ones(monkeypatch):
+    """Places found by sorting numbers, and by sparse arrays: the same in every term."""
+    rng = np.random.default_rng(0)
+    n = 40
+    groups = {"ground": updyn.Group(sp.eye_array(n, format="csr"))}
+    for i in range(6):
+        rows = np.sort(rng.choice(n, rng.integers(2, 12), replace=False))
+        A = np.zeros((n, n))
+        B = rng.standard_normal((len(rows), len(rows)))
+        A[np.ix_(rows, rows)] = B @ B.T * (rng.random((len(rows), len(rows))) < 0.5)
+        A = A + A.T
+        A += np.diag(np.abs(A).sum(axis=0))
+        groups[f"g{i}"] = updyn.Group(sp.csr_array(A), sp.csr_array(np.diag(np.diag(A))))
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+    few = AffineSystem.compile(model)
+    monkeypatch.setattr(affine, "_FEW", 0)
+    many = AffineSystem.compile(model)
+    np.testing.assert_array_equal(few.indptr, many.indptr)
+    np.testing.assert_array_equal(few.indices, many.indices)
+    for one, other in zip(few.terms, many.terms, strict=True):
+        np.testing.assert_array_equal(one.rows, other.rows)
+        np.testing.assert_array_equal(one.slots, other.slots)
+        assert one.slots.dtype == other.slots.dtype
+        full = [A if isinstance(A, np.ndarray) else A.toarray() for A in (one.local, other.local)]
+        np.testing.assert_array_equal(*full)

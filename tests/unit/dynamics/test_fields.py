@@ -127,3 +127,29 @@ def test_motion_at_some_dofs(tier):
     there, back = (solver.at(solver.solve(c, a, freq), b) for a, b in ((one, other), (other, one)))
     assert there.shape == (2, 2, 2)
     assert there == pytest.approx(back.transpose(2, 1, 0), rel=1e-10)
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.02])
+def test_solves_without_damping_are_real_and_agree_with_those_of_complex_numbers(monkeypatch, loss):
+    """Lines solved one by one, and condensed, against `numpy.linalg.solve` of the assembled Z."""
+    model, freq = chain(9, loss=loss), np.array([3.0, 11.0, 17.0])
+    kinds = []
+    solve = np.linalg.solve
+
+    def watched(A, B):
+        kinds.append(np.iscomplexobj(A))
+        return solve(A, B)
+
+    monkeypatch.setattr(np.linalg, "solve", watched)
+    labels = [str(d) for d in model.dofs]
+    H = updyn.response(model, freq, labels, labels).values
+    Z_red = updyn.condense(model, freq, labels[:4]).Z
+    assert set(kinds) == {loss > 0.0}
+    w = 2 * np.pi * freq[:, None, None]
+    Z = (model.stiffness + 1j * model.structural).toarray() - w**2 * model.mass.toarray()
+    expected = solve(Z, np.broadcast_to(np.eye(9), Z.shape))
+    np.testing.assert_allclose(H, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        Z_red @ expected[:, :4, :4], np.broadcast_to(np.eye(4), (3, 4, 4)), atol=1e-9
+    )
+    assert np.iscomplexobj(H)
