@@ -367,7 +367,8 @@ def _union(matrices: list[Any], n: int) -> Any:
 def _numbers(matrix: Any) -> NDArray[np.int64]:
     """Return the position of each entry of a canonical CSR matrix in the full one, row by row."""
     n = matrix.shape[1]
-    return np.repeat(n * np.arange(n), np.diff(matrix.indptr)) + matrix.indices
+    first = np.repeat(n * np.arange(n), np.diff(matrix.indptr))
+    return np.asarray(first + matrix.indices, dtype=np.int64)
 
 
 def _diagonal(n: int) -> NDArray[np.int64]:
@@ -419,8 +420,10 @@ class _Places:
         if len(self.indices) <= _FEW:
             if self._sorted is None:
                 n = len(self.indptr) - 1
-                self._sorted = np.repeat(n * np.arange(n), np.diff(self.indptr)) + self.indices
-            return np.searchsorted(self._sorted, _numbers(matrix)).astype(self.indptr.dtype)
+                first = np.repeat(n * np.arange(n), np.diff(self.indptr))
+                self._sorted = np.asarray(first + self.indices, dtype=np.int64)
+            found = np.searchsorted(self._sorted, _numbers(matrix))
+            return np.asarray(found, dtype=self.indptr.dtype)
         begin, kind = self.indptr[rows], self.indptr.dtype
         own = np.zeros(len(rows) + 1, dtype=kind)
         np.cumsum(self.indptr[rows + 1] - begin, out=own[1:])
