@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,8 @@ from updyn.updating.problem.problem import Part
 __all__ = ["diagnosed", "is_looked_at", "strained"]
 
 _Real = NDArray[np.float64]
+#: A fault, and the point to begin from.
+_Begun: TypeAlias = "tuple[Fault, _Real]"
 
 #: Lines that are looked at.
 _LINES = 60
@@ -56,6 +60,12 @@ _WORTH = 0.1
 #: Correlation of neighbouring lines, and log misfit (rms), below which what a fault leaves is
 #: noise: there are no others. On few lines an error of the model looks like it, but for its size.
 _WHITE, _NOISY = 0.1, 0.05
+#: Largest share of the misfit that is left by a fault that explains all: one of all data; another,
+#: which has to leave noise.
+_LEFT = (0.01, 0.05)
+#: Logarithm of the odds, to first order, by which another fault may be behind one that leaves only
+#: noise and still be tried.
+_IN_REACH = 50.0
 #: Other causes that are named.
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
@@ -68,8 +78,9 @@ _MOST = 3
 _AS_WELL = 1.2
 #: Fewer lines say nothing.
 _FEWEST = 8
-#: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
-_SMALL, _ALIKE = 0.1, 0.3
+#: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross;
+#: a misfit from which the end of a fit need not be found exactly.
+_SMALL, _ALIKE, _GROSS = 0.1, 0.3, 0.5
 #: Mean square of the misfit below which the faults that were found explain all data.
 _EXPLAINED = 1e-3
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
@@ -250,13 +261,7 @@ def _likeliest(
         if without is None:
             return []
         here, without = _settled(part, here, stage, without)
-        fresh = [
-            (fault, x)
-            for fault, x in _worth_a_trial(here, without, start)
-            if not any(_covers(finding, fault) for finding in told)
-        ]
-        if len(fresh) > _KEPT:
-            fresh = _promising(here, fresh, without)
+        fresh = _worth_a_trial(here, without, start, told)
         ranked = _ranked(here, fresh, without)
         if not _stands(ranked):
             return []
@@ -293,7 +298,8 @@ def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, 
         if trial.power > _SMALL**2:
             break
         before, here = here, stage.near(part, [trial.x])
-        further = tried(here, None, [trial.x]) or trial
+        gross = trial.power > _GROSS**2
+        further = tried(here, None, [trial.x], glance=gross) or trial
         done = further.power > _ARRIVED * trial.power and here.solver is before.solver
         trial = further
         if done:
@@ -301,14 +307,15 @@ def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, 
     return here, trial
 
 
-def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) -> list[_Found]:
+def _ranked(part: Part, fresh: Sequence[_Begun], without: Trial) -> list[_Found]:
     """Return the faults that are worth a word after a fit of each, the likeliest first."""
     found: dict[tuple[str, tuple[str, ...]], _Found] = {}
-    waiting = list(fresh)
+    waiting = deque(fresh)
+    noise: Trial | None = None
     while waiting:
-        fault, x = waiting.pop()
+        fault, x = waiting.popleft()
         key = (fault.kind, fault.channels)
-        trial = tried(part, fault, [x])
+        trial = tried(part, fault, [x], rival=noise)
         if trial is None or trial.fault is None:
             continue
         gain, explained = trial.compared(without)
@@ -317,6 +324,8 @@ def _ranked(part: Part, fresh: Sequence[tuple[Fault, _Real]], without: Trial) ->
             share = _share(trial, without, explained)
             found[key] = _Found(trial, trial.fault, log_odds, share)
             waiting += [(other, trial.x) for other in trial.fault.relatives()]
+            if _is_noise(trial):
+                noise = trial
     worth = [one for one in found.values() if _is_worth_a_word(one)]
     return sorted(worth, key=lambda one: -one.log_odds)
 
@@ -328,8 +337,12 @@ def _is_worth_a_word(found: _Found) -> bool:
     """
     left = found.trial
     by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.odds))
-    is_noise = left.alike < _WHITE and left.power < _NOISY**2
-    return found.explains >= _WORTH or (is_noise and by_data >= LIKELY)
+    return found.explains >= _WORTH or (_is_noise(left) and by_data >= LIKELY)
+
+
+def _is_noise(trial: Trial) -> bool:
+    """Return whether what a trial leaves is noise."""
+    return trial.alike < _WHITE and trial.power < _NOISY**2
 
 
 def _covers(finding: Finding, fault: Fault) -> bool:
@@ -348,44 +361,124 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
     return explained
 
 
-def _promising(
-    part: Part, waiting: Sequence[tuple[Fault, _Real]], without: Trial
-) -> list[tuple[Fault, _Real]]:
-    """Return the faults, and where to go on, that a few steps showed to be the likeliest."""
-    ends: list[tuple[float, Fault, _Real]] = []
-    for fault, x in waiting:
-        trial = tried(part, fault, [x], glance=True)
-        if trial is not None and trial.fault is not None:
-            ends.append((trial.gain(without) + float(np.log(fault.odds)), trial.fault, trial.x))
-    ends.sort(key=lambda end: -end[0])
-    return [(fault, x) for _, fault, x in ends[:_KEPT]]
-
-
-def _worth_a_trial(part: Part, without: Trial, start: _Real) -> list[tuple[Fault, _Real]]:
-    """Return the faults that are worth a fit, each with the point to begin from.
+def _worth_a_trial(
+    part: Part, without: Trial, start: _Real, told: Sequence[Finding]
+) -> list[_Begun]:
+    """Return the faults that are worth a whole fit, the likeliest first.
 
     Where what is left without a fault is small, they are those that promise a better fit there.
+    Else a few steps of each from several points tell, the most promising first; once one explains
+    all data, only those are looked at that explain as much where it ended.
     """
+
+    def fresh(scores: Iterable[_Score]) -> list[_Score]:
+        return [one for one in scores if not any(_covers(known, one.fault) for known in told)]
+
     if without.power < _SMALL**2 and without.alike < _ALIKE:
-        return [(fault, without.x) for fault in _suspected(part, without.x, promising=True)]
+        scores = _scored(part, without.x, promising=True)
+        found = fresh(_suspected([one for one in scores if one.gain >= 0.0]))
+        if len(found) <= _KEPT:
+            return [(one.fault, one.x) for one in found]
+        return _ahead([end for one in found if (end := _glanced(part, one))], without)
     points = [start, without.x]
     with suppress(SolverError):
         points.append(robust_point(part, start))
-    found = [(fault, start) for fault in _changing_all(part, start)]
-    for x in points:
-        found += [(fault, x) for fault in _suspected(part, x)]
-    return found
+    by_point = [_scored(part, x) for x in points]
+    found = [one for one in by_point[0] if one.fault.changes_all]
+    for scores in by_point:
+        found += [one for one in _suspected(scores) if one not in found]
+    tries = sorted(fresh(found), key=lambda one: -one.log_evidence)
+    # What changes all data promises little to first order, and much where its fit ends.
+    tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.changes_all)
+    ends: list[Trial] = []
+    for score in tries:
+        end = _glanced(part, score)
+        if end is None or end.fault is None:
+            continue
+        ends.append(end)
+        if _explains_all(end, without):
+            rivals = fresh(_as_good(part, end))
+            return [(end.fault, end.x), *((one.fault, one.x) for one in rivals)]
+    return _ahead(ends, without)
 
 
-def _changing_all(part: Part, x: _Real) -> Iterator[Fault]:
-    evidence = Evidence(part, x)
-    for kind in CAUSES:
-        if CAUSES[kind].changes_all:
-            yield from CAUSES[kind].suspected(evidence)
+def _glanced(part: Part, score: _Score) -> Trial | None:
+    """Return where a trial has come after a few steps."""
+    return tried(part, score.fault, [score.x], glance=True)
 
 
-def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
-    """Return the faults that explain most at a point, to first order, best first.
+def _explains_all(end: Trial, without: Trial) -> bool:
+    """Return whether a fault explains all but noise, so that only others like it may compete."""
+    assert end.fault is not None
+    if end.fault.changes_all:
+        return end.power < _LEFT[0] * without.power
+    return end.alike < _ALIKE and end.power < min(_NOISY**2, _LEFT[1] * without.power)
+
+
+def _ahead(ends: Sequence[Trial], without: Trial) -> list[_Begun]:
+    """Return the likeliest of some trials, the best first, with the points to go on from."""
+
+    def log_odds(end: Trial) -> float:
+        assert end.fault is not None
+        return end.gain(without) + float(np.log(end.fault.odds))
+
+    best = sorted(ends, key=lambda end: -log_odds(end))[:_KEPT]
+    return [(end.fault, end.x) for end in best if end.fault is not None]
+
+
+def _as_good(part: Part, end: Trial) -> list[_Score]:
+    """Return other faults that explain the data as well where a trial ended, to first order."""
+    assert end.fault is not None
+    key = (end.fault.kind, end.fault.channels)
+    scores = _suspected(_scored(part, end.x))
+    own = [one.gain for one in scores if one.key == key]
+    if not own:
+        return []
+    return [one for one in scores if one.gain > own[0] - _IN_REACH and one.key != key]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Score:
+    """What a fault promises at a point, to first order.
+
+    Attributes
+    ----------
+    fault : Fault
+        By its best size there.
+    x : ndarray of float, shape (n,)
+        The point.
+    gain : float
+        Logarithm of the odds that the data have it.
+    log_evidence : float
+        The same, comparable between points.
+    """
+
+    fault: Fault
+    x: _Real
+    gain: float
+    log_evidence: float
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What is wrong where, whatever its size."""
+        return self.fault.kind, self.fault.channels
+
+
+def _suspected(scores: Iterable[_Score]) -> list[_Score]:
+    """Return the faults of those scored at a point that promise most, few of each kind."""
+    chosen: list[_Score] = []
+    for score in scores:
+        if any(score.key == other.key for other in chosen):
+            continue
+        if sum(other.fault.kind == score.fault.kind for other in chosen) < _OF_A_KIND:
+            chosen.append(score)
+        if len(chosen) == _REFITTED:
+            break
+    return chosen
+
+
+def _scored(part: Part, x: _Real, *, promising: bool = False) -> list[_Score]:
+    """Return what the faults promise at a point, best first.
 
     Parameters
     ----------
@@ -394,7 +487,7 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
     x : ndarray of float, shape (n,)
         The point.
     promising : bool
-        Only those that promise to be likelier than none.
+        Whether what is left there is nearly noise, so that the evidence counts.
     """
     try:
         evidence = Evidence(part, x)
@@ -403,7 +496,7 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
         return []
     weighs = promising and bool(held_of(part).any())
     unheld = _log_evidence(evidence, None) if weighs else 0.0
-    best: dict[tuple[str, tuple[str, ...]], tuple[float, Fault]] = {}
+    scores: list[_Score] = []
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
             try:
@@ -417,19 +510,8 @@ def _suspected(part: Part, x: _Real, *, promising: bool = False) -> list[Fault]:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
             gain += float(np.log(fault.odds))
             gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
-            key = (kind, tuned.channels)
-            if key not in best or gain > best[key][0]:
-                best[key] = (gain, tuned)
-    ranked = sorted(best.values(), key=lambda item: -item[0])
-    chosen: list[Fault] = []
-    for gain, fault in ranked:
-        if promising and gain < 0.0:
-            break
-        if sum(other.kind == fault.kind for other in chosen) < _OF_A_KIND:
-            chosen.append(fault)
-        if len(chosen) == _REFITTED:
-            break
-    return chosen
+            scores.append(_Score(tuned, x, gain, gain - 0.5 * without))
+    return sorted(scores, key=lambda one: -one.gain)
 
 
 def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:

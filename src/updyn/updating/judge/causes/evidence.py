@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.misfit import log_misfit
@@ -18,7 +19,17 @@ from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
-__all__ = ["SMALLEST", "Evidence", "Held", "held_of", "labels_of", "spread_of", "stacked"]
+__all__ = [
+    "SMALLEST",
+    "Evidence",
+    "Held",
+    "held_of",
+    "labels_of",
+    "loosened",
+    "plain_labels",
+    "spread_of",
+    "stacked",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -33,9 +44,15 @@ _STEP = 1e-5
 _SOFT_LOSS = 0.05
 
 
+def plain_labels(dofs: DofSet) -> list[str]:
+    """Return the labels of some DOFs, without signs."""
+    pairs = zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)
+    return [f"{node}:{DIRECTIONS[axis]}" for node, axis in pairs]
+
+
 def labels_of(frf: FRF) -> list[str]:
     """Return the labels of the responses, without signs."""
-    return [str(abs(dof)) for dof in frf.responses]
+    return plain_labels(frf.responses)
 
 
 def spread_of(part: Part) -> _Real:
@@ -54,6 +71,13 @@ def held_of(part: Part) -> NDArray[np.bool_]:
     """Return which of the unknowns are stiffnesses and masses that nobody seeks, shape (n,)."""
     own = part.coordinates.parameters
     return np.array([isinstance(p, Held) and p.quantity in ("stiffness", "mass") for p in own])
+
+
+def loosened(part: Part, x: _Real, group: str, log_factor: float) -> State:
+    """Return the model at x with exp(log_factor) times the stiffness of a group."""
+    state, terms = part.state(x), part.solver.system.terms
+    own = [term.group == group and term.quantity == "stiffness" for term in terms]
+    return replace(state, factor=np.where(own, np.exp(log_factor), 1.0) * state.factor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +103,7 @@ class Evidence:
 
     part: Part
     x: _Real
+    _kept: dict[tuple[str, float], _Complex] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def frf(self) -> FRF:
@@ -125,9 +150,16 @@ class Evidence:
 
     def answer(self, frf: FRF) -> _Complex:
         """Return the model's answer at the responses of some data, shape (n_f, n_i, n_j)."""
+        return self._own if frf.responses == self.frf.responses else self._answer(frf)
+
+    @cached_property
+    def _own(self) -> _Complex:
+        """The model's answer at the responses of the data."""
+        return self._answer(self.frf)
+
+    def _answer(self, frf: FRF) -> _Complex:
         known, at = self._of(labels_of(frf))
-        sign = np.array([dof.sign for dof in frf.responses], dtype=float)
-        return np.asarray(known.H[:, at] * sign[:, None])
+        return np.asarray(known.H[:, at] * frf.responses.signs[:, None].astype(float))
 
     def slopes(self, frf: FRF) -> _Complex:
         """Return d H by x at the responses of some data, shape (n, n_f, n_i, n_j)."""
@@ -154,8 +186,7 @@ class Evidence:
     def damped(self, rate: float) -> _Complex:
         """Return the model's ln H(i omega + rate) / H(i omega), shape (n_f, n_i, n_j)."""
         windowed = replace(self.frf, decay=self.frf.decay + rate)
-        there = self.part.with_data(windowed).responses(self.x)
-        return _log_ratio(there, self.part.responses(self.x))
+        return self._compared("damped", rate, windowed)
 
     def stretched(self, log_factor: float) -> _Complex:
         """Return the model's ln A(exp(log_factor) f) / A(f), shape (n_f, n_i, n_j).
@@ -163,9 +194,16 @@ class Evidence:
         A is its accelerance: that of exp(-2 log_factor) times all stiffnesses over its own.
         """
         elsewhere = replace(self.frf, freq=self.frf.freq * np.exp(log_factor))
-        there = self.part.with_data(elsewhere).responses(self.x)
         power = QUANTITIES["accelerance"] - QUANTITIES[self.frf.quantity]
-        return _log_ratio(there, self.part.responses(self.x)) + power * log_factor
+        return self._compared("stretched", log_factor, elsewhere) + power * log_factor
+
+    def _compared(self, kind: str, value: float, there: FRF) -> _Complex:
+        """Return the model's ln H on other lines over H; many faults ask for the same ones."""
+        known = self._kept.get((kind, value))
+        if known is None:
+            H = self.part.with_data(there).responses(self.x)
+            known = self._kept[kind, value] = _log_ratio(H, self.answer(self.frf))
+        return known
 
     def lifted(self, frequency: float) -> _Complex:
         """Return the model's ln H on a suspension over H, shape (n_f, n_i, n_j).
@@ -190,8 +228,7 @@ class Evidence:
     def loosened(self, group: str, log_factor: float) -> _Complex:
         """Return the model's ln H with exp(log_factor) times a group's stiffness over H."""
         part, state = self.part, self.part.state(self.x)
-        own = [t.group == group and t.quantity == "stiffness" for t in part.solver.system.terms]
-        looser = replace(state, factor=np.where(own, np.exp(log_factor), 1.0) * state.factor)
+        looser = loosened(part, self.x, group, log_factor)
 
         def compute() -> Record:
             return (_log_ratio(_receptance(part, looser), _receptance(part, state)),)
@@ -209,6 +246,16 @@ class Evidence:
         square = FRF(self.frf.freq, np.ones(shape), own, own, "accelerance", decay=decay)
         H = part.with_data(square).responses(self.x)
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
+
+    @cached_property
+    def spread(self) -> _Real:
+        """How far the unknowns are expected from their start, as x, shape (n,)."""
+        return spread_of(self.part)
+
+    @cached_property
+    def home(self) -> _Real:
+        """The way to the start of the unknowns, in their spread, shape (n,)."""
+        return np.asarray((self.part.coordinates.home - self.x) / self.spread)
 
     @cached_property
     def weight(self) -> _Real:
@@ -239,14 +286,14 @@ class Evidence:
             Q = self._span
             return np.asarray(b - Q @ (Q.T @ b))
         # Few of the rows differ: their part of the normal equations is exchanged.
-        pairs = zip(frf.responses, self.frf.responses, strict=True)
-        moved = np.array([one != other for one, other in pairs])
+        own, other = self.frf.responses, frf.responses
+        moved = (own.nodes != other.nodes) | (own.axes != other.axes) | (own.signs != other.signs)
         there = np.broadcast_to(moved[:, None], self.frf.values.shape).ravel()
         rows = np.flatnonzero(np.concatenate([there, there]))
         A = self._columns
         old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
         curved = self._normal - old.T @ old + new.T @ new
-        spread = spread_of(self.part)  # in which the matrix is 1 and what the data add
+        spread = self.spread  # in which the matrix is 1 and what the data add
         pull = spread * (A.T @ b + (new - old).T @ b[rows])
         scaled = spread[:, None] * curved * spread
         step = spread * scipy.linalg.solve(scaled, pull, assume_a="pos")
@@ -268,7 +315,7 @@ class Evidence:
     @cached_property
     def _columns(self) -> _Real:
         """What the unknowns change, above their spread, shape (2 m + n, n)."""
-        return np.vstack([self.changes / self.unit, np.diag(1.0 / spread_of(self.part))])
+        return np.vstack([self.changes / self.unit, np.diag(1.0 / self.spread)])
 
     def _changes(self, labels: Sequence[str], rows: NDArray[np.intp]) -> _Real:
         """Return what the unknowns change at some of the rows of data."""

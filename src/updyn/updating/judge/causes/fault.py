@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof
 from updyn.errors import DataError, OptionError, in_all, suggest
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.judge.causes.evidence import Evidence, labels_of, plain_labels
 from updyn.updating.problem.problem import Part
 
 __all__ = [
@@ -72,7 +72,7 @@ def place_of(channels: Sequence[str], frf: FRF) -> Place:
             (frf.references, columns) if channel.startswith(FORCE) else (frf.responses, rows)
         )
         label = channel.removeprefix(FORCE)
-        names = [str(abs(dof)) for dof in dofs]
+        names = plain_labels(dofs)
         plain = str(abs(Dof.parse(label)))
         if plain not in names:
             what = "reference" if channel.startswith(FORCE) else "response"

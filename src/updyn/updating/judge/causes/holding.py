@@ -2,69 +2,118 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+
 import numpy as np
 import scipy.sparse as sp
 
 from updyn.dofs import DIRECTIONS
-from updyn.dynamics.affine import Term
+from updyn.dynamics.affine import AffineSystem, Term
+from updyn.dynamics.reduced import ReducedSolver
 from updyn.updating.judge.causes.evidence import spread_of
 from updyn.updating.problem.problem import Part
 
-__all__ = ["ground_springs", "is_free"]
+__all__ = ["HeldSolver", "Holding", "ground_springs", "is_free"]
 
 #: Force of a rigid translation, as a share of the largest stiffness, that rounding leaves.
 _ROUNDING = 1e-6
 #: Spread of the logarithm of a stiffness below which it is taken as known.
 _KNOWN = 0.1
+_TRANSLATIONS = frozenset("XYZ")
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """What the stiffnesses of a model resist, group by group.
+
+    Attributes
+    ----------
+    resisted : mapping of str to frozenset of str
+        By group, the directions in which a rigid translation of the whole model meets a force.
+    single : frozenset of str
+        Groups that couple no two nodes.
+    """
+
+    resisted: Mapping[str, frozenset[str]]
+    single: frozenset[str]
+
+    @classmethod
+    def of(cls, system: AffineSystem) -> Holding:
+        """Return that of a whole model."""
+        stiff = [t for t in system.terms if t.quantity == "stiffness" and t.data.any()]
+        return cls(
+            {term.group: _resisted(system, term) for term in stiff},
+            frozenset(term.group for term in stiff if not _couples(system, term)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldSolver(ReducedSolver):
+    """A reduced model, whose coordinates are not those of nodes, with what holds the whole one.
+
+    Attributes
+    ----------
+    holding : Holding
+        Of the whole model.
+    """
+
+    holding: Holding = field(kw_only=True)
+
+    @classmethod
+    def beside(cls, solver: ReducedSolver, holding: Holding) -> HeldSolver:
+        """Return a reduced model with what holds the whole one."""
+        known = {one.name: getattr(solver, one.name) for one in fields(solver)}
+        return cls(**known, holding=holding)
+
+
+def _holding(part: Part) -> Holding:
+    """Return what holds the model of a part; nothing is known of a plain reduced one."""
+    if isinstance(part.solver, HeldSolver):
+        return part.solver.holding
+    if part.solver.tier == "reduced":
+        return Holding({"": _TRANSLATIONS}, frozenset())
+    return Holding.of(part.solver.system)
 
 
 def is_free(part: Part) -> bool:
     """Return whether nothing holds the model against a translation in which it is measured.
 
-    Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held; so are
-    reduced ones, whose coordinates are not those of nodes.
+    Models of rotations alone, whose rigid motion depends on gear ratios, are taken as held.
     """
-    if part.solver.tier == "reduced":
-        return False
-    measured = {dof.direction for dof in part.frf.responses} - {"RX", "RY", "RZ"}
-    return any(not any(_force(part, term, d) for term in _springs(part)) for d in measured)
+    measured = {dof.direction for dof in part.frf.responses} & _TRANSLATIONS
+    return not measured <= frozenset().union(*_holding(part).resisted.values())
 
 
 def ground_springs(part: Part) -> list[str]:
     """Return the groups of springs between single nodes and the ground, of known stiffness.
 
-    They stand among the unknowns of the part with a narrow prior. In a reduced model, whose
-    coordinates are not those of nodes, none is found.
+    They stand among the unknowns of the part with a narrow prior.
     """
-    if part.solver.tier == "reduced":
-        return []
     own = part.coordinates.parameters
     spread = dict(zip(own.names, spread_of(part), strict=True))
-    found = []
-    for term in _springs(part):
-        name = f"{term.group}.stiffness"
-        if spread.get(name, _KNOWN) < _KNOWN and _is_to_ground(part, term):
-            found.append(term.group)
-    return found
+    holding = _holding(part)
+    return [
+        group
+        for group, directions in holding.resisted.items()
+        if directions
+        and group in holding.single
+        and spread.get(f"{group}.stiffness", _KNOWN) < _KNOWN
+    ]
 
 
-def _springs(part: Part) -> list[Term]:
-    terms = part.solver.system.terms
-    return [term for term in terms if term.quantity == "stiffness" and term.data.any()]
-
-
-def _is_to_ground(part: Part, term: Term) -> bool:
-    """Return whether a stiffness couples no two nodes, and resists translations."""
-    nodes = part.solver.system.dofs.nodes[term.rows]
+def _couples(system: AffineSystem, term: Term) -> bool:
+    """Return whether a stiffness couples two nodes."""
+    nodes = system.dofs.nodes[term.rows]
     K = sp.coo_matrix(term.local)
     between = nodes[K.row] != nodes[K.col]
-    if np.abs(K.data[between]).max(initial=0.0) > _ROUNDING * np.abs(term.data).max():
-        return False
-    return any(_force(part, term, d) for d in ("X", "Y", "Z"))
+    return bool(np.abs(K.data[between]).max(initial=0.0) > _ROUNDING * np.abs(term.data).max())
 
 
-def _force(part: Part, term: Term, direction: str) -> bool:
-    """Return whether a stiffness resists a rigid translation of the whole model."""
-    axis = DIRECTIONS.index(direction)
-    moved = (part.solver.system.dofs.axes[term.rows] == axis).astype(float)
-    return bool(np.abs(term.local @ moved).max() > _ROUNDING * np.abs(term.data).max())
+def _resisted(system: AffineSystem, term: Term) -> frozenset[str]:
+    """Return the directions in which a stiffness resists a rigid translation of the whole model."""
+    axes = system.dofs.axes[term.rows]
+    moved = np.stack([axes == DIRECTIONS.index(d) for d in sorted(_TRANSLATIONS)], axis=1)
+    force = np.abs(term.local @ moved.astype(float)).max(axis=0, initial=0.0)
+    large = force > _ROUNDING * np.abs(term.data).max()
+    return frozenset(d for d, one in zip(sorted(_TRANSLATIONS), large, strict=True) if one)

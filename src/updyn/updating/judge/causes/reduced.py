@@ -19,7 +19,8 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Across, Reduction
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.search import scattered
-from updyn.updating.judge.causes.evidence import spread_of
+from updyn.updating.judge.causes.evidence import loosened, spread_of
+from updyn.updating.judge.causes.holding import HeldSolver, Holding, ground_springs
 from updyn.updating.judge.causes.places import mistaken
 from updyn.updating.problem.problem import Part
 
@@ -28,7 +29,7 @@ __all__ = ["Exact", "Reduced", "Stage", "stage_of"]
 _Real = NDArray[np.float64]
 
 #: Larger models than this are reduced.
-_DOFS = 400
+_DOFS = 100
 #: Points around the start whose vectors make the basis; points whose fields choose among them; and
 #: the root of the share of the energy of these fields that may be dropped, of a large basis more.
 _POINTS, _SAMPLES, _DROPPED = 12, 12, (1e-4, 1e-2)
@@ -39,6 +40,8 @@ _ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=4, lossy=False)
 _NEAR = 0.05
 #: Error wanted where a decision is taken, as a share of the largest receptance of a line.
 _ACCURACY = 1e-3
+#: Logarithms of what is left of a spring to the ground, of the points at which it does not hold.
+_LOOSE = (-1.5, -4.0)
 #: Largest loss factor of the points.
 _LOSSY = 0.3
 
@@ -73,6 +76,7 @@ class Reduced:
     _reduction: Reduction = field(init=False)
     _certified: list[_Real] = field(default_factory=list, init=False)
     _error: _Real = field(init=False)
+    _holding: Holding = field(init=False)
     _solver: FieldSolver = field(init=False)
 
     def __post_init__(self) -> None:
@@ -92,14 +96,18 @@ class Reduced:
             part.session.check,
         )
         points, samples = (_about(part, n, seed) for seed, n in enumerate((_POINTS, _SAMPLES)))
-        self._reduction.build_around([part.state(x) for x in points], across=_ACROSS)
-        states = [part.state(x) for x in samples]
+        # A support may not hold the structure at all.
+        home, springs = part.coordinates.home, ground_springs(part)
+        loose = [loosened(part, home, one, level) for one in springs for level in _LOOSE]
+        self._reduction.build_around([part.state(x) for x in points] + loose, across=_ACROSS)
+        states = [part.state(x) for x in samples] + loose
         for dropped in _DROPPED:
             self._reduction.compress_around(states, freq, dropped)
             if self._reduction.basis.size <= _LARGE:
                 break
         self._error = np.zeros(part.frf.values.shape)
-        self._solver = self._reduction.solver("reduced, causes")
+        self._holding = Holding.of(part.solver.system)
+        self._solver = self._solver_called("reduced, causes")
 
     def near(self, part: Part, points: Sequence[_Real]) -> Part:
         """Return the part with the reduced model, enriched where it was not certified.
@@ -130,7 +138,10 @@ class Reduced:
         certificate = self._reduction.certify(self.part.state(x), self.part.frf.freq)
         self._error = np.maximum(self._error, certificate.errors)
         self._certified.append(x)
-        self._solver = self._reduction.solver(f"reduced, causes {len(self._certified)}")
+        self._solver = self._solver_called(f"reduced, causes {len(self._certified)}")
+
+    def _solver_called(self, label: str) -> FieldSolver:
+        return HeldSolver.beside(self._reduction.solver(label), self._holding)
 
 
 def _about(part: Part, number: int, seed: int) -> list[_Real]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, spread_of, stacked
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
 
 __all__ = ["fitted"]
@@ -37,7 +37,7 @@ def fitted(evidence: Evidence, fault: Fault | None) -> tuple[float, Fault | None
     if fault is not None and not (fault.tunes and fault.value == 0.0):
         frf = fault.undo(evidence)
     unit = evidence.unit
-    home = (evidence.part.coordinates.home - evidence.x) / spread_of(evidence.part)
+    home = evidence.home
     b = np.concatenate([evidence.misfit(frf) / unit, home])
     b = evidence.left(frf, b)
     if fault is not None and fault.tunes:

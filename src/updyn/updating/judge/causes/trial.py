@@ -29,6 +29,8 @@ _Real = NDArray[np.float64]
 #: How often the size of a fault is estimated anew, and steps of each descent: of a whole trial, of
 #: a first one.
 _WHOLE, _GLANCE = (5, 20), (1, 8)
+#: How many times what noise has no further descent makes good.
+_FAR_BEHIND = 4.0
 #: Rounds of the robust fit, and its steps in each.
 _REWEIGHTED, _FEW = 4, 8
 #: Loss factor from which descents begin: resonances overlap.
@@ -104,7 +106,12 @@ class Trial:
 
 
 def tried(
-    part: Part, fault: Fault | None, points: Sequence[_Real], *, glance: bool = False
+    part: Part,
+    fault: Fault | None,
+    points: Sequence[_Real],
+    *,
+    glance: bool = False,
+    rival: Trial | None = None,
 ) -> Trial | None:
     """Return the best end of short fits from some points, the data being freed of a fault.
 
@@ -118,20 +125,25 @@ def tried(
         Where to begin.
     glance : bool
         Whether few steps are enough.
+    rival : Trial, optional
+        One that left only noise: what is far behind it by its best size ends there.
 
     Returns
     -------
     Trial or None
         None where the model cannot be solved.
     """
-    ends = [_fitted(part, fault, x, *(_GLANCE if glance else _WHOLE)) for x in points]
+    steps = _GLANCE if glance else _WHOLE
+    ends = [_fitted(part, fault, x, *steps, rival) for x in points]
     found = [end for end in ends if end is not None]
     return min(
         found, key=lambda t: t.n_values * np.log(t.power + SMALLEST**2) + t.far, default=None
     )
 
 
-def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) -> Trial | None:
+def _fitted(
+    part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
+) -> Trial | None:
     holds = bool(held_of(part).any())
     # Once more, the spread of what is left being known, where priors are to count by it.
     fewest = 2 if holds else 1
@@ -141,7 +153,9 @@ def _fitted(part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int) 
         try:
             freed = part if fault is None else fault.accounted(part, x)
             x, power, far, alike = _descent(freed, x, steps)
-            if number == rounds - 1:
+            sized = fault is None or number > 0 or not (fault.tunes or fault.adapts)
+            behind = rival is not None and power > _FAR_BEHIND * (rival.power + SMALLEST**2)
+            if number == rounds - 1 or (sized and behind):
                 break
             if fault is not None and fault.adapts:
                 fault = fault.refined(Evidence(part, x))

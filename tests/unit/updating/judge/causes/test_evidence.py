@@ -50,3 +50,20 @@ def test_values_that_are_noise_weigh_nothing_on_either_side():
     assert (weight[:-3] > 0.9).all()
     assert (weight[-3:] < 0.05).all()
     assert (np.abs(e) < 0.1).all()
+
+
+def test_other_lines_are_solved_once_for_all_sensors(chain12, chain12_true):
+    """The model at exp(v) f, against one at these lines; asked for again, nothing is solved."""
+    frf = updyn.response(chain12_true, np.linspace(2.0, 22.0, 20), ["2:X", "7:-X"], ["12:X"])
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    part = Part.build(chain12, frf, updyn.parameters(chain12, stiffness="all"))
+    evidence = Evidence(part, part.coordinates.home)
+    found = evidence.stretched(0.03)
+    at = (["2:X", "7:-X"], ["12:X"], "accelerance")
+    here, there = (updyn.response(chain12, frf.freq * f, *at).values for f in (1.0, np.exp(0.03)))
+    assert np.exp(found) == pytest.approx(there / here, rel=1e-9)
+    solved = part.session.lines_solved
+    assert evidence.stretched(0.03) is not evidence.stretched(0.05)
+    assert part.session.lines_solved == solved + len(frf.freq)
+    assert np.array_equal(evidence.stretched(0.03), found)
+    assert part.session.lines_solved == solved + len(frf.freq)

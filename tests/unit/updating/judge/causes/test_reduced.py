@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import updyn
 from updyn.elements.structure import Beam, rectangle, structure
+from updyn.model import Group, Model
 from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.holding import ground_springs, is_free
 from updyn.updating.judge.causes.places import mistaken
 from updyn.updating.judge.causes.reduced import Reduced
 from updyn.updating.judge.causes.trial import widened
@@ -126,3 +129,79 @@ def test_the_same_is_found(model, data, unknowns, monkeypatch, whole):
 
 def test_in_sound_data_of_a_larger_model_nothing_is_found(model, data, unknowns):
     assert updyn.diagnose(model, data, unknowns) == ()
+
+
+def on_springs(model, name, at, stiffness):
+    places = model.dofs.match(at).index
+    K = sp.csr_array(
+        (np.full(len(at), stiffness), (places, places)), shape=(model.n_dofs, model.n_dofs)
+    )
+    return Model.from_groups({**model.groups, name: Group(K, loss_factor=0.02)}, model.dofs)
+
+
+def test_a_support_that_does_not_hold_is_named_in_a_reduced_model(model, data, unknowns):
+    """A spring some times as stiff as the beam is there."""
+    start = on_springs(model, "stand", ["40:Z"], 2e5)
+    (found,) = updyn.diagnose(start, data, unknowns)
+    assert (found.kind, found.channels) == ("no-support", ("stand",))
+    assert np.exp(found.value) < 0.05
+
+
+@pytest.fixture(scope="module")
+def free():
+    """The same beam in planar bending, with both ends free: 162 DOFs."""
+    segments = [
+        Beam(
+            f"segment {s + 1}",
+            [[i, i + 1] for i in range(20 * s, 20 * s + 20)],
+            2.1e11,
+            7850.0,
+            rectangle(0.03, 0.02),
+            orientation=[0.0, 0.0, 1.0],
+            loss_factor=0.01,
+        )
+        for s in range(4)
+    ]
+    nodes = {i: [0.02 * i, 0.0, 0.0] for i in range(81)}
+    planar = [f"{i}:{d}" for i in nodes for d in ("X", "Y", "RX", "RZ")]
+    return structure(nodes, segments, grounded=planar)
+
+
+def test_a_suspended_structure_is_told_in_a_reduced_model(free, add_noise):
+    """Springs at both ends, on which it oscillates as a rigid body at 8 Hz; bending from 40 Hz."""
+    assert free.n_dofs > reduced._DOFS
+    mass = 7850.0 * 0.03 * 0.02 * 1.6
+    hung = on_springs(free, "cords", ["8:Z", "72:Z"], 0.5 * mass * (2.0 * np.pi * 8.0) ** 2)
+    start = free.scaled({"segment 1": {"stiffness": 0.85}, "segment 3": {"stiffness": 1.2}})
+    unknowns = updyn.parameters(start, stiffness="all", mass="all", loss_factor="all")
+    freq = np.linspace(4.0, 300.0, 60)
+    at = ["5:Z", "20:Z", "45:Z", "60:Z", "79:Z"]
+    rng = np.random.default_rng(4)
+    for true, kinds in ((hung, ["support"]), (free, [])):
+        frf = add_noise(updyn.response(true, freq, at, ["5:Z", "60:Z"], "accelerance"), rng, 0.01)
+        assert [one.kind for one in updyn.diagnose(start, frf, unknowns)][:1] == kinds
+
+
+def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
+    held, _ = widened(
+        Part.build(
+            on_springs(model, "stand", ["40:Z"], 1e4),
+            replace(data, variance=Stated(0.01, 1e-3).variance(data.values, data)),
+            unknowns,
+        )
+    )
+    for whole, springs in ((held, ["stand"]), (free_part(free), [])):
+        here = Reduced(whole).near(whole, [])
+        assert here.solver.tier == "reduced"
+        assert ground_springs(here) == ground_springs(whole) == springs
+        assert is_free(here) == is_free(whole) == (not springs)
+
+
+def free_part(model):
+    freq = np.linspace(10.0, 300.0, 24)
+    frf = updyn.response(model, freq, ["20:Z", "79:Z"], ["79:Z"])
+    return Part.build(
+        model,
+        replace(frf, variance=Stated(0.01, 1e-3).variance(frf.values, frf)),
+        updyn.parameters(model, stiffness="all"),
+    )
