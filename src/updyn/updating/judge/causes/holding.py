@@ -63,7 +63,7 @@ class HeldSolver(ReducedSolver):
     @classmethod
     def beside(cls, solver: ReducedSolver, holding: Holding) -> HeldSolver:
         """Return a reduced model with what holds the whole one."""
-        known = {one.name: getattr(solver, one.name) for one in fields(solver)}
+        known = {one.name: getattr(solver, one.name) for one in fields(solver) if one.init}
         return cls(**known, holding=holding)
 
 
