@@ -13,8 +13,7 @@ import pytest
 
 import updyn
 from pages import ROOT, blocks, run_python
-from updyn.uncertainty import bootstrap, prediction
-from updyn.uncertainty import minima as humps
+from updyn.uncertainty import bootstrap, minima, prediction
 from updyn.uncertainty import sampling as diagnosis
 
 PAGE = ROOT / "docs" / "uncertainty.md"
@@ -38,7 +37,7 @@ def test_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "said",
     [
-        f"(`starts={humps.STARTS}`; 0 leaves it out)",
+        f"(`starts={minima.STARTS}`; 0 leaves it out)",
         f"Where it is above {diagnosis.CHAINS_AGREE:g}",
         f"up to {prediction._DRAWS} of them",
         f"more than {100 * bootstrap._FAILED:g} % of them make",

@@ -86,7 +86,7 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
         # the same by command, side by side
         main(["run", str(job), "--out", str(tmp_path / "beam" / "command")])
         page.goto(f"{server.base}/results")
-        page.get_by_text("Report of beam/command in a tab of its own").wait_for()
+        page.get_by_text("Report of beam/command in a separate tab").wait_for()
         page.frame_locator("iframe").get_by_role("heading", name="Steel beam, whole").wait_for()
         page.get_by_label("Runs to compare").click()
         page.get_by_role("option", name="beam/first").click()

@@ -31,7 +31,7 @@ _PLACES = 9
 _STEP = 0.7
 #: Damping of zeros and poles of a new section; the sharp ones where a peak is touched, at so many
 #: lines.
-_HUMPS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
+_PEAKS = ((1.0, 0.2), (0.2, 1.0), (0.5, 0.05))
 _SPIKES = ((0.3, 3e-3), (0.1, 1e-4))
 _DIPS = ((0.05, 0.2), (0.2, 0.8), (0.3, 3.0))
 _TOUCHED = 3
@@ -286,11 +286,11 @@ def _grown(base: Bound, order: int, omega: _Real, y: _Real, weight: _Real) -> Bo
         starts = [np.concatenate([p, [middle, 0.0, middle, 0.0]])]
         for w, d in product(places, (_STEP, -_STEP)):
             starts.append(np.concatenate([p, [w + d, 0.0, w - d, 0.0]]))
-        humps = [(w, *d) for w, d in product(places, _HUMPS)]
+        peaks = [(w, *d) for w, d in product(places, _PEAKS)]
         touched, free = _touched_and_free(base, omega, y, weight)
-        widths = chain(product(touched, (*_HUMPS, *_SPIKES)), product(free, _DIPS))
-        humps += [(w, *width) for w, width in widths]
-        for w, zeros, poles in humps:
+        widths = chain(product(touched, (*_PEAKS, *_SPIKES)), product(free, _DIPS))
+        peaks += [(w, *width) for w, width in widths]
+        for w, zeros, poles in peaks:
             starts.append(np.concatenate([p, [w, np.log(zeros), w, np.log(poles)]]))
     first = [_descend(start, order, omega, y, weight, 1) for start in starts]
     best = sorted(first[1:], key=lambda one: one[1])[:_FOLLOWED]

@@ -1,4 +1,4 @@
-"""The modes of a window, one after the other: each the one that explains most of what is left.
+"""The modes of a window, one after the other: each the one that explains most of the residual.
 
 The poles that stay in a stabilisation diagram, the neighbourhood of those already found (a close
 pair may look like one pole) and an even grid are tried. A mode is taken where it lowers the cost by
@@ -17,7 +17,7 @@ __all__ = ["LEAST", "SEEN", "chance", "searched", "seen"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Least share that a mode explains of what is left in its half-power band. What it is worth against
+#: Least share that a mode explains of the residual in its half-power band. What it is worth against
 #: chance decides: a least share of a half loses true modes of dense bands, of which the neighbours
 #: explain most (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes 88.5 %
 #: instead of 91.5 %; of spurious ones there are 15 instead of 16).

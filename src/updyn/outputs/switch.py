@@ -108,7 +108,7 @@ def replaced(
     ------
     InputError
         If a file that updyn did not write has come up under a name of the set. The new set is kept
-        in a folder of its own then, which the message names.
+        in a separate folder then, which the message names.
     """
     run = secrets.token_hex(8)
     staging = folder / f".unfinished-{run}"
@@ -178,7 +178,7 @@ def _commit(
 def _set_aside(
     staging: Path, folder: Path, run: str, new: dict[str, Entry], wrong: dict[str, str]
 ) -> None:
-    """Keep a set that cannot take its place in a folder of its own, and say so."""
+    """Keep a set that cannot take its place in a separate folder, and say so."""
     aside = folder / f"results-{run}"
     Manifest(MappingProxyType(new)).write(staging)
     staging.rename(aside)

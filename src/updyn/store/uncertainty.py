@@ -12,7 +12,7 @@ and of profiles, a row for each unknown that was profiled, padded with nan::
     value, drop                                (profile, point)
     others                                     (profile, point, parameter)
     estimate                                   (profile)
-    attributes kind, level, threshold; humps, ends, missing, better: JSON texts
+    attributes kind, level, threshold; intervals, ends, missing, better: JSON texts
 """
 
 from __future__ import annotations
@@ -176,7 +176,7 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
         drop[row, :n] = one.drop
         others[row, :n] = one.others
         estimates.append(one.estimate)
-        ranges.append([[h.lower, h.best, h.upper, h.drop] for h in one.humps])
+        ranges.append([[h.lower, h.best, h.upper, h.drop] for h in one.intervals])
         ends.append([one.lower_end, one.upper_end])
     data = xr.Dataset(coords={"profile": ("profile", texts(found))})
     data["value"] = (("profile", "point"), values)
@@ -184,7 +184,7 @@ def _of_profiles(found: Profiles) -> xr.Dataset:
     data["others"] = (("profile", "point", "parameter"), others)
     data["estimate"] = ("profile", np.array(estimates))
     data.attrs["kind"] = "profile"
-    data.attrs["humps"] = to_text(ranges, "humps")
+    data.attrs["intervals"] = to_text(ranges, "intervals")
     data.attrs["ends"] = to_text(ends, "ends")
     data.attrs["missing"] = to_text(list(found.missing), "missing")
     put_fields(data, found, _PROFILES)
@@ -198,7 +198,7 @@ def _to_profiles(data: xr.Dataset, path: Path) -> Profiles:
     rows = zip(
         variable(data, "profile", path),
         variable(data, "estimate", path),
-        Mixed(is_attribute=True).take(data, "humps", path),
+        Mixed(is_attribute=True).take(data, "intervals", path),
         Mixed(is_attribute=True).take(data, "ends", path),
         strict=True,
     )

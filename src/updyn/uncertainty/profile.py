@@ -191,14 +191,14 @@ def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
         return float(coordinates.to_values(np.full(len(parameters), x))[k])
 
     intervals = []
-    for one in found.humps:
+    for one in found.intervals:
         intervals.append(Interval(value(one.lower), value(one.best), value(one.upper), one.drop))
     return replace(
         found,
         estimate=value(found.estimate),
         values=np.array(list(map(value, found.values))),
         others=np.clip(coordinates.to_values(found.others), parameters.lower, parameters.upper),
-        humps=tuple(intervals),
+        intervals=tuple(intervals),
     )
 
 
@@ -241,7 +241,7 @@ class Profile:
         Decrease of the log-likelihood there, all others fitted again.
     others : ndarray of float, shape (k, n)
         All unknowns there.
-    humps : tuple of Interval
+    intervals : tuple of Interval
         Confidence intervals, ascending; more than one where separate ranges fit the data.
     lower_end, upper_end : {"level", "bound", "zero", "unsolved"}
         Reason for the outermost ends: ``"level"``, the likelihood has decreased to the level;
@@ -255,19 +255,19 @@ class Profile:
     values: _Vector
     drop: _Vector
     others: NDArray[np.float64]
-    humps: tuple[Interval, ...]
+    intervals: tuple[Interval, ...]
     lower_end: str
     upper_end: str
 
     @property
     def lower(self) -> float:
         """Lower end of the lowest interval."""
-        return self.humps[0].lower
+        return self.intervals[0].lower
 
     @property
     def upper(self) -> float:
         """Upper end of the highest interval."""
-        return self.humps[-1].upper
+        return self.intervals[-1].upper
 
     @property
     def note(self) -> str:
@@ -285,9 +285,9 @@ class Profile:
             remarks.append("zero is among the values that the data allow")
         if "unsolved" in (self.lower_end, self.upper_end):
             remarks.append("the model could not be solved further out")
-        if len(self.humps) > 1:
-            ranges = " and ".join(f"{h.lower:.4g} to {h.upper:.4g}" for h in self.humps)
-            remarks.append(f"{len(self.humps)} separate ranges fit the data: {ranges}")
+        if len(self.intervals) > 1:
+            ranges = " and ".join(f"{h.lower:.4g} to {h.upper:.4g}" for h in self.intervals)
+            remarks.append(f"{len(self.intervals)} separate ranges fit the data: {ranges}")
         return "; ".join(remarks)
 
 
@@ -442,7 +442,7 @@ class ProfileTracer:
             values=others[:, self.k].copy(),
             drop=drop,
             others=others,
-            humps=tuple(_merged([interval for interval, _, _ in found])),
+            intervals=tuple(_merged([interval for interval, _, _ in found])),
             lower_end=found[0][1],
             upper_end=max(found, key=lambda ended: ended[0].upper)[2],
         )

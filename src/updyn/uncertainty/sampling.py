@@ -264,7 +264,7 @@ class _Run:
         options: dict[str, Any] = {
             "n": self.n,
             "seed": self.seed,
-            "humps": self.n_modes,
+            "n_modes": self.n_modes,
             "evaluations": self.evaluations,
             "acceptance": self.accepted,
             "ensembles": _ENSEMBLES,

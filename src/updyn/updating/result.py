@@ -113,7 +113,7 @@ class UpdateResult:
         old record.
     findings : tuple of Finding
         Causes of what the fit left of the data, the likeliest first; empty where none was found,
-        and where none was looked for: what is left is noise, or there are few lines.
+        and where none was looked for: the residual is noise, or there are few lines.
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
         for: `updyn.modal_table` does so, and a run of a job.

@@ -57,7 +57,7 @@ def fragment(scene: Scene, name: str = "updyn-scene") -> str:
 
 
 def page(scene: Scene) -> str:
-    """Return a scene as a page of its own, which needs no network and no other file.
+    """Return a scene as a separate page, which needs no network and no other file.
 
     Parameters
     ----------

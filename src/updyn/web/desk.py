@@ -1,4 +1,4 @@
-"""`Desk`: a process of its own in which files are read and models are solved for the pages.
+"""`Desk`: a separate process in which files are read and models are solved for the pages.
 
 The server stays quick while a model is solved, and what a file does to its reader (time, memory, a
 crash) ends that process alone.

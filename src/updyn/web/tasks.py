@@ -1,4 +1,4 @@
-"""`Task`: work on a job that takes a while, in a process of its own; a line in `TASKS` each."""
+"""`Task`: work on a job that takes a while, in a separate process; a line in `TASKS` each."""
 
 from __future__ import annotations
 

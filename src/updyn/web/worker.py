@@ -1,4 +1,4 @@
-"""`Worker`: a task in a process of its own, which goes on whether or not a page shows it."""
+"""`Worker`: a task in a separate process, which goes on whether or not a page shows it."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def profiles(result, spans):
     found = []
     for name, (low, high) in spans.items():
         value, at = result.values[name], np.array([low, result.values[name], high])
-        hump = Interval(low, value, high, 0.0)
+        interval = Interval(low, value, high, 0.0)
         found.append(
             Profile(
                 name,
@@ -46,7 +46,7 @@ def profiles(result, spans):
                 at,
                 np.array([1.92, 0.0, 1.92]),
                 np.ones((3, 3)),
-                (hump,),
+                (interval,),
                 "level",
                 "bound",
             )

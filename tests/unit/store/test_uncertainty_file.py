@@ -60,8 +60,8 @@ def test_profiles_come_back(tmp_path: Path) -> None:
         {"a.stiffness": 0.6},
     )
     for name, one in written.items():
-        assert (read[name].humps, read[name].note, read[name].estimate) == (
-            one.humps,
+        assert (read[name].intervals, read[name].note, read[name].estimate) == (
+            one.intervals,
             one.note,
             one.estimate,
         )

@@ -70,7 +70,7 @@ def test_sampling_is_made_in_a_reduced_model(result) -> None:
     found = updyn.sample(result, 200, max_evaluations=8000)
     assert found.options["basis"] < N
     assert found.options["error"] <= found.options["accuracy"]
-    assert found.options["humps"] == 1
+    assert found.options["n_modes"] == 1
     for name in found.names:
         assert found.deviation[name] == pytest.approx(result.std[name], rel=0.15)
 

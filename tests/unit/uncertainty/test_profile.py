@@ -1,4 +1,4 @@
-"""Profile likelihood against closed forms, against Laplace, on bounds, on open ends and on two humps."""
+"""Profile likelihood against closed forms, against Laplace, on bounds, on open ends and on two separate ranges."""
 
 from __future__ import annotations
 
@@ -109,18 +109,18 @@ def test_a_prior_closes_them() -> None:
     )
 
 
-def test_two_humps_are_both_found() -> None:
+def test_two_separate_ranges_are_both_found() -> None:
     result = seen_from_the_middle()
     found = updyn.profile(result)
     for one in found.values():
-        assert len(one.humps) == 2
-        for hump, true in zip(one.humps, (0.7, 1.5), strict=True):
-            assert hump.lower < true < hump.upper
-            assert hump.best == pytest.approx(true, rel=0.03)
-        assert max(h.drop for h in one.humps) == pytest.approx(0.0, abs=1e-3)
+        assert len(one.intervals) == 2
+        for own, true in zip(one.intervals, (0.7, 1.5), strict=True):
+            assert own.lower < true < own.upper
+            assert own.best == pytest.approx(true, rel=0.03)
+        assert max(h.drop for h in one.intervals) == pytest.approx(0.0, abs=1e-3)
         assert "2 separate ranges fit the data" in one.note
     narrow = updyn.profile(result, "left wall.stiffness", starts=0)["left wall.stiffness"]
-    assert len(narrow.humps) == 1
+    assert len(narrow.intervals) == 1
 
 
 def test_a_better_fit_on_the_way_is_told() -> None:

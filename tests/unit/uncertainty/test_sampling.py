@@ -1,4 +1,4 @@
-"""Sampling: Laplace where the likelihood is Gaussian, both humps where there are two, closed forms, bounds."""
+"""Sampling: Laplace where the likelihood is Gaussian, both modes where there are two, closed forms, bounds."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def test_a_gaussian_posterior_is_that_of_laplace(sure) -> None:
     assert found.options["acceptance"] > 0.4
 
 
-def test_two_humps_have_their_shares() -> None:
+def test_two_modes_have_their_shares() -> None:
     """Which wall is the stiff one cannot be seen: half of the draws each way, and none between."""
     found = updyn.sample(seen_from_the_middle(), 400)
     assert found.converged
-    assert found.options["humps"] == 2
+    assert found.options["n_modes"] == 2
     left, right = found["left wall.stiffness"], found["right wall.stiffness"]
     one_way = left < right
     assert 0.42 < one_way.mean() < 0.58
@@ -60,7 +60,7 @@ def test_two_humps_have_their_shares() -> None:
     assert found.correlation[0, 1] < -0.99
 
 
-def test_one_hump_alone_is_what_laplace_sees() -> None:
+def test_one_mode_alone_is_what_laplace_sees() -> None:
     result = seen_from_the_middle()
     found = updyn.sample(result, 400, starts=0)
     assert found.deviation["left wall.stiffness"] == pytest.approx(

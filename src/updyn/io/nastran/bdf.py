@@ -273,7 +273,7 @@ def _ascii(text: str) -> str:
 
 
 class _Runs:
-    """Runs of MYSTRAN on a deck, each in a folder of its own below `folder`.
+    """Runs of MYSTRAN on a deck, each in a separate folder below `folder`.
 
     The matrices are those of the grids and scalar points of the deck.
     """

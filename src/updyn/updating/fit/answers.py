@@ -50,7 +50,7 @@ AS_WELL = float(np.log(100.0))
 _USUAL_FACTOR, _USUAL_LOSS = 1.0, 0.3
 #: Two answers are one below this distance, in standard deviations.
 _APART = 3.0
-#: Noise of known size leaves as much so seldom that what is left is more.
+#: Probability below which a residual of this size is not explained by noise of known size.
 _SELDOM = 1e-3
 #: A reduced chi-square that is more than noise, of heavy tails and of modes.
 _EXCESS = 1.5
@@ -188,7 +188,7 @@ def _usual(problem: Problem) -> _Vector:
 
 
 def _std(local: Local) -> _Vector:
-    """Return the standard deviations of the unknowns; inf for those that the data leave open."""
+    """Return the standard deviations of the unknowns; inf where the data do not determine one."""
     found = resolve(local.R)
     return np.where(found.involved, np.inf, np.sqrt(np.diag(found.covariance)))
 

@@ -24,8 +24,8 @@ _CANDIDATE_SENSORS, _CANDIDATE_BYTES = 200, 200 * 2**20
 #: Lines at which sensors are compared, and in large models.
 _SENSOR_LINES, _FEW_LINES = 20, 4
 #: A candidate counts if the relative change of what it would measure, for an e-fold change along
-#: each open direction, exceeds the noise, and in any case this: well above rounding, within what a
-#: good measurement sees after averaging.
+#: each undetermined direction, exceeds the noise, and in any case this: well above rounding, within
+#: what a good measurement sees after averaging.
 _VISIBLE = 1e-6
 #: Noise from which it is worth saying that less of it would help.
 _NOISY = 1e-3

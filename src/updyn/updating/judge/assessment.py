@@ -60,7 +60,7 @@ class Judgement:
     analysis : Analysis
         What the data determine.
     covariance : ndarray of float, shape (n, n)
-        Of the values, from data and priors; inf for unknowns that both leave open.
+        Of the values, from data and priors; inf for unknowns that neither determines.
     advice : str
         Experiment advice on undetermined unknowns.
     misfit : float

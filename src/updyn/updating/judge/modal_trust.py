@@ -47,7 +47,7 @@ def modes_said(after: _Figures) -> str:
 
 
 def modes_plausible(before: _Figures, after: _Figures) -> Claim:
-    """Return whether what is left of modes allows an answer.
+    """Return whether the residual of modes allows an answer.
 
     Parameters
     ----------

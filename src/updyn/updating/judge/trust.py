@@ -59,7 +59,7 @@ class Trust(Mapping[str, Claim]):
     validated : Claim
         Of data that were held out: whether the updated model predicts them.
     plausible : Claim
-        Of model and data: whether what is left, the values and the causes found allow the answer.
+        Of model and data: whether the residual, the values and the causes found allow the answer.
     """
 
     converged: Claim
@@ -82,7 +82,7 @@ class Trust(Mapping[str, Claim]):
 
     @property
     def credible(self) -> bool:
-        """Whether nothing speaks against the answer but what the data leave open."""
+        """Whether nothing speaks against the answer but undetermined unknowns."""
         return self.validated.holds is not False and self.plausible.holds is not False
 
     def beyond(self, status: str, message: str) -> str:
@@ -136,7 +136,7 @@ def trust(
     findings : sequence of Finding
         Causes that were found.
     unseen : str
-        Why causes were not looked for, though what is left is not noise.
+        Why causes were not looked for, though the residual is not noise.
     """
     return Trust(
         _converged(status, left, misfit),

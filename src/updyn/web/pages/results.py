@@ -58,7 +58,7 @@ def show(workspace: Workspace) -> None:
             for name, run in picked.items():
                 if (run.path / RUN.page).is_file():
                     place = f"/embedded/page/{quote(name)}/{RUN.page}"
-                    ui.link(f"Report of {name} in a tab of its own", place, new_tab=True)
+                    ui.link(f"Report of {name} in a separate tab", place, new_tab=True)
                     if len(picked) == 1:
                         embedded(f"{place}?{run.written:g}", "Report", "85vh")
 

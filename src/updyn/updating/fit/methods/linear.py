@@ -306,7 +306,7 @@ def basic_solution(A: NDArray[np.float64], b: _Vector) -> _Vector:
 
     Of the usual ways to solve a system of short rank this one takes the condensed equation error to
     the paper's result in its five iterations from both readings of its error rates; least-norm
-    solutions move along the open direction and take longer.
+    solutions move along the undetermined direction and take longer.
 
     Parameters
     ----------

@@ -359,7 +359,7 @@ class _Known:
     Attributes
     ----------
     local : Local
-        The reduced problem, in standard deviations of what is left of these data.
+        The reduced problem, in standard deviations of their residual.
     records : list of mapping
         The noise, of each part.
     note : str

@@ -247,7 +247,7 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
 
 
 def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
-    """Return for each test what is left of frequencies and shapes of all, and what is left out."""
+    """Return for each test the residuals of frequencies and shapes, and modes left out."""
     own = [(part, error.rows(part, x)) for part in problem.modal]
     off = np.concatenate([one.r[one.of("frequency")] for _, one in own])
     macs = np.concatenate([one.mac[one.mac >= part.like] for part, one in own])
