@@ -97,7 +97,7 @@ export class Stage {
   }
 
   ground(colour) {
-    this.renderer.setClearColor(new Color().setRGB(...colour, "srgb-linear"), 1);
+    this.renderer.setClearColor(new Color().setRGB(...colour, "srgb"), 1);
     this.uniforms.uGround.value.set(...colour);
     this.invalidate();
   }

@@ -17,7 +17,9 @@ from updyn.errors import InputError, UpdynError
 from updyn.frf import FRF
 from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job, prepare
 from updyn.job.prepare import measurement as read_measurement
+from updyn.job.prepared import PreparedTest
 from updyn.job.proposal import job_text, look_at
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.viewer import model_scene, page
@@ -27,6 +29,7 @@ __all__ = [
     "FORWARD",
     "Curve",
     "FindingRow",
+    "ModalView",
     "Separability",
     "TestView",
     "UnknownRow",
@@ -53,6 +56,8 @@ class TestView:
 
     Attributes
     ----------
+    number : int
+        Which test of the job it is.
     name : str
         Of the test; empty where it is the only one.
     quantity : str
@@ -75,6 +80,7 @@ class TestView:
         Where the file has it.
     """
 
+    number: int
     name: str
     quantity: str
     freq: NDArray[np.float64]
@@ -86,6 +92,29 @@ class TestView:
     matches: list[dict[str, str]]
     held: list[str]
     coherence: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True, slots=True)
+class ModalView:
+    """One test whose data are modes.
+
+    Attributes
+    ----------
+    number : int
+        Which test of the job it is.
+    name : str
+        Of the test; empty where it is the only one.
+    modes : list of mapping of str to str
+        By mode ``mode``, ``frequency`` in Hz and ``damping``, each with its standard deviation
+        where it is known; of the band.
+    matches : list of mapping of str to str
+        Who sits where.
+    """
+
+    number: int
+    name: str
+    modes: list[dict[str, str]]
+    matches: list[dict[str, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +153,8 @@ class View:
         The groups that have a quantity, by the quantities of `CHOICES`.
     tests : list of TestView
         Its tests with FRFs.
+    modal : list of ModalView
+        Its tests with modes, where they could be read and matched.
     unknowns : list of UnknownRow
         Those of the job.
     wrong : mapping of str to str
@@ -135,6 +166,7 @@ class View:
     groups: list[str]
     able: Mapping[str, list[str]]
     tests: list[TestView]
+    modal: list[ModalView]
     unknowns: list[UnknownRow]
     wrong: Mapping[str, str]
 
@@ -223,7 +255,7 @@ def look(path: Path, text: str) -> View:
     wrong: dict[str, str] = {}
     job = _tried(lambda: load_job(path, text=text), "job", wrong)
     if job is None:
-        return View("", "", [], {}, [], [], wrong)
+        return View("", "", [], {}, [], [], [], wrong)
     ready = _tried(lambda: _prepared(path, text), "all", wrong)
     tests = []
     for number, part in enumerate(job.parts):
@@ -231,7 +263,7 @@ def look(path: Path, text: str) -> View:
             seen = _tried(lambda part=part, at=number: _test(part, at, ready), "test", wrong)  # type: ignore[misc]
             tests += [] if seen is None else [seen]
     if ready is None:
-        return View(job.title or path.stem, "", [], {}, tests, [], wrong)
+        return View(job.title or path.stem, "", [], {}, tests, [], [], wrong)
     model = ready.model
     about = f"{model.n_dofs:,} DOFs in {len(model.groups)} groups"
     unknowns = [
@@ -239,7 +271,12 @@ def look(path: Path, text: str) -> View:
     ]
     groups = list(model.groups)
     title = job.title or path.stem
-    return View(title, about, groups, _able(model), tests, unknowns, wrong)
+    modal = [
+        _modal(test, number)
+        for number, test in enumerate(ready.tests)
+        if isinstance(test.data, ModeSet)
+    ]
+    return View(title, about, groups, _able(model), tests, modal, unknowns, wrong)
 
 
 def _able(model: Model) -> dict[str, list[str]]:
@@ -268,14 +305,8 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         used = np.isin(whole.freq, whole.select(band=table.band, exclude=table.exclude or ()).freq)
     except InputError:  # no line is left, which the whole job is said to suffer from
         used = np.zeros(len(whole.freq), dtype=bool)
-    matches = []
-    if ready is not None:
-        for row in ready.tests[number].matching.table:
-            distance = f"{row.distance:.3g}" if np.isfinite(row.distance) else ""
-            matches.append(
-                {"sensor": row.sensor, "is": row.role, "dof": row.dof, "distance": distance}
-            )
     return TestView(
+        number,
         table.name,
         whole.quantity,
         whole.freq,
@@ -284,10 +315,47 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         whole.references.labels,
         used,
         table.band,
-        matches,
+        [] if ready is None else _matches(ready.tests[number]),
         [str(one) for one in part.validation or () if isinstance(one, str)],
         None if whole.coherence is None else whole.coherence.astype(np.float32),
     )
+
+
+def _matches(test: PreparedTest) -> list[dict[str, str]]:
+    """Return who sits where."""
+    return [
+        {
+            "sensor": row.sensor,
+            "is": row.role,
+            "dof": row.dof,
+            "distance": f"{row.distance:.3g}" if np.isfinite(row.distance) else "",
+        }
+        for row in test.matching.table
+    ]
+
+
+def _modal(test: PreparedTest, number: int) -> ModalView:
+    """Return a test whose data are modes."""
+    found = test.data
+    assert isinstance(found, ModeSet)
+    rows = zip(
+        _with_std(found.frequency, found.std_frequency, ".6g"),
+        _with_std(found.loss_factor, found.std_loss_factor, ".3g"),
+        strict=True,
+    )
+    modes = [
+        {"mode": str(place), "frequency": frequency, "damping": loss}
+        for place, (frequency, loss) in enumerate(rows, 1)
+    ]
+    return ModalView(number, test.job.test.name, modes, _matches(test))
+
+
+def _with_std(values: NDArray[np.float64], std: NDArray[np.float64], form: str) -> list[str]:
+    """Return numbers with their standard deviations, as far as either is known."""
+    return [
+        ("" if np.isnan(value) else f"{value:{form}}") + ("" if np.isnan(s) else f" ± {s:.2g}")
+        for value, s in zip(values, std, strict=True)
+    ]
 
 
 def identifiability(path: Path, text: str) -> Separability:

@@ -102,6 +102,25 @@ def test_it_draws_moves_and_picks(tmp_path):
     assert told(found, "requests") == []
 
 
+CORNER = """<script>
+(async () => {
+  const place = document.querySelector("[data-scene]");
+  for (let i = 0; i < 100 && !place.updynViewer; i++) await new Promise((done) => setTimeout(done, 50));
+  const { stage } = place.updynViewer;
+  PIXELS
+  document.documentElement.dataset.corner = JSON.stringify([...pixels().slice(0, 3)]);
+})();
+</script></body>""".replace("PIXELS", PIXELS)
+
+
+@pytest.mark.parametrize(("look", "ground"), [("dark", [20, 23, 27]), ("light", [255, 255, 255])])
+def test_the_ground_of_the_picture_is_that_of_the_page(tmp_path, look, ground):
+    text = page(block_scene()).replace("<html ", f'<html data-look="{look}" ')
+    path = tmp_path / "viewer.html"
+    path.write_text(CORNER.join(text.rsplit("</body>", 1)), encoding="utf-8")
+    assert told(settled(path, tmp_path / "profile", "corner"), "corner") == ground
+
+
 def test_less_motion_starts_at_rest(tmp_path):
     found = opened(block_scene(), tmp_path, "--force-prefers-reduced-motion")
     assert "errors" not in found, found["errors"]

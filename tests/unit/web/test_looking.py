@@ -10,15 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tomlkit import parse
 
 from updyn.demos import chain
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
 from updyn.errors import InputError
-from updyn.io import write_frf, write_model
+from updyn.io import write_frf, write_model, write_modes
 from updyn.job import load_job
+from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.web import looking
+from updyn.web.edits import set_band
 from viewer_case import block
 
 JOB = """\
@@ -122,6 +125,47 @@ def test_what_the_data_could_determine(path: Path) -> None:
 def test_the_structure_of_a_model_without_positions(path: Path) -> None:
     with pytest.raises(InputError, match="the model has no geometry"):
         looking.structure(path, JOB)
+
+
+MIXED = """\
+title = "Mixed"
+[model]
+file = "chain.h5"
+[[test]]
+name = "theirs"
+modes = "chain.unv"
+[[test]]
+name = "ours"
+file = "chain.uff"
+band = [2.0, 10.0]
+[[parameter]]
+groups = "part*"
+quantity = "stiffness"
+"""
+
+
+def test_tests_with_modes_and_tests_with_frfs_keep_their_numbers(path: Path) -> None:
+    """An edit or a curve of the second test is of the second, though the first has no FRFs."""
+    measured = ModeSet(
+        [2.2, 6.4], np.eye(2), ["2:X", "5:X"], [0.02, 0.03], std_frequency=[0.01, np.nan]
+    )
+    write_modes(measured, path.with_name("chain.unv"))
+    view = looking.look(path, MIXED)
+    assert view.wrong == {}
+    assert [(test.number, test.name) for test in view.tests] == [(1, "ours")]
+    (modal,) = view.modal
+    assert (modal.number, modal.name) == (0, "theirs")
+    assert [(row["mode"], row["frequency"], row["damping"]) for row in modal.modes] == [
+        ("1", "2.2", "0.02"),
+        ("2", "6.4", "0.03"),
+    ]
+    assert [row["dof"] for row in modal.matches] == ["2:X", "5:X"]
+    edited = parse(MIXED)
+    set_band(3.0, 9.0, view.tests[0].number)(edited)
+    assert "band" not in edited["test"][0]
+    assert list(edited["test"][1]["band"]) == [3.0, 9.0]
+    found = looking.curve(path, MIXED, {}, view.tests[0].number, 0, 0)
+    np.testing.assert_array_equal(found.freq, view.tests[0].freq[view.tests[0].used])
 
 
 @pytest.fixture(scope="module")

@@ -151,7 +151,7 @@ def _converged(status: str, left: float | None, misfit: float) -> Claim:
         return Claim(None, "The fit was stopped by the user.")
     gain = ""
     if left is not None and misfit >= ROUNDED:  # the deviations of rounding say nothing
-        gain = f" What is left to gain is {left:.1g} standard deviations."
+        gain = f" Further steps could gain {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
     return Claim(False, _ENDED[status] + gain)

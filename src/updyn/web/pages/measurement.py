@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 from updyn.web import edits
 from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, masked
-from updyn.web.looking import FindingRow, TestView, findings
+from updyn.web.looking import FindingRow, ModalView, TestView, findings
 from updyn.web.pages.frame import asked, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.workspace import Workspace
@@ -17,6 +17,11 @@ from updyn.web.workspace import Workspace
 __all__ = ["show"]
 
 _ALL = -1
+_MODES = [
+    {"name": "mode", "label": "mode", "field": "mode"},
+    {"name": "frequency", "label": "frequency (Hz)", "field": "frequency"},
+    {"name": "damping", "label": "loss factor (1)", "field": "damping"},
+]
 #: Channels that are drawn at once, and points of each.
 _MOST_CHANNELS, _FEW_POINTS = 200, 600
 #: A click beside which the pointer has not moved by more than some px, as the frequency there.
@@ -46,14 +51,22 @@ async def show(workspace: Workspace) -> None:
         if view is None:
             return
         troubles(view)
-        for number, test in enumerate(view.tests):
-            choice = kept.setdefault(number, _Choice())
-            _Measurement(workspace, test, number, choice).show()
+        for test in view.tests:
+            choice = kept.setdefault(test.number, _Choice())
+            _Measurement(workspace, test, choice).show()
+        for modal in view.modal:
+            _show_modes(modal)
         if view.tests and not view.wrong:
             _look_for_faults(workspace)
 
     watch(lambda: workspace.version, content.refresh)
     await content()
+
+
+def _show_modes(test: ModalView) -> None:
+    """Show the modes that are the data of a test."""
+    ui.label(f"Modes {test.name}").classes("text-lg")
+    ui.table(rows=test.modes, columns=_MODES, row_key="mode", pagination=20).props("flat dense")
 
 
 class _Choice:
@@ -73,15 +86,12 @@ class _Measurement:
         What is shown.
     test : TestView
         The test.
-    number : int
-        Which one it is.
     choice : _Choice
         What is shown of it.
     """
 
-    def __init__(self, workspace: Workspace, test: TestView, number: int, choice: _Choice) -> None:
-        self._workspace, self._test, self._number = workspace, test, number
-        self._choice = choice
+    def __init__(self, workspace: Workspace, test: TestView, choice: _Choice) -> None:
+        self._workspace, self._test, self._choice = workspace, test, choice
 
     def show(self) -> None:
         """Make the part of the page."""
@@ -100,7 +110,7 @@ class _Measurement:
             ui.toggle(
                 {"band": "Drag chooses the band", "exclude": "Drag or click leaves lines out"}
             ).bind_value(choice, "mode").props("no-caps")
-            whole = said(lambda: self._edit("all lines", edits.include_all(self._number)))
+            whole = said(lambda: self._edit("all lines", edits.include_all(self._test.number)))
             ui.button("Leave nothing out", on_click=whole).props("flat no-caps")
         used = test.freq[test.used]
         text = f"{len(used)} of {len(test.freq)} lines are used"
@@ -122,7 +132,7 @@ class _Measurement:
 
         def held(event: events.ValueChangeEventArguments[Any]) -> None:
             names = [name for name in test.responses if name in (event.value or ())]
-            said(self._edit)("responses held out", edits.hold_out(names, self._number))
+            said(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 
         label = "responses held out of the fit, to validate it with"
         shown = [name for name in test.held if name in test.responses]
@@ -200,9 +210,9 @@ class _Measurement:
             return
         low, high = edges(self._test.freq, inside[0], inside[-1])
         if self._choice.mode == "band":
-            self._edit("band", edits.set_band(low, high, self._number))
+            self._edit("band", edits.set_band(low, high, self._test.number))
         elif np.any(self._test.used[inside]):
-            self._edit("lines left out", edits.exclude(low, high, self._number))
+            self._edit("lines left out", edits.exclude(low, high, self._test.number))
 
     def _edit(self, what: str, edit: edits.Edit) -> None:
         document = self._workspace.opened

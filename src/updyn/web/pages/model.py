@@ -5,7 +5,7 @@ A sensor is moved by two clicks: on it, in the table or in the picture, and on i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nicegui import events, ui
@@ -13,7 +13,7 @@ from nicegui import events, ui
 from updyn.dofs import Dof
 from updyn.errors import UpdynError
 from updyn.web import edits
-from updyn.web.looking import TestView
+from updyn.web.looking import ModalView, TestView
 from updyn.web.pages.frame import asked, embedded, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.picks import hear_picks
@@ -58,7 +58,8 @@ async def show(workspace: Workspace) -> None:
         if view is None:
             return
         troubles(view)
-        mover.show(view.tests)
+        tests: list[TestView | ModalView] = [*view.tests, *view.modal]
+        mover.show(tests)
         if view.groups:
             ui.label(view.model)
             address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
@@ -66,9 +67,11 @@ async def show(workspace: Workspace) -> None:
             if not modes:
                 label = f"Show the {_MODES} lowest modes of the start"
                 ui.button(label, on_click=animate).props("outline no-caps")
-        for test in view.tests:
+        for test in tests:
             ui.label(f"Sensors and forces {test.name}").classes("text-lg")
-            rows = test.matches or _unmatched(test)
+            rows = test.matches
+            if not rows and isinstance(test, TestView):
+                rows = _unmatched(test)
             table = ui.table(
                 rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
             )
@@ -102,7 +105,7 @@ class _Mover:
         self._sensor = ""
         self._sensor_of: dict[str, str] = {}
 
-    def show(self, tests: list[TestView]) -> None:
+    def show(self, tests: Sequence[TestView | ModalView]) -> None:
         """Show which sensor is chosen, and what to do."""
         rows = [row for test in tests for row in test.matches]
         self._sensor_of = {_unsigned(row["dof"]): row["sensor"] for row in rows}

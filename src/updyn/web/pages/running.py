@@ -76,14 +76,14 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         row, column = shown["response"], shown["reference"]
         measured = test.freq[test.used], test.values[test.used, row, column]
         if (row, column) not in kept:
-            first = await asked(workspace.ask, curve, {}, 0, row, column)
+            first = await asked(workspace.ask, curve, {}, test.number, row, column)
             if first is None:
                 return
             kept[row, column] = first
         curves = {"measured": measured, "start": _pair(kept[row, column])}
         values = dict(workspace.run.now.get("values", {})) if workspace.run is not None else {}
         if values:
-            now = await asked(workspace.ask, curve, values, 0, row, column)
+            now = await asked(workspace.ask, curve, values, test.number, row, column)
             if now is not None:
                 curves["now"] = _pair(now)
         ordered = {name: pair for name in _ORDER if (pair := curves.get(name)) is not None}
