@@ -7,6 +7,7 @@ import pytest
 
 import updyn
 from pages_read import overheard, settled, told
+from programs import program
 from report_case import realistic
 
 pytestmark = pytest.mark.needs("browser")
@@ -106,3 +107,32 @@ def test_it_asks_nothing_of_anyone(tmp_path):
     console, asked = overheard(path, tmp_path / "profile")
     assert console == []
     assert {address for address in asked if not address.startswith(("file:", "data:"))} == set()
+
+
+def test_on_paper_the_picture_is_as_wide_as_the_sheet(tmp_path):
+    """What hangs over its edge has the browser print the whole report smaller."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    path = updyn.write_report(realistic(), tmp_path / "report.html")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=program("browser"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(300_000)
+        page.goto(path.as_uri())
+        page.evaluate(
+            "() => document.getElementById('all-channels-plot').scrollIntoView({ behavior: 'instant' })"
+        )
+        page.wait_for_function("() => document.getElementById('all-channels-plot').updynChannels")
+        page.emulate_media(media="print")
+        page.set_viewport_size({"width": 700, "height": 900})  # the plot hears of it a frame later
+        over, drawn, room = page.evaluate(
+            """() => {
+              const place = document.getElementById("all-channels-plot");
+              return [document.documentElement.scrollWidth,
+                place.querySelector("canvas").getBoundingClientRect().width, place.clientWidth];
+            }"""
+        )
+        browser.close()
+    assert over <= 700
+    assert drawn == pytest.approx(room, abs=1)
