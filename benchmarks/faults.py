@@ -53,6 +53,7 @@ NOISE = structures.Noise(0.01, 1e-3)
 BEAM = "beam"
 OFF = 0.3 / 0.7
 Finding = tuple[str, tuple[str, ...]]
+Bench = structures.Bench | Measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ class Seeded:
     decay: float = 0.0  # of a window, in 1/s
 
 
-def bench_of(name: str) -> structures.Bench | Measured:
+def bench_of(name: str) -> Bench:
     return measured_beam() if name == BEAM else structures.bench(name)
 
 
@@ -558,20 +559,10 @@ def drawn(task: Draw) -> dict[str, object] | None:
     """What is said of a draw; None where the structure cannot have the fault."""
     os.environ["OMP_NUM_THREADS"] = "1"
     warnings.simplefilter("ignore")
-    name, fault = task.structure, task.fault
-    bench = bench_of(name)
-    if isinstance(bench, Measured) and fault in COMPUTED:
+    case = seeded_case(task)
+    if case is None:
         return None
-    rng = np.random.default_rng([task.seed, list(FAULTS).index(fault)])
-    start = bench.start(rng, OFF)
-    sought = unknowns(bench, start, fault, free=task.free)
-    start = with_known(bench, start, sought)
-    frf = bench.frf if isinstance(bench, Measured) else NOISE.added(bench.case.clean, rng)
-    seeded = FAULTS[fault](bench, frf, rng)
-    if seeded is None:
-        return None
-    sought = unknowns(bench, start, fault, free=task.free)
-    start = seeded.changed(start)
+    bench, start, sought, seeded = case
     begun = time.perf_counter()
     found = beside_known(bench, seeded, updyn.diagnose(start, seeded.faulty, sought))
     out: dict[str, object] = {
@@ -591,6 +582,22 @@ def drawn(task: Draw) -> dict[str, object] | None:
         decay = 0.0 if task.strict else seeded.decay
         out["repaired"] = recovers(task, start, found[0].repair(seeded.faulty), sought, decay)
     return out
+
+
+def seeded_case(task: Draw) -> tuple[Bench, Model, ParameterSet, Seeded] | None:
+    """Return bench, start, unknowns and data; None where the structure cannot have the fault."""
+    name, fault = task.structure, task.fault
+    bench = bench_of(name)
+    if isinstance(bench, Measured) and fault in COMPUTED:
+        return None
+    rng = np.random.default_rng([task.seed, list(FAULTS).index(fault)])
+    start = bench.start(rng, OFF)
+    start = with_known(bench, start, unknowns(bench, start, fault, free=task.free))
+    frf = bench.frf if isinstance(bench, Measured) else NOISE.added(bench.case.clean, rng)
+    seeded = FAULTS[fault](bench, frf, rng)
+    if seeded is None:
+        return None
+    return bench, seeded.changed(start), unknowns(bench, start, fault, free=task.free), seeded
 
 
 def with_known(bench, start: Model, sought: ParameterSet) -> Model:
