@@ -20,7 +20,7 @@ combination of its loads and of a load that excites every mode; what fails is so
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -130,6 +130,10 @@ class Pencil:
         Modes, and what projects loads on them.
     constant, slope : ndarray of float or complex, shape (n,)
         Of the modal coordinates: no unit, and s^2.
+    refines : bool
+        Whether one step of iterative refinement follows. Without it the error is rounding of the
+        largest displacement of a line; with it, of each displacement, however small (Skeel,
+        Mathematics of Computation 35 (1980) 817). It doubles the time of a line.
     """
 
     V: NDArray[np.inexact]
@@ -137,6 +141,7 @@ class Pencil:
     constant: NDArray[np.inexact]
     slope: NDArray[np.inexact]
     _check: _Check
+    refines: bool = False
 
     @classmethod
     @alone
@@ -201,6 +206,9 @@ class Pencil:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             amplitude = 1.0 / (self.constant[:, None] + squares * self.slope[:, None])
             X = _times(self.V, amplitude[:, :, None] * (self.W.T @ B)[:, None, :])
+            if self.refines:
+                R = self._check.residual(squares, X, B)
+                X += _times(self.V, amplitude[:, :, None] * _times(self.W.T, R))
             load = self._check.load(B)
             y = _times(self.V, amplitude * (self.W.T @ load)[:, None])
             return X, self._check.accepts(squares, y, load)
@@ -239,12 +247,24 @@ class _Check:
         weight = phase / np.maximum(sizes, np.finfo(np.float64).tiny)
         return np.asarray(probe_load(self.scale)[:, 0] + B @ weight, dtype=np.complex128)
 
+    def residual(self, squares: _Complex, X: _Complex, B: _Real) -> _Complex:
+        """Return B - Z X, shape (n, n_lines, r), of displacements X of loads B."""
+        scaled = self.scale[:, None, None] * X
+        R = np.repeat((B / self.scale[:, None])[:, None, :].astype(np.complex128), len(squares), 1)
+        for A, weight in self._terms(squares):
+            R -= weight[:, None] * _times(A, scaled)
+        return np.asarray(self.scale[:, None, None] * R)
+
+    def _terms(self, squares: _Complex) -> Iterator[tuple[_Real, _Complex]]:
+        """Yield the matrices with their weights at each line."""
+        ones = np.ones(len(squares), dtype=np.complex128)
+        yield from zip(self.parts, (ones, squares, 1j * ones), strict=False)
+
     def accepts(self, squares: _Complex, y: _Complex, load: _Complex) -> NDArray[np.bool_]:
         """Return at which lines y, shape (n, n_lines), answers the load, and grows by little."""
         b, y = load / self.scale, self.scale[:, None] * y
         residual, size = np.repeat(b[:, None], len(squares), axis=1), np.zeros(len(squares))
-        weights = (np.ones(1), squares, np.full(1, 1j))
-        for A, norm, weight in zip(self.parts, self.norms, weights, strict=False):
+        for norm, (A, weight) in zip(self.norms, self._terms(squares), strict=True):
             residual -= weight * _times(A, y)
             size = size + norm * np.abs(weight)
         largest, moved = np.abs(b).max(), np.abs(y).max(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,6 +104,8 @@ def response(
     values = np.empty((len(lines), len(rows), len(columns)), dtype=np.complex128)
     omega, start = 2.0 * np.pi * lines, solver.system.start
     pencil = solver.pencil(start, lines)
+    if pencil is not None:
+        pencil = replace(pencil, refines=True)
     for block in line_blocks(len(lines), solver.block_size(len(loaded.index))):
         c = solver.system.coefficients(start, omega[block])
         X = solver.solve(c, loaded.index, lines[block], pencil)
