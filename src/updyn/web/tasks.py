@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -40,10 +40,13 @@ class Ended:
         In a word or two, such as the status of the result.
     summary : str
         What was found, as at the command line.
+    values : mapping of str to float
+        The unknowns that were found, where there are some.
     """
 
     status: str
     summary: str
+    values: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,7 @@ class Task:
 
 def _run(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
     run = run_job(load_job(job), out, reporter, resume=resume)
-    return Ended(run.result.status, run.summary())
+    return Ended(run.result.status, run.summary(), run.result.values)
 
 
 def _modes(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:

@@ -128,7 +128,7 @@ def main(task: str, job: str, out: str, folder: str, *, resume: bool = False) ->
     except OSError as error:
         write("error", text=f"{error.filename or out}: {error.strerror or error}")
         return 2
-    write("done", status=ended.status, text=ended.summary)
+    write("done", status=ended.status, text=ended.summary, values=dict(ended.values))
     return 0
 
 

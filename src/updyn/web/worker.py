@@ -48,6 +48,8 @@ class Worker:
         Its steps, with ``stage``, ``iteration``, ``cost`` and ``values``.
     now : mapping
         Where it is.
+    values : mapping of str to float
+        Its unknowns where it is, in the end those that it found; empty where it has told none.
     stages : deque of str
         What it has said of its work.
     notes : deque of str
@@ -69,6 +71,7 @@ class Worker:
         self._folder, self._resume = folder, resume
         self.steps: deque[Mapping[str, Any]] = deque(maxlen=_MOST_STEPS)
         self.now: Mapping[str, Any] = {}
+        self.values: Mapping[str, float] = {}
         self.stages: deque[str] = deque(maxlen=_MOST_NOTES)
         self.notes: deque[str] = deque(maxlen=_MOST_NOTES)
         self.state, self.message, self.status, self.version = "running", "", "", 0
@@ -161,6 +164,7 @@ class Worker:
     def _take(self, told: Mapping[str, Any]) -> None:
         """Take one line."""
         kind = told["kind"]
+        self.values = told.get("values") or self.values
         if kind == "progress":
             is_step = told["cost"] is not None and told["iteration"] != self.now.get("iteration")
             if is_step or not self.steps:

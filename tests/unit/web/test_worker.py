@@ -116,6 +116,7 @@ def test_a_run_is_done_and_says_how_far_it_is(
     assert [step["iteration"] for step in worker.steps] == [0, 1, 2, 3]
     assert worker.steps[0]["values"] == dict.fromkeys(own.values, 1.0)
     assert worker.now["values"] == pytest.approx(own.values, rel=1e-12)
+    assert worker.values == own.values
     assert (
         json.loads((short_job.parent / "out" / "result.json").read_text())["status"]
         == "max-iterations"

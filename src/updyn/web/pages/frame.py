@@ -13,7 +13,7 @@ from updyn.style import PAPER
 from updyn.web.look import HEAD, THEMES
 from updyn.web.workspace import Workspace
 
-__all__ = ["asked", "complain", "embedded", "framed", "said", "watch"]
+__all__ = ["asked", "complain", "embedded", "framed", "redraw", "said", "watch"]
 
 T = TypeVar("T")
 
@@ -130,6 +130,24 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
             refresh()
 
     ui.timer(_PERIOD, look)
+
+
+def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
+    """Show other options in a chart that is there.
+
+    A chart that were made anew might be gone before the browser has drawn it, which it would say in
+    the console.
+
+    Parameters
+    ----------
+    chart : echart
+        The chart.
+    options : mapping
+        From `updyn.web.charts`.
+    """
+    chart.options.clear()
+    chart.options.update(options)
+    chart.update()
 
 
 def said(action: Callable[..., Any]) -> Callable[..., None]:

@@ -10,7 +10,7 @@ from nicegui import events, ui
 from updyn.web import edits
 from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, masked
 from updyn.web.looking import FindingRow, ModalView, TestView, findings
-from updyn.web.pages.frame import asked, said, watch
+from updyn.web.pages.frame import asked, redraw, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.workspace import Workspace
 
@@ -122,7 +122,8 @@ class _Measurement:
         clicked = _CLICKED.replace("ID", str(self._chart.id))
         self._chart.on("click", self._clicked, js_handler=clicked)
         self._is_ready = False
-        self._coherence = ui.column().classes("w-full gap-0")
+        self._coherence = ui.echart(coherence_chart(test.freq[:0], test.freq[:0]))
+        self._coherence.classes("w-full h-32").mark("coherence")
         self._show_coherence()
         self._validation()
 
@@ -177,17 +178,15 @@ class _Measurement:
     def _show_coherence(self) -> None:
         """Show the coherence of the channel, where one is chosen and it is known."""
         test, choice = self._test, self._choice
-        self._coherence.clear()
-        if test.coherence is None or _ALL in (choice.response, choice.reference):
-            return
-        values = test.coherence[:, choice.response, choice.reference]
-        with self._coherence:
-            ui.echart(coherence_chart(test.freq, values)).classes("w-full h-32").mark("coherence")
+        known = test.coherence is not None and _ALL not in (choice.response, choice.reference)
+        self._coherence.set_visibility(known)
+        if known:
+            assert test.coherence is not None
+            values = test.coherence[:, choice.response, choice.reference]
+            redraw(self._coherence, coherence_chart(test.freq, values))
 
     def _redraw(self) -> None:
-        self._chart.options.clear()
-        self._chart.options.update(self._options())
-        self._chart.update()
+        redraw(self._chart, self._options())
         self._show_coherence()
 
     def _dragged(self, event: events.GenericEventArguments) -> None:

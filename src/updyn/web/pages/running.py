@@ -6,20 +6,17 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from nicegui import ui
+from nicegui import background_tasks, ui
 from numpy.typing import NDArray
 
 from updyn.web.charts import SCALES, cost_chart, frf_chart, parameter_chart
 from updyn.web.looking import Curve, TestView, curve
-from updyn.web.pages.frame import asked, watch
+from updyn.web.pages.frame import asked, redraw, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.task import controls, state_of
 from updyn.web.workspace import Workspace
 
 __all__ = ["show"]
-
-#: Curves in the order of their colours.
-_ORDER = ("measured", "now", "start")
 
 
 async def show(workspace: Workspace) -> None:
@@ -55,14 +52,23 @@ def _watched(workspace: Workspace) -> None:
         state_of(run)
         if run.state == "done":
             ui.link("Results", "/results")
-        steps = list(run.steps)
-        if len(steps) > 1:
-            ui.echart(cost_chart(steps)).classes("w-full h-72")
 
     state()
+    chart = ui.echart(cost_chart(())).classes("w-full h-72")
+
+    def draw() -> None:
+        steps = [] if workspace.run is None else list(workspace.run.steps)
+        chart.set_visibility(len(steps) > 1)
+        redraw(chart, cost_chart(steps))
+
+    def changed() -> None:
+        state.refresh()
+        draw()
+
+    draw()
     watch(
         lambda: None if workspace.run is None else (id(workspace.run), workspace.run.version),
-        state.refresh,
+        changed,
     )
 
 
@@ -70,40 +76,49 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
     """Show measured data, the model where it started and where it is."""
     shown: dict[str, Any] = {"response": 0, "reference": 0, "scale": "log"}
     kept: dict[tuple[int, int], Curve] = {}
+    begun = 0
 
-    @ui.refreshable
-    async def picture() -> None:
+    async def draw() -> None:
+        nonlocal begun
+        begun += 1
+        number = begun
+        place.clear()
         row, column = shown["response"], shown["reference"]
-        measured = test.freq[test.used], test.values[test.used, row, column]
-        if (row, column) not in kept:
-            first = await asked(workspace.ask, curve, {}, test.number, row, column)
-            if first is None:
-                return
-            kept[row, column] = first
-        curves = {"measured": measured, "start": _pair(kept[row, column])}
-        values = dict(workspace.run.now.get("values", {})) if workspace.run is not None else {}
-        if values:
-            now = await asked(workspace.ask, curve, values, test.number, row, column)
-            if now is not None:
-                curves["now"] = _pair(now)
-        ordered = {name: pair for name in _ORDER if (pair := curves.get(name)) is not None}
-        chart = frf_chart(test.quantity, ordered, scale=shown["scale"])
-        ui.echart(chart).classes("w-full h-96").mark("overlay")
-        if values:
-            height = max(160, 60 + 22 * len(values))
-            bars = parameter_chart(start, values)
-            ui.echart(bars).classes("w-full").style(f"height: {height}px")
+        values = {} if workspace.run is None else dict(workspace.run.values)
+        with place:
+            if (row, column) not in kept:
+                first = await asked(workspace.ask, curve, {}, test.number, row, column)
+                if first is None:
+                    return
+                kept[row, column] = first
+            now = None
+            if values:
+                now = await asked(workspace.ask, curve, values, test.number, row, column)
+        if number != begun:
+            return  # a later step is drawn meanwhile
+        curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}
+        if now is not None:
+            curves["now"] = _pair(now)
+        curves["start"] = _pair(kept[row, column])
+        redraw(overlay, frf_chart(test.quantity, curves, scale=shown["scale"]))
+        bars.set_visibility(bool(values))
+        bars.style(f"height: {max(160, 60 + 22 * len(values))}px")
+        redraw(bars, parameter_chart(start, values))
 
     with ui.row():
         for what, names in (("response", test.responses), ("reference", test.references)):
             ui.select(dict(enumerate(names)), label=what).bind_value(shown, what).on_value_change(
-                picture.refresh
+                draw
             ).classes("min-w-32")
         ui.select(SCALES, label="magnitude").bind_value(shown, "scale").on_value_change(
-            picture.refresh
+            draw
         ).classes("min-w-32")
-    watch(lambda: _step(workspace), picture.refresh)
-    await picture()
+    overlay = ui.echart(frf_chart(test.quantity, {})).classes("w-full h-96").mark("overlay")
+    bars = ui.echart(parameter_chart(start, {})).classes("w-full")
+    bars.set_visibility(False)
+    place = ui.column()
+    watch(lambda: _step(workspace), lambda: background_tasks.create(draw()))
+    await draw()
 
 
 def _pair(found: Curve) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:

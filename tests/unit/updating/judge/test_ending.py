@@ -20,5 +20,5 @@ def test_where_a_correlated_residual_widens_deviations_a_fit_with_priors_is_stil
     )
     result = updyn.update(wrong, data, unknowns, starts=0)
     assert result.noise["inflation"] > 1.5
-    left = re.search(r"left to gain is (\S+) standard", result.trust.converged.why)
+    left = re.search(r"could gain (\S+) standard", result.trust.converged.why)
     assert float(left[1]) < 0.1
