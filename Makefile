@@ -26,10 +26,10 @@ demo: $(VENV)/.installed
 	$(BIN)/updyn demo $(NAME) --out $(OUT)
 
 test: $(VENV)/.installed-test
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 test-kernels: $(VENV)/.installed-test
-	$(BIN)/python tools/kernels.py $(KERNELS) -- -n $(WORKERS) --dist worksteal $(PYTEST_ARGS)
+	$(BIN)/python tools/kernels.py $(KERNELS) -- -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 torture: $(VENV)/.installed-test
 	$(BIN)/python tools/torture.py --trials $(TRIALS) --cuts $(CUTS)
