@@ -365,8 +365,8 @@ def _union(matrices: list[Any], n: int) -> Any:
 
 
 def _numbers(matrix: Any) -> NDArray[np.int64]:
-    """Return the position of each entry of a canonical CSR matrix in the full one, row by row."""
-    n = matrix.shape[1]
+    """Return the position of each entry of a canonical CSR pattern in the full one, row by row."""
+    n = len(matrix.indptr) - 1
     first = np.repeat(n * np.arange(n), np.diff(matrix.indptr))
     return np.asarray(first + matrix.indices, dtype=np.int64)
 
@@ -419,9 +419,7 @@ class _Places:
     def _slots(self, matrix: Any, rows: NDArray[np.intp]) -> NDArray[Any]:
         if len(self.indices) <= _FEW:
             if self._sorted is None:
-                n = len(self.indptr) - 1
-                first = np.repeat(n * np.arange(n), np.diff(self.indptr))
-                self._sorted = np.asarray(first + self.indices, dtype=np.int64)
+                self._sorted = _numbers(self)
             found = np.searchsorted(self._sorted, _numbers(matrix))
             return np.asarray(found, dtype=self.indptr.dtype)
         begin, kind = self.indptr[rows], self.indptr.dtype

@@ -279,6 +279,9 @@ class PencilCache:
     _key: bytes = b""
     _pencil: Pencil | None = None
 
+    def __reduce__(self) -> tuple[type[PencilCache], tuple[()]]:
+        return PencilCache, ()  # a pencil stays in its process
+
     def find(
         self,
         system: AffineSystem,

@@ -937,11 +937,6 @@ class ReducedSolver:
 
     tier: ClassVar[str] = "reduced"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A pencil stays where it is.
-        about = (self.system, self.observed, self.rows, self.stack, self.coupling)
-        return ReducedSolver, (*about, self.backend, self.label)
-
     @property
     def used(self) -> dict[str, int]:
         """No sparse solves."""

@@ -135,8 +135,8 @@ def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
 def redraw(chart: ui.echart, options: Mapping[str, Any]) -> None:
     """Show other options in a chart that is there.
 
-    A chart that were made anew might be gone before the browser has drawn it, which it would say in
-    the console.
+    A chart that is made anew instead may be gone before the browser has drawn it, which ends in an
+    error of the browser.
 
     Parameters
     ----------

@@ -1,5 +1,6 @@
 """Causes in larger models: a reduced model says the same as the whole one."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -21,9 +22,8 @@ from updyn.updating.problem.problem import Part
 SENSORS = ["20:Z", "35:Z", "50:Y", "60:Z", "79:Y", "79:Z"]
 
 
-@pytest.fixture(scope="module")
-def true():
-    """A cantilever of 80 beams in four segments, clamped at node 0: 480 DOFs."""
+def beam(grounded):
+    """80 beams in four segments."""
     segments = [
         Beam(
             f"segment {s + 1}",
@@ -37,7 +37,13 @@ def true():
         for s in range(4)
     ]
     nodes = {i: [0.02 * i, 0.0, 0.0] for i in range(81)}
-    return structure(nodes, segments, grounded=[0])
+    return structure(nodes, segments, grounded=grounded)
+
+
+@pytest.fixture(scope="module")
+def true():
+    """A cantilever of 80 beams in four segments, clamped at node 0: 480 DOFs."""
+    return beam([0])
 
 
 @pytest.fixture(scope="module")
@@ -150,21 +156,7 @@ def test_a_support_that_does_not_hold_is_named_in_a_reduced_model(model, data, u
 @pytest.fixture(scope="module")
 def free():
     """The same beam in planar bending, with both ends free: 162 DOFs."""
-    segments = [
-        Beam(
-            f"segment {s + 1}",
-            [[i, i + 1] for i in range(20 * s, 20 * s + 20)],
-            2.1e11,
-            7850.0,
-            rectangle(0.03, 0.02),
-            orientation=[0.0, 0.0, 1.0],
-            loss_factor=0.01,
-        )
-        for s in range(4)
-    ]
-    nodes = {i: [0.02 * i, 0.0, 0.0] for i in range(81)}
-    planar = [f"{i}:{d}" for i in nodes for d in ("X", "Y", "RX", "RZ")]
-    return structure(nodes, segments, grounded=planar)
+    return beam([f"{i}:{d}" for i in range(81) for d in ("X", "Y", "RX", "RZ")])
 
 
 def test_a_suspended_structure_is_told_in_a_reduced_model(free, add_noise):
@@ -195,6 +187,9 @@ def test_a_reduced_model_is_held_as_the_whole_one(model, data, unknowns, free):
         assert here.solver.tier == "reduced"
         assert ground_springs(here) == ground_springs(whole) == springs
         assert is_free(here) == is_free(whole) == (not springs)
+        sent = replace(here, solver=pickle.loads(pickle.dumps(here.solver)))  # noqa: S301
+        assert ground_springs(sent) == springs
+        assert is_free(sent) == is_free(whole)
 
 
 def free_part(model):
