@@ -101,7 +101,7 @@ def _preconditioned(block: _Matrix) -> _Matrix | None:
 
     R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal, so that R_2 of
     their Gram matrix is as exact as by reflections: R = R_2 R_1 (Garrison & Ipsen, SIAM J. Matrix
-    Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm"). A third of the time.
+    Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm"), in less time.
     """
     m, n = block.shape
     # Evenly spread, and out of step with responses, references and lines.
