@@ -75,7 +75,8 @@ class DaskProcesses:
             self.end(process)
 
 
-@pytest.fixture(scope="session")
+# Of a module: the tests of another may come after more minutes than a scheduler waits for work.
+@pytest.fixture(scope="module")
 def dask_processes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskProcesses]:
     processes = DaskProcesses(tmp_path_factory.mktemp("dask"))
     yield processes
