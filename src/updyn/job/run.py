@@ -27,6 +27,7 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, replaced
+from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
 from updyn.updating.fit.monitor import Progress
@@ -145,6 +146,7 @@ def run_job(
     with open_folder(out):
         check_out(job, out)  # once more: now no other run can change it
         resume = resume and was_saved(out)
+        load_libraries()
         with run_journal(out) as journal:
             result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
             result = with_modes(result)

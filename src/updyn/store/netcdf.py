@@ -36,6 +36,7 @@ __all__ = [
     "Number",
     "Text",
     "Texts",
+    "load_libraries",
     "put_fields",
     "read_dataset",
     "take_fields",
@@ -276,6 +277,17 @@ def variable(data: xr.Dataset, name: str, path: Path) -> Any:
 
 
 # -- the file -----------------------------------------------------------------------------------
+def load_libraries() -> None:
+    """Load what `write_dataset` needs, which takes a second or two.
+
+    Before a long computation, so that the results of one that is stopped are written at once.
+    """
+    import xarray as xr
+
+    # Libraries load parts of theirs at first use.
+    xr.Dataset({"number": 0.0}).to_netcdf(io.BytesIO(), engine="h5netcdf")
+
+
 def write_dataset(
     data: xr.Dataset,
     path: str | Path,

@@ -62,6 +62,20 @@ def test_help_is_light() -> None:
     assert done.stdout.splitlines()[-1] == "[] 0"
 
 
+def test_what_writes_results_is_loaded_before_the_fit(chain_folder: Path) -> None:
+    """Else a run that is stopped goes on for the second that it takes."""
+    (chain_folder / "job.toml").write_text(LONG.replace("long.npz", "chain.npz"), encoding="utf-8")
+    code = (
+        "import sys; from updyn.job import load_job, run_job; seen = []; "
+        "run_job(load_job('job.toml'), callback=lambda p: seen.append('h5netcdf' in sys.modules) or True); "
+        "print(seen[0])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=chain_folder, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "True"
+
+
 def test_bad_input_in_a_process(tmp_path: Path) -> None:
     (tmp_path / "job.toml").write_text("[model\n")
     process = updyn_process("run", "job.toml", cwd=tmp_path)
