@@ -52,4 +52,4 @@ def test_what_a_suspect_has_is_explained() -> None:
     for field in fields(Suspect):
         if field.name not in ("group", "quantity"):
             assert f"`{field.name}`" in TEXT, field.name
-    assert {"misfit", "alike", "near"} <= {f.name for f in fields(Misfit)}
+    assert {"misfit", "correlation_length", "near"} <= {f.name for f in fields(Misfit)}

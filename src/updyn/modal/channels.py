@@ -106,12 +106,12 @@ class Columns:
         return np.asarray(error * self.common**2 * (1.0 if self.own is None else self.own))
 
     def beyond(self, T: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return what is left of further columns, shape (n, j), and what follows them.
+        """Return the residual of further columns, shape (n, j), and what follows them.
 
         Returns
         -------
         left : ndarray, shape (p, j, j) or (1, j, j)
-            Weighted products of what the columns leave of them.
+            Weighted products of their residuals.
         follow : ndarray, shape (p, k, j) or (1, k, j)
             Coefficients of the columns that fit them.
         """

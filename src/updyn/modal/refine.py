@@ -5,7 +5,7 @@ a polynomial for all modes outside; residues and polynomial follow from the pole
 squares, the poles by Gauss-Newton steps on what that leaves (variable projection: G. H. Golub &
 V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; the approximation of L. Kaufman, BIT 15 (1975)
 49-57). Values are weighted by their noise, in each channel a share of the response and a floor,
-estimated from what the fit leaves. Standard deviations are those of the normal equations
+estimated from the residual of the fit. Standard deviations are those of the normal equations
 (R. Pintelon & J. Schoukens, System Identification, 2nd ed. 2012, section 9.10).
 """
 
@@ -196,7 +196,7 @@ class Weights:
 
     @classmethod
     def left_by(cls, fitted: Solved) -> Weights:
-        """Return weights from what a fit leaves: the nearest product to share and floor."""
+        """Return weights from the residual of a fit: the nearest product to share and floor."""
         return cls.near(Noise.of(fitted.squares, fitted.size).deviation(fitted.size))
 
     @classmethod
@@ -217,7 +217,7 @@ class Solved:
     residues : ndarray of complex, shape (k, p)
         Of each channel.
     error : ndarray of complex, shape (p, n_f)
-        What the fit leaves.
+        Residual of the fit.
     size : ndarray of float, shape (p, n_f)
         Squared values of the fit and of what was taken out before.
     weights : ndarray, shape (p, m)
@@ -367,7 +367,7 @@ def reweighted(
     poles : ndarray of complex, shape (k,)
         To begin with.
     weights : Weights
-        To begin with; then those of what the fit leaves.
+        To begin with; then those of the residual.
     gain : float
         Steps that would lower the cost by less are left out.
     """

@@ -231,7 +231,7 @@ def _bundles(fit: Weighted) -> list[list[int]]:
 
 
 def _criterion(fit: Weighted, cost: float, poles: int, residues: int) -> float:
-    """Return what a fit leaves and what its free values are worth by chance.
+    """Return the residual of a fit, and what its free values are worth by chance.
 
     After G. Schwarz, Ann. Stat. 6 (1978) 461-464.
     """

@@ -105,7 +105,7 @@ def _place(place: Misfit) -> list[str]:
     """Return the cells of a place that stands out."""
     correlated = "–"
     if place.kind == "structure":
-        correlated = counted(round(place.alike), "line")
+        correlated = counted(round(place.correlation_length), "line")
     return [
         f"{place.response} / {place.reference}",
         f"{number(place.low)} to {number(place.high)}",
@@ -217,7 +217,7 @@ def _hover_row(found: Adequacy, i: int, j: int) -> list[str]:
         if np.isnan(misfit):
             out.append("no data")
             continue
-        length = number(float(found.alike[i, j, k]), 2)
+        length = number(float(found.correlation_length[i, j, k]), 2)
         size = number(float(found.chi_square_p[i, j, k]), 2)
         correlation = number(float(found.whiteness_p[i, j, k]), 2)
         out.append(

@@ -14,7 +14,8 @@ xarray opens the root, which holds what one plots::
     history_value                         (iteration, parameter)
     line                                  lines of the fit, in Hz
     residual_bands *                      (band, edge): Hz
-    residual_misfit *, residual_alike *, residual_chi_square_p *, residual_whiteness_p *
+    residual_misfit *, residual_correlation_length *,
+    residual_chi_square_p *, residual_whiteness_p *
                                           (fitted_response, fitted_reference, band):
                                           see updyn.updating.judge.adequacy
     modes_test *, modes_start *, modes_updated *
@@ -294,7 +295,7 @@ class _Adequacy:
     _ARRAYS: Mapping[str, Kept] = {
         "bands": Array("band", "edge", variable="residual_bands", unit="Hz"),
         "misfit": Array(*_PLACE, variable="residual_misfit"),
-        "alike": Array(*_PLACE, variable="residual_alike"),
+        "correlation_length": Array(*_PLACE, variable="residual_correlation_length"),
         "chi_square_p": Array(*_PLACE, variable="residual_chi_square_p"),
         "whiteness_p": Array(*_PLACE, variable="residual_whiteness_p"),
     }

@@ -112,7 +112,7 @@ class UpdateResult:
         ``"plausible"``, each True, False or None (not known) with a sentence (``.why``); None in an
         old record.
     findings : tuple of Finding
-        Causes of what the fit left of the data, the likeliest first; empty where none was found,
+        Causes of the residual of the fit, the likeliest first; empty where none was found,
         and where none was looked for: the residual is noise, or there are few lines.
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
@@ -583,7 +583,7 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
     for place in found.worst[:5]:
         over = ""
         if place.kind == "structure":
-            over = f", serially correlated over {place.alike:.0f} lines"
+            over = f", serially correlated over {place.correlation_length:.0f} lines"
         where = (
             f"{place.response} (force {place.reference}), {place.low:.4g} to {place.high:.4g} Hz"
         )

@@ -317,14 +317,14 @@ def _decisive(
 
 @dataclass(frozen=True, slots=True)
 class _Causes:
-    """Causes of what a fit left of the data.
+    """Causes of the residual of a fit.
 
     Attributes
     ----------
     findings : tuple of Finding
         Those that were found.
     searched : bool
-        Whether they were looked for in what a fit left of some test.
+        Whether they were looked for in the residual of some test.
     unseen : str
         Why they were not looked for, where they had to be; empty where they were.
     """
@@ -347,7 +347,7 @@ def _causes(
     noises: Sequence[NoiseModel],
     monitor: Monitor,
 ) -> _Causes:
-    """Return the causes of what a fit left of the data; they are looked for where it is not noise.
+    """Return the causes of the residual of a fit; they are looked for where it is not noise.
 
     They are looked for in all data, those that were held out included, and by the whole model.
     """

@@ -51,7 +51,7 @@ def adequacy() -> Adequacy:
         references=("1:Z",),
         bands=np.array([[10.0, 20.0], [30.0, 40.0]]),
         misfit=np.array([[[2.0, NAN]]]),
-        alike=np.array([[[4.5, NAN]]]),
+        correlation_length=np.array([[[4.5, NAN]]]),
         chi_square_p=np.array([[[1e-9, 1.0]]]),
         whiteness_p=np.array([[[1e-300, 1.0]]]),
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
@@ -360,7 +360,7 @@ def change(name, value):
         (change("adequacy", '{"outcome": "noise"}'), "adequacy: not what a run records"),
         (change("alternatives", '[{"odds": 2}]'), "alternatives: not what a run records"),
         (change("alternatives", "2"), "alternatives: not what a run records"),
-        (change("residual_alike", None), "no variable 'residual_alike'"),
+        (change("residual_correlation_length", None), "no variable 'residual_correlation_length'"),
     ],
 )
 def test_a_changed_file_is_refused(tmp_path, alter, message):

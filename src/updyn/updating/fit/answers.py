@@ -97,7 +97,7 @@ class Answer:
 
 
 def explains(problem: Problem, answer: Answer) -> bool:
-    """Whether what an answer leaves of the data looks like noise.
+    """Whether the residual of an answer looks like noise.
 
     It is no larger than noise that is known, and not serially correlated.
     """

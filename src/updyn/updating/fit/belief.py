@@ -50,7 +50,7 @@ class Belief:
     def believed(self, ends: Sequence[Outcome]) -> bool:
         """Whether the best basin was found often enough.
 
-        Once of exact data; twice where what it leaves looks like noise; three times where it may be
+        Once of exact data; twice where its residual looks like noise; three times where it may be
         noise; and else as often as a round has random tries: the tries before them begin with the
         same stiffnesses and masses.
         """
@@ -66,11 +66,11 @@ class Belief:
         return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
 
     def exact(self, end: Outcome) -> bool:
-        """Whether an end leaves only rounding of the data."""
+        """Whether the residual of an end is only rounding of the data."""
         return _power(self._misfits(end.x)) < _EXACT**2
 
     def plausible(self, end: Outcome) -> bool:
-        """Whether an end may be the answer: what it leaves looks like noise, or is no larger."""
+        """Whether an end may be the answer: its residual looks like noise, or is no larger."""
         if self._explained(end):
             return True
         return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)

@@ -450,7 +450,7 @@ class _Run:
 
     # -- Tikhonov ----------------------------------------------------------------------------------
     def stated(self, noises: Sequence[NoiseModel], x: _Vector, strength: float) -> Fit:
-        """Fit with a strength that counts against the noise as an almost free fit leaves it."""
+        """Fit with a strength that counts against the noise in an almost free fit."""
         first = self._pulled(noises, x, min(strength, WEAKEST))
         if _broken(first):
             return first
@@ -611,7 +611,7 @@ class _Run:
         return replace(self, unit=fit.unit)
 
     def _held(self, noises: Sequence[NoiseModel], fit: Fit) -> Sequence[NoiseModel]:
-        """Return the noise as the first fit leaves it, the same for all strengths."""
+        """Return the noise in the residual of the first fit, the same for all strengths."""
         if _broken(fit):
             return noises
         held = []

@@ -276,7 +276,7 @@ class Misfit:
         Where in it the misfit is largest, in Hz.
     misfit : float
         Root mean square misfit over the noise of its values.
-    alike : float
+    correlation_length : float
         Correlation length in lines; 1 for noise.
     chi_square_p, whiteness_p : float
         How likely noise is to be as large, and as serially correlated; adjusted for the
@@ -291,7 +291,7 @@ class Misfit:
     high: float
     near: float
     misfit: float
-    alike: float
+    correlation_length: float
     chi_square_p: float
     whiteness_p: float
     kind: str
@@ -360,7 +360,7 @@ class Adequacy:
         Labels.
     bands : ndarray of float, shape (n_b, 2)
         First and last line of each, in Hz.
-    misfit, alike : ndarray of float, shape (n_i, n_j, n_b)
+    misfit, correlation_length : ndarray of float, shape (n_i, n_j, n_b)
         By channel and band: rms misfit over noise, and correlation length in lines. NaN where there
         are no data.
     chi_square_p, whiteness_p : ndarray of float, shape (n_i, n_j, n_b)
@@ -382,7 +382,7 @@ class Adequacy:
     references: tuple[str, ...]
     bands: _Real
     misfit: _Real
-    alike: _Real
+    correlation_length: _Real
     chi_square_p: _Real
     whiteness_p: _Real
     worst: tuple[Misfit, ...] = ()
@@ -457,21 +457,21 @@ def assess(
     edges = np.column_stack([freq[first], freq[last]])
     shape = (*whitened.shape[1:], len(cut))
     square, count = np.zeros(shape), np.zeros(shape)
-    alike, white = np.full(shape, np.nan), np.ones(shape)
+    lengths, white = np.full(shape, np.nan), np.ones(shape)
     for k, band in enumerate(cut):
         part = whitened[band]
         square[..., k] = np.nansum(np.abs(part) ** 2, axis=0)
         count[..., k] = 2.0 * there[band].sum(axis=0)
         flat = clipped(part.reshape(len(part), -1))
         white[..., k] = serial_p(flat).reshape(shape[:2])
-        alike[..., k] = _length(flat).reshape(shape[:2])
+        lengths[..., k] = _length(flat).reshape(shape[:2])
     freedom = 2 * n_values - n_unknowns
     chi_square = float(square.sum() / freedom) if freedom > 0 else np.nan
     with np.errstate(invalid="ignore"):
         size = np.sqrt(square / count)
     one = np.ones(shape)
     found = Adequacy(
-        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, alike, one, one
+        "untested", "", absolute, chi_square, 1.0, level, *names, edges, size, lengths, one, one
     )
     if relative <= _EXACT:
         return replace(
@@ -609,8 +609,8 @@ def _tested(
     if white.size > 1:
         axes.append(None)
     share = 1.0 + len(axes)
-    large, alike = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
-    p_size, p_serial = float(large.min()), float(alike.min())
+    large, serial = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
+    p_size, p_serial = float(large.min()), float(serial.min())
     for axis in axes:
         sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
         pair = np.minimum(
@@ -618,7 +618,7 @@ def _tested(
         )
         p_size = min(p_size, float(pair[0].min()))
         p_serial = min(p_serial, float(pair[1].min()))
-    return large.reshape(shape), alike.reshape(shape), p_size, p_serial
+    return large.reshape(shape), serial.reshape(shape), p_size, p_serial
 
 
 def _combined(p: _Real, axis: int | None) -> _Real:
@@ -656,7 +656,9 @@ def _worst(
     at = np.argwhere(least <= found.level)
     if not len(at):
         at = np.argwhere(least == least.min())[:1]
-    strength = found.misfit * np.sqrt(np.where(found.whiteness_p <= found.level, found.alike, 1.0))
+    strength = found.misfit * np.sqrt(
+        np.where(found.whiteness_p <= found.level, found.correlation_length, 1.0)
+    )
     order = np.argsort(-strength[tuple(at.T)], kind="stable")[:_LISTED]
     return tuple(_place(found, whitened, freq, cut, *map(int, index)) for index in at[order])
 
@@ -674,7 +676,7 @@ def _place(
         float(found.bands[k, 1]),
         float(freq[band][int(np.argmax(smooth))]),
         float(found.misfit[i, j, k]),
-        float(found.alike[i, j, k]),
+        float(found.correlation_length[i, j, k]),
         float(found.chi_square_p[i, j, k]),
         float(found.whiteness_p[i, j, k]),
         "structure" if found.whiteness_p[i, j, k] <= found.level else "excess",
@@ -700,7 +702,7 @@ def _words(found: Adequacy) -> str:
         start = "The model cannot explain"
     over = "not serially correlated"
     if first.kind == "structure":
-        over = f"serially correlated over {first.alike:.0f} lines"
+        over = f"serially correlated over {first.correlation_length:.0f} lines"
     more = ""
     if number == 2:
         more = "; and 1 more place"

@@ -15,7 +15,7 @@ from updyn.updating.problem.problem import Problem
 
 __all__ = ["Ending", "Pressed", "ending"]
 
-#: Last steps whose decrease is compared with what is left.
+#: Last steps whose decrease is compared with the remaining one.
 _LAST = 10
 #: A bound is named from this many standard deviations. Noise alone presses a loss factor against 0
 #: by up to two.
@@ -72,7 +72,7 @@ class Ending:
 
 
 def ending(problem: Problem, fit: Fit, history: Sequence[Iteration] = ()) -> Ending | None:
-    """Return what is left to gain at the estimate; None where the method has no reduced problem.
+    """Return the remaining decrease at the estimate; None where the method has no reduced problem.
 
     Parameters
     ----------

@@ -366,7 +366,7 @@ class _Refit:
         """Return the share of the residual beyond the noise that a quantity explains, its change.
 
         Where the size of the noise is not known, the share is told from the serial correlation of
-        what the fit removed and of what it left: the first shows how much of a model error is
+        what the fit removed and of its residual: the first shows how much of a model error is
         correlated on these lines. An end at a bound explains nothing.
         """
         wide, start = _freed(self.problem, self.x, [parameter])

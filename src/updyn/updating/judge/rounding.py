@@ -81,7 +81,7 @@ def worst_rounding(parts: Iterable[Part], x: NDArray[np.float64]) -> Rounding | 
     Returns
     -------
     Rounding or None
-        The worst of them; None where rounding is small, or small beside what the fit leaves.
+        The worst of them; None where rounding is small, or small beside the residual of the fit.
     """
     found = []
     for part in parts:

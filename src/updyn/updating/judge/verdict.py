@@ -34,7 +34,7 @@ _FAR = 0.3
 #: of a fit that converged.
 _ARRIVED = 0.1
 #: A fit that was cut short is still falling if a step would take away this share of the misfit, or
-#: the last ten gained this share of what is left.
+#: the last ten gained this share of the remaining decrease.
 _FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
 _CHECK = "Check units, calibration and labels"
@@ -228,7 +228,7 @@ def _ended(
         return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
     if fit.reason == "unsettled":
         message = (
-            "The search did not settle: what its best answer leaves of the data is not noise, and"
+            "The search did not settle: the residual of its best answer is not noise, and"
             " its tries did not agree on it. A better answer may exist."
         )
         return "stalled", message, "Raise starts, start closer, or fix what is known."

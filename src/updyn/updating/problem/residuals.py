@@ -121,7 +121,7 @@ class LineResidual(ABC):
 
 
 def clear_of_noise(values: _Complex, variance: _Matrix, frf: FRF) -> _Matrix:
-    """Return what the noise leaves of measured values, from 0 to 1, shape (n_f, n_i, n_j).
+    """Return the share of measured values that is not noise, from 0 to 1, shape (n_f, n_i, n_j).
 
     It is sqrt(S / (S + 100 E|dH|^2)) with S = |H_X|^2 - 9 E|dH|^2: a value below the noise has no
     phase, and the logarithm of its level is that of the noise. Noise alone exceeds three of its
@@ -155,7 +155,7 @@ class LogError(LineResidual):
     Parameters
     ----------
     weight : ndarray of float, shape (n_f, n_i, n_j), optional
-        What the noise leaves of each value (`clear_of_noise`); 1 where it is not given.
+        Share of each value that is not noise (`clear_of_noise`); 1 where it is not given.
     name : str
         How the report calls it.
     """
@@ -364,7 +364,7 @@ def _same_unit(part: Part, unit: _Matrix) -> _Matrix:
 
 
 def log_error(problem: Problem) -> EachOf[LogError]:
-    """Return the log error of data that carry their variance, weighted by what the noise leaves.
+    """Return the log error of data with their variance, weighted by the share that is not noise.
 
     Errors of frequencies are logarithms as they are; of a shape, and of damping, so much less as
     they are usually less exact.

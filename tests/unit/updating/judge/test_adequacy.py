@@ -156,7 +156,7 @@ def test_a_planted_misfit_is_named_with_place_size_and_length():
         f"The model cannot explain channel 3:Z (force 4:-Z) near {worst.near:.4g} Hz: misfit "
     )
     assert (
-        f"misfit {worst.misfit:.2g} times the noise, serially correlated over {worst.alike:.0f} lines"
+        f"misfit {worst.misfit:.2g} times the noise, serially correlated over {worst.correlation_length:.0f} lines"
         in found.verdict
     )
     at = np.argwhere(found.bands[:, 0] == worst.low)[0, 0]

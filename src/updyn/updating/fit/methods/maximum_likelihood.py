@@ -61,7 +61,8 @@ _AGREE = 3
 #: Tries beside an answer for each of those of the search, and largest number in all;
 #: log-likelihoods that differ by less are those of one answer.
 _A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
-#: How often they come back to it, until it is taken: where it leaves more than noise, and not.
+#: How often they come back to it, until it is taken, where its residual is more than noise, and
+#: where it is not.
 _BACK = (6, 2)
 #: How often further answers are looked for about a better one.
 _HOPS = 2
