@@ -20,7 +20,7 @@ from updyn.plots.canvas import (
     named_rows,
 )
 from updyn.report.formats import axis_title, quantity_words
-from updyn.report.unknowns import correlations
+from updyn.report.identifiability import correlations
 from updyn.style import PAPER
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.judge.identifiability import Identifiability

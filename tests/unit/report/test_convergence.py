@@ -9,8 +9,8 @@ import pytest
 
 from pages_read import Page
 from report_case import realistic
+from updyn.report.convergence import cost_path, value_paths
 from updyn.report.page import render
-from updyn.report.unknowns import cost_path, value_paths
 from updyn.updating.fit.monitor import Iteration, iterations_made
 
 

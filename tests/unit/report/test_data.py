@@ -28,10 +28,10 @@ from updyn.report.formats import (
     unit,
 )
 from updyn.report.head import head
+from updyn.report.identifiability import correlations
 from updyn.report.overlay import MEASURED_SHARE, overlay
 from updyn.report.plots import log_bars, log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
-from updyn.report.unknowns import correlations
 from updyn.updating.problem.parameters import Parameter
 
 

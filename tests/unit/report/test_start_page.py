@@ -15,7 +15,7 @@ from pages_read import Page, attributes, dump, unfolded
 from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.report import Start, write_start
-from updyn.report.unknowns import combinations_map
+from updyn.report.identifiability import combinations_map
 from updyn.updating.problem.data import Test
 from updyn.updating.update import start_analysis
 from viewer_case import block

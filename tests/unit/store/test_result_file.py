@@ -284,10 +284,10 @@ def test_no_field_is_forgotten():
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"
-            " alike chi_square_p whiteness_p worst explained_by"
+            " correlation_length chi_square_p whiteness_p worst explained_by"
         ),
         Alternative: "values odds sensor difference",
-        Misfit: "response reference low high near misfit alike chi_square_p whiteness_p kind",
+        Misfit: "response reference low high near misfit correlation_length chi_square_p whiteness_p kind",
         Suspect: "group quantity explains change energy confirmed",
         Iteration: "stage number cost step condition accepted values",
         Parameter: "group quantity start lower upper prior_std drives nominal unit",

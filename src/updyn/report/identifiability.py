@@ -1,0 +1,279 @@
+"""The section of the report about what the data determine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.report.formats import estimate, number, quantity_words
+from updyn.report.of_unknowns import OfUnknowns, names_of
+from updyn.report.plots import (
+    DIVERGING,
+    PRINTED_CELLS,
+    Figure,
+    colour_bar,
+    existing,
+    labels,
+    log_range,
+    names_font,
+    numbers,
+    rows_height,
+)
+from updyn.report.section import Content
+from updyn.report.start import Start
+from updyn.updating.judge.alternatives import differences
+from updyn.updating.judge.identifiability import Identifiability
+from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.result import UpdateResult
+
+__all__ = [
+    "IDENTIFIABILITY",
+    "combinations_map",
+    "correlation_map",
+    "correlations",
+    "singular_values",
+]
+
+
+class IdentifiabilitySection(OfUnknowns):
+    """Which unknowns, or combinations of them, the data determine."""
+
+    anchor = "identifiability"
+    name = "Identifiability"
+    heading = "Identifiability"
+    place = 600
+    template = "updyn.report/identifiability.html"
+    of_start = True
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return singular values, undetermined combinations as a matrix, and correlations."""
+        found: UpdateResult | Start = content.start or content.result
+        return existing(
+            {
+                "singular-values": singular_values(found.identifiability),
+                "combinations": combinations_map(found.identifiability),
+                "correlation": correlation_map(found.parameters, found.covariance),
+            }
+        )
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the identifiability of the unknowns."""
+        if content.start is not None:  # the head says the advice
+            return {"ident": content.start.identifiability, "advice": "", "answers": None}
+        result = content.result
+        advice = result.identifiability.advice
+        return {
+            "ident": result.identifiability,
+            "advice": "" if advice in result.remedy else advice,
+            "answers": _answers(result),
+        }
+
+
+def _answers(result: UpdateResult) -> dict[str, Any] | None:
+    """Return the table of the answers that fit equally well; None where there is one only."""
+    others = result.alternatives
+    if not others:
+        return None
+    rows = []
+    for name, values in differences(result.values, result.std, others):
+        group, _, quantity = name.rpartition(".")
+        shown = [estimate(value, result.std[name]) for value in values]
+        rows.append([group, quantity_words(quantity), *shown])
+    odds = [f"{number(other.odds, 2)} to 1" for other in others]
+    sensors = [other.sensor or "none" for other in others]
+    apart = [
+        f"{number(100.0 * other.difference, 2)} %" if other.sensor else "–" for other in others
+    ]
+    return {
+        "count": 1 + len(others),
+        "head": ["group", "quantity", "this result", *_numbered(len(others))],
+        "kinds": ("", "text", *[""] * (1 + len(others))),
+        "rows": rows,
+        "about": [
+            ["odds of this result over it", "", "–", *odds],
+            ["sensor that tells it from this result", "", "–", *sensors],
+            ["typical difference of the FRFs there", "", "–", *apart],
+        ],
+    }
+
+
+def _numbered(n_others: int) -> list[str]:
+    return [f"answer {i + 2}" for i in range(n_others)]
+
+
+IDENTIFIABILITY = IdentifiabilitySection()
+
+
+def singular_values(ident: Identifiability) -> Figure | None:
+    """Return the singular values of the scaled Jacobian, determined and undetermined ones apart.
+
+    Zeros stand at the foot of the logarithmic axis.
+    """
+    values = np.array(ident.singular_values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if values.size < 2:
+        return None
+    foot = 1e-16
+    if (values > 0).any():
+        foot = max(float(values[values > 0].min()) / 10.0, 1e-18)
+    determined = np.arange(values.size) < ident.rank
+    lost = "undetermined: lost in the noise, or exactly"
+    traces = []
+    if determined.any():
+        traces.append(_singular_trace("determined", values, determined, foot, "@after", "circle"))
+    if not determined.all():
+        traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
+    axis: dict[str, Any] = {
+        "title": {"text": "combination number, best determined first"},
+        "zeroline": False,
+    }
+    if values.size <= 20:
+        axis |= {"tickmode": "linear", "tick0": 1, "dtick": 1}
+    return {
+        "data": traces,
+        "height": 320,
+        "layout": {
+            "xaxis": axis,
+            "yaxis": {
+                "title": {"text": "singular value"},
+                **log_range(np.maximum(values, foot), decades=18.0),
+            },
+            "showlegend": True,
+        },
+    }
+
+
+def _singular_trace(
+    name: str,
+    values: NDArray[np.float64],
+    where: NDArray[np.bool_],
+    foot: float,
+    colour: str,
+    symbol: str,
+) -> dict[str, Any]:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": name,
+        "x": (np.flatnonzero(where) + 1).tolist(),
+        "y": numbers(np.maximum(values[where], foot)),
+        "text": [f"{v:.3g}" for v in values[where]],
+        "marker": {"color": colour, "symbol": symbol, "size": 9},
+        "hovertemplate": "number %{x}: %{text}<extra></extra>",
+    }
+
+
+def correlations(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return correlation coefficients from a covariance.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (n, n)
+        Of n unknowns.
+
+    Returns
+    -------
+    ndarray of float, shape (n, n)
+        Between -1 and 1; NaN in rows that are not finite or have no variance.
+    """
+    variance = np.diag(covariance)
+    known = np.isfinite(variance) & (variance > 0)
+    out = np.full(covariance.shape, np.nan)
+    at = np.ix_(known, known)
+    std = np.sqrt(variance[known])
+    out[at] = covariance[at] / std[:, None] / std[None, :]
+    return np.where(np.isfinite(out), np.clip(out, -1.0, 1.0), np.nan)
+
+
+def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -> Figure | None:
+    """Return the correlation of the unknowns, blank where an unknown is not determined.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The n unknowns.
+    covariance : ndarray of float, shape (n, n)
+        Of them.
+
+    Returns
+    -------
+    Figure or None
+        None of a single unknown, and where no correlation is known.
+    """
+    names = names_of(tuple(parameters))
+    if len(names) < 2 or covariance.shape != (len(names), len(names)):
+        return None
+    matrix = correlations(np.asarray(covariance, dtype=np.float64))
+    if not np.isfinite(matrix).any():
+        return None
+    return _signed_map(matrix, names, names, "correlation")
+
+
+def combinations_map(ident: Identifiability) -> Figure | None:
+    """Return the undetermined combinations as a matrix: unknowns down, combinations across.
+
+    Parameters
+    ----------
+    ident : Identifiability
+        With its undetermined combinations.
+
+    Returns
+    -------
+    Figure or None
+        None where the data determine every unknown.
+    """
+    directions = ident.null_directions
+    if not directions:
+        return None
+    involved = list(dict.fromkeys(name for weights in directions for name in weights))
+    matrix = np.array([[weights.get(name, 0.0) for weights in directions] for name in involved])
+    rows = [f"{group}: {quantity_words(quantity)}" for group, _, quantity in map(_split, involved)]
+    columns = [f"combination {number}" for number in range(1, len(directions) + 1)]
+    return _signed_map(matrix, labels(rows), columns, "weight")
+
+
+def _split(name: str) -> tuple[str, str, str]:
+    return name.rpartition(".")
+
+
+def _signed_map(
+    matrix: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str], what: str
+) -> Figure:
+    """Return a heat map on the scale -1 to 1, with the values in its cells where these are few."""
+    height = max(rows_height(len(rows), extra=220), 320)
+    trace = {
+        "type": "heatmap",
+        "z": numbers(matrix),
+        "x": list(columns),
+        "y": list(rows),
+        "zmin": -1.0,
+        "zmax": 1.0,
+        "colorscale": DIVERGING,
+        "xgap": 1,
+        "ygap": 1,
+        "hovertemplate": "%{y}<br>%{x}<br>%{z:.3f}<extra></extra>",
+        "colorbar": colour_bar(what, (-1, -0.5, 0, 0.5, 1), height - 100),
+    }
+    if matrix.size <= PRINTED_CELLS:
+        trace["text"] = [list(map(_coefficient, row)) for row in matrix]
+        trace["texttemplate"] = "%{text}"
+    axis: dict[str, Any] = {
+        "type": "category",
+        "showgrid": False,
+        "zeroline": False,
+    }
+    across = axis | {"tickangle": -50, "tickfont": names_font(columns)}
+    if len(columns) <= 40:
+        across["dtick"] = 1
+    down = axis | {"autorange": "reversed", "dtick": 1, "tickfont": names_font(rows)}
+    return {"data": [trace], "height": height, "layout": {"xaxis": across, "yaxis": down}}
+
+
+def _coefficient(value: float) -> str:
+    """Return a correlation coefficient as text, blank where there is none."""
+    if not np.isfinite(value):
+        return ""
+    return f"{value:.2f}".replace("-0.00", "0.00").replace("-", "−")

@@ -1,0 +1,45 @@
+"""What the sections of the report about the unknowns have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from updyn.group import VALUES
+from updyn.report.formats import figure_name, quantity_words
+from updyn.report.plots import labels
+from updyn.report.section import Content, Section
+from updyn.updating.problem.parameters import Parameter
+from updyn.updating.result import UpdateResult
+
+__all__ = ["OfUnknowns", "by_figure", "names_of"]
+
+
+class OfUnknowns(Section):
+    """A section about unknowns, which one test and several tests share."""
+
+    def applies(self, content: Content) -> bool:
+        """Whether the page shows an update, or what is known before one."""
+        return content.update is not None or (self.of_start and content.start is not None)
+
+
+def by_figure(
+    result: UpdateResult, factors: str, end: str, calibrations: str
+) -> dict[str, list[Parameter]]:
+    """Return the unknowns of each figure, by its name: factors, each kind of value, sensors."""
+    out: dict[str, list[Parameter]] = {factors: []}
+    for kind in VALUES:
+        out[figure_name(kind) + end] = []
+    out[calibrations] = []
+    for p in result.parameters:
+        if p.is_channel:
+            out[calibrations].append(p)
+        elif p.value_of is None:
+            out[factors].append(p)
+        else:
+            out[figure_name(p.value_of) + end].append(p)
+    return out
+
+
+def names_of(chosen: Sequence[Parameter]) -> list[str]:
+    """Return names of unknowns for the axis of a figure."""
+    return labels(f"{p.group}: {quantity_words(p.quantity)}" for p in chosen)
