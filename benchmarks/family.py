@@ -17,6 +17,7 @@ import numpy as np
 from servo import updated
 
 import updyn
+from updyn.control.antiresonances import raised
 from updyn.control.demo import BAND, INPUTS, OUTPUTS, QUANTITIES
 from updyn.updating.result import UpdateResult
 
@@ -33,14 +34,14 @@ def row(result: UpdateResult, error: str, members: int, alone: int) -> str:
     stated = [p.relative_error if error == "relative" else p.error for p in family.members]
     shared = sum("one for all" in p.facts["motions"] for p in family.members)
     apart = 0.0
-    freq = np.geomspace(*BAND, 1000)
+    freq = np.geomspace(*BAND, 4000)
     for member, values in list(zip(family.members, family.values, strict=True))[:alone]:
         model = result.parameters.apply(result.start, values)
         other = updyn.plant(
             model, INPUTS, OUTPUTS, BAND, route=family.facts["route"], **about
         ).response(freq)
         off = np.abs(member.response(freq).values - other.values)
-        level = np.abs(other.values)
+        level = raised(freq, other.values)  # at an antiresonance that beside it
         if error == "peak":
             level = level.max(axis=0)
         apart = max(apart, float((off / level).max()))

@@ -48,8 +48,12 @@ _LEAST = 0.02
 _PASSIVE_ROUNDS = 12
 #: Least active part of what is put right, as a share of the channel's size.
 _MARGIN = 1e-6
-#: Gauss-Newton steps of several inputs, and of those that begin at a like response's poles.
-_STEPS, _FEW = 6, 2
+#: Gauss-Newton steps of several inputs, and of those that begin at a like response's poles: none
+#: where its poles, moved, hold the tolerance. Steps lower the mean square, and may move real poles
+#: to where passivity costs more than they gained.
+_STEPS, _FEW = 6, (0, 2)
+#: A pair nearer to a pole of the structure than this share of its size stands for it.
+_NEAR = 0.02
 #: Damping ratio of a pole that stands for no mode.
 _FREE = 0.3
 #: More states than the modes in the band have are tried up to this number.
@@ -129,6 +133,8 @@ class Rational:
         What displacements read of the velocities of rigid-body motion: E.
     through : ndarray of float, shape (n_y, n_u)
         D.
+    structure : ndarray of complex, shape (m,)
+        The pole of the structure next to each pair, in rad/s; nan where a pair stands for none.
     """
 
     slow: SlowMotion
@@ -139,6 +145,7 @@ class Rational:
     rows: _Real
     drift: _Real
     through: _Real
+    structure: _Complex
     name: str = "rational"
 
     @property
@@ -277,20 +284,44 @@ class Approximation:
             pairs, rates, right = self._refined(pairs, rates, right, weight)
         return self._outputs(pairs, rates, right, weight, tolerance)
 
-    def refitted(self, like: Rational, tolerance: float) -> Rational:
-        """Return the approximation whose poles and vectors b are refined from those of another.
+    def refitted(self, like: Rational, tolerance: float, steps: int) -> Rational:
+        """Return the approximation with the poles and vectors b of another one, refined.
+
+        Its poles are first moved by as much as those of the structure differ.
 
         Parameters
         ----------
         like : Rational
-            Of a response that is little different, of several inputs and outputs.
+            Of a response that is little different.
         tolerance : float
             As for `fitted`.
+        steps : int
+            Gauss-Newton steps; above 0 of several inputs and outputs only.
         """
         assert self.weight is not None
         weight = self.weight
-        pairs, rates, right = self._refined(like.pairs, like.rates, like.right, weight, _FEW)
+        pairs, rates, right = self._moved(like), like.rates, like.right
+        if steps:
+            pairs, rates, right = self._refined(pairs, rates, right, weight, steps)
         return self._outputs(pairs, rates, right, weight, tolerance)
+
+    def _moved(self, like: Rational) -> _Complex:
+        """Return the pairs of another approximation, moved with the poles of the structure."""
+        pairs = like.pairs.copy()
+        if not len(self.poles):
+            return pairs
+        for j in np.flatnonzero(np.isfinite(like.structure)):
+            there = like.structure[j]
+            pairs[j] += self.poles[np.argmin(np.abs(self.poles - there))] - there
+        return np.where(pairs.real < 0.0, pairs, like.pairs)
+
+    def _next_to(self, pairs: _Complex) -> _Complex:
+        """Return the pole of the structure next to each pair; nan where none is near."""
+        if not len(self.poles):
+            return np.full(len(pairs), np.nan, dtype=np.complex128)
+        nearest = self.poles[np.argmin(np.abs(pairs[:, None] - self.poles), axis=1)]
+        near = np.abs(pairs - nearest) <= _NEAR * np.abs(pairs)
+        return np.where(near, nearest, np.nan)
 
     # -- poles ----------------------------------------------------------------------------------
     def _relocated(
@@ -613,7 +644,8 @@ class Approximation:
                 drift[i], through[i] = found[i][n : n + still], found[i][n + still :]
             elif power == 2:
                 through[i] = -found[i][:n] @ rest
-        return Rational(self.slow, self.powers, pairs, rates, right, rows, drift, through)
+        parts = pairs, rates, right, rows, drift, through, self._next_to(pairs)
+        return Rational(self.slow, self.powers, *parts)
 
 
 def _weighted(columns: _Complex, weight: _Real, output: int) -> _Real:
@@ -752,8 +784,10 @@ def alike(approximation: Approximation, like: Rational, tolerance: float) -> Kep
         On the errors that `Target.measure` names.
     """
     n = 2 * len(like.pairs) + len(like.rates)
-    if n and min(approximation.target.values.shape[1:]) > 1:
-        found = _kept(approximation, approximation.refitted(like, tolerance), tolerance)
+    single = min(approximation.target.values.shape[1:]) == 1
+    for steps in _FEW[:1] if single else _FEW:
+        made = approximation.refitted(like, tolerance, steps)
+        found = _kept(approximation, made, tolerance)
         if found.holds:
             return found
     return _with_states(approximation, n, tolerance)

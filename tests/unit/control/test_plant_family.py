@@ -75,6 +75,15 @@ def test_each_resonance_is_where_its_stiffness_puts_it(fit, family) -> None:
     assert np.ptp(family.values[:, 0]) > 0.05
 
 
+def test_rational_members_have_the_poles_of_their_own_models(unsure) -> None:
+    found = plant_family(unsure, **{**PORTS, "error": "relative", "route": "rational"}, n=6)
+    assert {p.n_states for p in found.members} == {found.nominal.n_states}
+    for member, (factor, _) in zip(found.members, found.values, strict=True):
+        own = np.abs(member.poles / (2 * np.pi * resonance(factor)))
+        assert np.abs(own - 1.0).min() < 2e-3
+        assert member.relative_error <= 0.02
+
+
 def test_each_member_answers_as_its_own_model(unsure, family) -> None:
     freq = np.linspace(2.0, 80.0, 301)
     G = family.response(freq)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 
 import updyn
 from updyn.control.antiresonances import crossed
+from updyn.control.build import _task
 from updyn.control.demo import CONTROLLER
 from updyn.control.passivity import collocated, constrained, passive_channels, violations
+from updyn.control.ports import as_ports
+from updyn.control.rational import Approximation, alike, fewest_states
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import QUANTITIES
 
@@ -18,10 +22,10 @@ BAND = (0.5, 500.0)
 INERTIAS, SHAFTS, LOSS = (0.02, 1.5, 40.0), (3e4, 9e5), (0.03, 0.01)
 
 
-def three_inertias() -> updyn.Model:
+def three_inertias(shafts: tuple[float, float] = SHAFTS) -> updyn.Model:
     """A motor, a gear and a load, free to turn."""
     groups = {"inertias": updyn.Group(mass=np.diag(INERTIAS))}
-    for i, (stiffness, loss) in enumerate(zip(SHAFTS, LOSS, strict=True)):
+    for i, (stiffness, loss) in enumerate(zip(shafts, LOSS, strict=True)):
         twist = np.zeros(3)
         twist[i : i + 2] = 1.0, -1.0
         groups[f"shaft {i + 1}"] = updyn.Group(stiffness * np.outer(twist, twist), loss_factor=loss)
@@ -168,6 +172,50 @@ class TestSeveralInputs:
     def test_a_pole_pair_takes_two_states(self) -> None:
         assert self.made.n_states <= 10
         assert passive_channels(self.made, np.zeros(2, dtype=int)) == {(0, 0): True, (1, 1): True}
+
+
+class TestALikeResponse:
+    """The plant of a structure that is little different, from that of another."""
+
+    shafts = 1.04 * SHAFTS[0], 0.97 * SHAFTS[1]
+
+    @staticmethod
+    def approximation(shafts: tuple[float, float], outputs: list[str]) -> Approximation:
+        model = three_inertias(shafts)
+        ports = as_ports(outputs[:1], "input"), as_ports(outputs, "output")
+        return _task(model, *ports, BAND, "receptance", None, None)[0].approximation()
+
+    @staticmethod
+    def damped_poles(shafts: tuple[float, float]) -> np.ndarray:
+        """Poles above the real axis in rad/s, by eigenvalues of M^-1 K (1 + i eta)."""
+        K = np.zeros((3, 3), dtype=complex)
+        for i, (k, loss) in enumerate(zip(shafts, LOSS, strict=True)):
+            twist = np.zeros(3)
+            twist[i : i + 2] = 1.0, -1.0
+            K += k * (1 + 1j * loss) * np.outer(twist, twist)
+        square = np.linalg.eigvals(K / np.array(INERTIAS)[:, None])
+        return 1j * np.sqrt(square[np.argsort(np.abs(square))[1:]])  # s^2 = -lambda
+
+    def test_its_poles_move_with_the_structure(self, monkeypatch) -> None:
+        nominal = self.approximation(SHAFTS, ["1:RZ", "3:RZ"])
+        like = fewest_states(nominal, 0.03).conversion
+        other = self.approximation(self.shafts, ["1:RZ", "3:RZ"])
+        monkeypatch.setattr(Approximation, "fitted", None)  # no search from the beginning
+        found = alike(other, like, 0.03)
+        assert found.holds
+        moved = self.damped_poles(self.shafts) - self.damped_poles(SHAFTS)
+        stands = np.isfinite(like.structure)
+        assert stands.sum() == 2
+        shift = (found.conversion.pairs - like.pairs)[stands]
+        order = np.argsort(np.abs(like.pairs[stands]))
+        np.testing.assert_allclose(shift[order], moved, rtol=1e-6)
+        np.testing.assert_array_equal(found.conversion.pairs[~stands], like.pairs[~stands])
+
+    def test_it_is_sought_anew_where_that_does_not_hold(self) -> None:
+        like = fewest_states(self.approximation(SHAFTS, ["1:RZ"]), 0.03).conversion
+        other = self.approximation((4.0 * SHAFTS[0], 0.3 * SHAFTS[1]), ["1:RZ"])
+        wrong = replace(like, structure=np.full(len(like.pairs), np.nan))
+        assert alike(other, wrong, 0.03).holds
 
 
 class TestPassivity:
