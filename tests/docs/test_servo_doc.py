@@ -22,7 +22,7 @@ def page() -> dict[str, Any]:
         if block.language == "python":
             run_python(block, "docs/servo.md", namespace)
             ran += 1
-    assert ran == 8
+    assert ran == 9
     return namespace
 
 
@@ -85,3 +85,14 @@ def test_the_table_is_that_of_the_benchmark() -> None:
         cells = [c.strip() for c in there.strip("|").split("|")]
         assert [drawings, updated, exact] == [cells[1], cells[2], cells[4]], name
         assert float(updated) == pytest.approx(float(exact), rel=0.05), name
+
+
+def test_the_robust_margin_is_that_of_the_error(page: dict[str, Any]) -> None:
+    """Both channels off by d at once, in phase: mu = d (|K G_v| + |K kv G_p|) / |1 + L|."""
+    plant, controller, margin = page["plant"], page["controller"], page["error"]
+    w = 2 * np.pi * np.geomspace(*plant.band, 20_000)
+    G = plant.at(1j * w)[:, :, 0]
+    K = controller.torque(1j * w)
+    velocity, position = K * G[:, 0], controller.kv * K * G[:, 1]
+    mu = (np.abs(velocity) + np.abs(position)) / np.abs(1 + velocity + position)
+    assert margin.margin == pytest.approx(1.0 / (plant.relative_error * mu.max()), rel=1e-3)

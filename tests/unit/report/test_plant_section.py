@@ -249,6 +249,18 @@ def test_margins_of_the_family_are_in_the_table(made, parts):
     assert cells[6:8] == [f"{min(outer):.3g}°", str(int(np.argmin(outer)))]
 
 
+def test_robust_margins_are_in_the_report_and_the_record(made, parts):
+    servo = made[1].servo
+    text = parts[0]["servo"]
+    assert [m.of for m in servo.robust] == ["family", "plant error"]
+    record = servo_record(servo)["robust"]
+    for margin, own in zip(servo.robust, record, strict=True):
+        assert own["margin"] == margin.margin
+        assert own["meaning"] == margin.meaning
+        assert f"{margin.margin:.3g} times" in text
+    assert record[1]["member_margin"] is None
+
+
 def test_margins_of_the_sampled_loops_are_in_a_table_of_their_own(made, parts):
     servo = made[1].servo
     text = parts[0]["servo"]

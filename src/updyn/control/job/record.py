@@ -197,7 +197,8 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
         ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` as
         `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``sampled``:
-        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z), or None; ``step``,
+        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z), or None; ``robust``:
+        of each `updyn.control.servo.margins.RobustMargin` what it holds, and ``meaning``; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
     loops = {loop.name: _loop(loop) for loop in servo.loops}
@@ -216,6 +217,7 @@ def servo_record(servo: Servo) -> dict[str, Any]:
         "position_loop": loops.get("position"),
         "torque_loop": None if servo.torque_loop is None else _loop(servo.torque_loop),
         "sampled": None if servo.sampled is None else _sampled_loops(servo.sampled),
+        "robust": [{**plain(asdict(m)), "meaning": m.meaning} for m in servo.robust],
         "step": _figures_or_none(servo.step, _STEP),
         "disturbance_step": _figures_or_none(servo.disturbance_step, _STEP),
         "wind": _figures_or_none(servo.wind, _WIND),

@@ -14,7 +14,7 @@ from updyn.control.plant import Plant
 from updyn.control.report.nonlinear import nonlinear_context, nonlinear_figures
 from updyn.control.report.plant import degree_axis, unit_ratio
 from updyn.control.servo.drive import DriveFigures
-from updyn.control.servo.margins import Margins
+from updyn.control.servo.margins import Margins, RobustMargin
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse, WindResponse
 from updyn.report.formats import number
 from updyn.report.plots import (
@@ -401,11 +401,13 @@ def _servo_context(servo: Servo) -> dict[str, Any]:
         "controller": _controller(servo),
         "margins_head": head,
         "margins": margins,
+        "robust": [_robust(margin) for margin in servo.robust],
         "sampled": None if servo.sampled is None else _sampled(servo.sampled),
         "has_family": bool(servo.velocity_loop.members),
         "unstable": _unstable(servo),
         "loops": [_loop(loop) for loop in servo.loops],
         "crossing_kinds": ("", "text", "", ""),
+        "robust_kinds": ("text", "", "", "note-cell"),
         "over_time": _over_time(servo),
     }
 
@@ -534,6 +536,12 @@ def _margins(loops: Sequence[Loop]) -> tuple[list[str], list[list[str]]]:
     if set(structure[1:]) != {"–"}:
         rows.append(structure)
     return head, [*rows, bandwidth]
+
+
+def _robust(margin: RobustMargin) -> list[str]:
+    """Return the cells of a robust margin."""
+    value = "∞" if math.isinf(margin.margin) else number(margin.margin, 3)
+    return [margin.of, value, _hz(margin.at), _sentence(margin.meaning)]
 
 
 def _sampled(sampled: SampledLoops) -> dict[str, Any]:

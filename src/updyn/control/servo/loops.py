@@ -168,6 +168,18 @@ class Cascade:
         return np.asarray(self.controller.torque(s) * (G[:, 0, 0] + self._kv * G[:, 1, 0]))
 
     @_quiet
+    def returned(self, s: ArrayLike) -> _Complex:
+        """Return what each channel that is read adds to L broken at the torque, shape (n, k).
+
+        One channel where velocity and position are of one output.
+        """
+        G, K = self.motion(s), self.controller.torque(s)
+        velocity, position = K * G[:, 0, 0], self._kv * K * G[:, 1, 0]
+        if self.wiring.position in (None, self.wiring.velocity):
+            return np.asarray((velocity + position)[:, None])
+        return np.stack([velocity, position], axis=1)
+
+    @_quiet
     def reference(self, s: ArrayLike) -> _Complex:
         """Return position (without its loop velocity) over reference, closed, shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""`Margins`: stability margins of a loop with every crossing, and their range over a family."""
+"""`Margins` of a loop with every crossing, their range over a family, and `RobustMargin`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FIGURES", "Margins", "Range", "ranges"]
+__all__ = ["FIGURES", "Margins", "Range", "RobustMargin", "ranges"]
 
 _Real = NDArray[np.float64]
 
@@ -169,6 +169,64 @@ class Range:
     smallest_member: int | None
     largest: float
     largest_member: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class RobustMargin:
+    """How large the perturbations of a plant may be until the closed loop can be unstable.
+
+    Each channel that the controller reads is perturbed on its own, by any stable transfer function
+    of limited size at each frequency.
+
+    Attributes
+    ----------
+    of : {"family", "plant error"}
+        What gives the size: at each frequency the largest deviation of a member of the family from
+        the nominal plant, or the relative error of the plant (in its band).
+    margin : float
+        1 / (largest structured singular value), of its upper bound: by this factor the size may
+        grow, and the loop is still stable for sure. Above 1: robustly stable. inf where nothing is
+        perturbed.
+    at : float or None
+        Line in Hz where that is; None where nothing is perturbed.
+    member_margin : float
+        The factor by which the deviation of a member has to grow until the loop is unstable, the
+        smallest of all members: no smaller than `margin`, which cannot be larger. inf where none
+        does, nan of the plant error.
+    member : int or None
+        The member that has it, counted from 0.
+    """
+
+    of: str
+    margin: float
+    at: float | None
+    member_margin: float = float("nan")
+    member: int | None = None
+
+    @property
+    def meaning(self) -> str:
+        """One sentence on what the margin guarantees."""
+        if self.of == "family":
+            size = "the largest deviation of a member"
+        else:
+            size = "the plant's relative error, in its band"
+        if np.isinf(self.margin):
+            return f"nothing is perturbed: {size} is 0."
+        text = "stable for all deviations of a channel up to"
+        return f"{text} {self.margin:.3g} times {size}{self._nearest}."
+
+    @property
+    def _nearest(self) -> str:
+        if self.member is None:
+            return ""
+        return (
+            f"; unstable with the deviation of member {self.member} taken"
+            f" {self.member_margin:.3g} times"
+        )
+
+    def summary(self) -> str:
+        """Return margin, frequency and meaning as text."""
+        return f"{_figure(self.margin, '', self.at)}: {self.meaning}"
 
 
 def ranges(members: Sequence[Margins]) -> dict[str, Range]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.servo.controller import Controller
-from updyn.control.servo.margins import FIGURES, Margins, Range
+from updyn.control.servo.margins import FIGURES, Margins, Range, RobustMargin
 
 __all__ = [
     "Loop",
@@ -280,6 +280,9 @@ class Servo:
         empty where they were not asked for.
     sampled : SampledLoops or None
         The same loops on the sampled plant; None where none was given.
+    robust : tuple of RobustMargin
+        For perturbations of the plant as large as those of the family, and as its relative error;
+        empty where the nominal loop is unstable.
     """
 
     controller: Controller
@@ -303,6 +306,7 @@ class Servo:
     torque_loop: Loop | None = None
     family_steps: tuple[StepResponse | None, ...] = ()
     sampled: SampledLoops | None = None
+    robust: tuple[RobustMargin, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -352,6 +356,8 @@ def servo_text(servo: Servo) -> str:
             parts.append(f"  bandwidth       {loop.bandwidth:.6g} Hz (-3 dB, closed)")
         if loop.members:
             parts.append(indent(_family(loop), "  "))
+    for robust in servo.robust:
+        parts.append(f"robust margin, {robust.of}: {robust.summary()}")
     if servo.sampled is not None:
         parts += _sampled(servo.sampled)
     if servo.bandwidth is not None and servo.controller.feed_forward:

@@ -16,8 +16,9 @@ from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, inertia_of
 from updyn.control.servo.digital import SampledCascade, judge_sampled
 from updyn.control.servo.loops import Cascade, Wiring
-from updyn.control.servo.margins import ranges
+from updyn.control.servo.margins import RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
+from updyn.control.servo.robust import error_margin, family_margin
 from updyn.control.servo.stability import Judged, judge_all, judge_torque
 from updyn.control.servo.time_response import Timed, timed
 from updyn.control.servo.wind import Wind
@@ -163,6 +164,7 @@ def servo(
         notes=(*_notes(nominal, loops[:2], outer, inertia), *over_time.notes),
         family_steps=steps,
         sampled=None if sampled is None else _sampled(sampled, controller, wiring, judged),
+        robust=_robust(cascade, judged, [Cascade(p, controller, wiring) for p in others]),
     )
 
 
@@ -317,6 +319,19 @@ def _modulus_range(cascade: Cascade, judged: Judged, name: str) -> tuple[float, 
         off = error * (np.abs(inner) + np.abs(L - inner))
     size = np.abs(1.0 + L)
     return float(max(np.min(size - off), 0.0)), float(np.min(size + off))
+
+
+def _robust(
+    cascade: Cascade, judged: Sequence[Judged | None], members: Sequence[Cascade]
+) -> tuple[RobustMargin, ...]:
+    """Return the robust margins of the loop at the torque, the velocity loop without a position."""
+    whole = judged[2] or judged[0]
+    if whole is None or not whole.margins.stable:
+        return ()
+    found = [error_margin(cascade, whole)]
+    if members:
+        found.insert(0, family_margin(cascade, whole, members))
+    return tuple(margin for margin in found if margin is not None)
 
 
 def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
