@@ -52,6 +52,8 @@ from updyn.updating.problem.problem import Part
 NOISE = structures.Noise(0.01, 1e-3)
 BEAM = "beam"
 OFF = 0.3 / 0.7
+#: Share of the largest FRF below which one is rounding.
+ROUNDING = 1e-9
 Finding = tuple[str, tuple[str, ...]]
 Bench = structures.Bench | Measured
 
@@ -227,6 +229,12 @@ def common_dofs(frf: FRF) -> list[tuple[int, int, str]]:
     return [(i, forces.index(d), d) for i, d in enumerate(plain(frf.responses)) if d in forces]
 
 
+def answers(frf: FRF) -> np.ndarray:
+    """Which channels answer, shape (n_i, n_j): of those that symmetry forbids rounding is left."""
+    level = np.abs(frf.values).max(axis=0)
+    return level > ROUNDING * level.max()
+
+
 def one_run(frf: FRF, i: int, j: int, rng) -> FRF:
     """One FRF by itself wrong: its sign, a factor of 1.5 to 3, or late by 0.1 to 0.5 periods."""
     wrong = {
@@ -245,7 +253,7 @@ def reciprocity(bench, frf, rng):
     if len(both) < 2:
         return None
     a, b = rng.choice(len(both), 2, replace=False)
-    if not bench.case.clean.values[:, both[a][0], both[b][1]].any():
+    if not answers(bench.case.clean)[both[a][0], both[b][1]]:
         return None
     bad = one_run(frf, both[a][0], both[b][1], rng)
     names = [one[2] for one in both if one in (both[a], both[b])]
@@ -259,9 +267,9 @@ def drive_point(bench, frf, rng):
     if not both:
         return None
     i, j, label = both[int(rng.integers(len(both)))]
-    others = bench.case.clean.values.copy()
-    others[:, i, j] = 0.0
-    if not (others[:, i].any() and others[:, :, j].any()):  # it is all of a sensor, or of a force
+    others = answers(bench.case.clean)
+    others[i, j] = False
+    if not (others[i].any() and others[:, j].any()):  # it is all of a sensor, or of a force
         return None
     late = np.exp(-2j * np.pi * frf.freq / frf.freq[-1] * rng.uniform(0.2, 0.5))
     values = frf.values.copy()
