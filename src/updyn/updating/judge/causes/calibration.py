@@ -39,7 +39,7 @@ class Calibration(Fault):
         frf = evidence.frf
         return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape)
 
-    def relatives(self) -> Iterable[Fault]:
+    def relatives(self, frf: FRF) -> Iterable[Fault]:
         """Return the nearest factor between units."""
         return Scale.near(self.channels, float(np.exp(self.value)))
 

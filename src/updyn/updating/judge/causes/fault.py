@@ -189,6 +189,14 @@ class Fault(ABC):
         """Return the fault as model and data show it at a point; itself where it does not adapt."""
         return self
 
+    def others(self, frf: FRF) -> FRF:
+        """Return the data in which its channels do not count, where it leaves them out."""
+        return frf
+
+    def searched(self, evidence: Evidence) -> Self:
+        """Return the fault by its best size at a point that the other channels told."""
+        return self
+
     def settled(self, part: Part, x: _Real) -> Self:
         """Return the fault as all data of a part tell it, where it adapts; by default itself."""
         return self
@@ -201,8 +209,8 @@ class Fault(ABC):
         """Return the point from which a fit that takes account of the fault begins."""
         return x
 
-    def relatives(self) -> Iterable[Fault]:
-        """Return faults of other kinds that would do nearly the same, to be tried beside it."""
+    def relatives(self, frf: FRF) -> Iterable[Fault]:
+        """Return other faults that would do nearly the same to the data, to be tried beside it."""
         return ()
 
     def plausible(self) -> bool:

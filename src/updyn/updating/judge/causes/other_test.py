@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -11,14 +12,19 @@ from numpy.typing import NDArray
 from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault, divided, each_sensor, place_of
+from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor, place_of
 
 __all__ = ["OtherTest"]
 
 #: Fewest channels among which one can be another.
 _FEWEST = 2
-#: First values of the logarithm of the factor between the frequencies.
-_SHIFTS = (-0.07, -0.025, 0.0, 0.025, 0.07)
+#: First values of the logarithm of the factor between the frequencies, to first order; and those
+#: among which the best is searched, finer and finer: a step of first order may lead away from it
+#: where resonances are sharp.
+_SHIFTS = (-0.07, -0.045, -0.025, 0.0, 0.025, 0.045, 0.07)
+_SEARCHED = tuple(np.linspace(-half, half, n) for half, n in ((0.15, 41), (0.006, 9), (0.001, 5)))
+#: Variance of a value that does not count, in units of the square of the largest.
+_LOST = 1e6
 
 
 class OtherTest(Fault):
@@ -62,6 +68,38 @@ class OtherTest(Fault):
             responses=[frf.responses[int(i)] for i in rows],
             references=[frf.references[int(j)] for j in columns],
         )
+
+    def others(self, frf: FRF) -> FRF:
+        """Return the data in which the sensor does not count."""
+        assert frf.variance is not None
+        lost = _LOST * float(np.abs(frf.values).max()) ** 2
+        return replace(frf, variance=np.where(self._at(frf) > 0.0, lost, frf.variance))
+
+    def searched(self, evidence: Evidence) -> Self:
+        """Return the fault by the shift that suits the data best at a point."""
+
+        def left(one: Self) -> float:
+            e = evidence.misfit(one.undo(evidence))
+            return float(e @ e)
+
+        best = replace(self, value=0.0)
+        for steps in _SEARCHED:
+            best = min((replace(self, value=best.value + float(v)) for v in steps), key=left)
+        return best
+
+    def relatives(self, frf: FRF) -> Iterable[Fault]:
+        """Return the only other sensor of its direction: either may be of the other state."""
+        prefix = FORCE if self.channels[0].startswith(FORCE) else ""
+        dofs = frf.references if prefix else frf.responses
+        labels = [f"{prefix}{abs(dof)}" for dof in dofs]
+        own = dofs[labels.index(self.channels[0])].direction
+        others = [
+            label
+            for label, dof in zip(labels, dofs, strict=True)
+            if dof.direction == own and label != self.channels[0]
+        ]
+        if len(others) == 1:
+            yield replace(self, channels=(others[0],), value=-self.value)
 
     def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
         """Return d ln A / d ln f at the channels, of the accelerance."""

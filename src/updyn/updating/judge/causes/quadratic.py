@@ -110,13 +110,13 @@ class Quadratic:
             )
         return cls(normal, gradient, float(e @ e), off, spread, held, e.size)
 
-    def best(self, count: float, level: float) -> tuple[float, Outcome]:
+    def best(self, count: float, level: float, least: float = 0.0) -> tuple[float, Outcome]:
         """Return the share of the spread that suits best, and the outcome with it."""
         shares = SHARES if self.held.any() else SHARES[-1:]
-        found = [(share, self.outcome(share, count, level)) for share in shares]
+        found = [(share, self.outcome(share, count, level, least)) for share in shares]
         return max(found, key=lambda one: one[1].log_evidence)
 
-    def outcome(self, share: float, count: float, level: float) -> Outcome:
+    def outcome(self, share: float, count: float, level: float, least: float = 0.0) -> Outcome:
         """Return what is left, and the evidence, with what is held off by a share of its spread.
 
         Parameters
@@ -127,6 +127,8 @@ class Quadratic:
             Number of independent real values.
         level : float
             Mean square of the log misfit of the best hypothesis: of noise.
+        least : float
+            Least mean square: about a poor end of a fit the second order may promise any.
         """
         spread = np.where(self.held, share * self.spread, self.spread)
         step = np.zeros(len(spread))
@@ -135,7 +137,7 @@ class Quadratic:
             each = 2.0 * count / self.n_values / (power + SMALLEST**2)
             pull = each * spread * self.gradient - self.off / spread
             step = spread * np.linalg.solve(self._curved(spread, each), pull)
-            power = self._power(step)
+            power = max(self._power(step), least)
         far = float(np.sum(((self.off + step) / spread) ** 2))
         fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
         return Outcome(power, fitted - self._occam(spread, count, level))

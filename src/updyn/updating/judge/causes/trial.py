@@ -38,6 +38,8 @@ _DAMPED = 0.1
 #: How far what is held of the model is expected to be off: stiffness and mass, in logarithm; loss
 #: factors, as a share. More of it than this is left as it is.
 _HELD, _HELD_LOSS, _MOST_HELD = 0.05, 0.5, 60
+#: Share of the misfit at the end of a fit that the second order about it is trusted to leave.
+_TRUSTED = 0.5
 #: Largest correlation of neighbouring lines that is counted.
 _MOST_ALIKE = 0.95
 
@@ -97,9 +99,10 @@ class Trial:
             gained = 0.5 * count * np.log(level[0] / level[1]) + 0.5 * (other.far - self.far)
             return float(gained - cost), 1.0 - level[1] / level[0]
         least = min(self.power, other.power)
-        share, own = self.quadratic.best(count, least)
-        _, best = other.quadratic.best(count, least)
-        there = other.quadratic.outcome(share, count, least)
+        near = _TRUSTED * self.power, _TRUSTED * other.power
+        share, own = self.quadratic.best(count, least, near[0])
+        _, best = other.quadratic.best(count, least, near[1])
+        there = other.quadratic.outcome(share, count, least, near[1])
         gained = own.log_evidence - best.log_evidence
         left = (own.power + SMALLEST**2) / (there.power + SMALLEST**2)
         return float(gained - cost), 1.0 - left
@@ -149,6 +152,12 @@ def _fitted(
     fewest = 2 if holds else 1
     if fault is not None:
         x = fault.begun(part, x)
+        if fault.leaves_out:
+            try:
+                x = _descent(part.with_data(fault.others(part.frf)), x, steps)[0]
+                fault = fault.searched(Evidence(part, x))
+            except SolverError:
+                return None
     for number in range(rounds):
         try:
             freed = part if fault is None else fault.accounted(part, x)
@@ -190,6 +199,8 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
 
 def _tuned(part: Part, freed: Part, fault: Fault, x: _Real) -> Fault | None:
     """Return the fault by its best size at x, from the data as they are or as they were freed."""
+    if fault.leaves_out:
+        return fault.searched(Evidence(part, x))
     if not fault.adds:
         return fitted(Evidence(part, x), fault)[1]
     _, more = fitted(Evidence(freed, x), replace(fault, value=0.0))

@@ -81,3 +81,27 @@ def test_a_comparison_with_what_leaves_nothing_says_that_nothing_is_explained(li
     assert one.compared(one) == (0.0, 0.0)
     exact = replace(one, power=0.0, quadratic=None)
     assert exact.compared(exact) == (0.0, 0.0)
+
+
+def test_a_step_does_not_promise_more_than_the_end_of_a_fit_left(linear):
+    """What is left at a poor end is not explained by holding something tighter."""
+    _, J, spread, held = linear
+    poor = quadratic(J, J @ np.array([0.3, 0.3, 0.0, 0.0, 0.0]), np.zeros(5), spread, held)
+    there = poor.outcome(1.0, 400.0, 1e-4).power
+    assert poor.outcome(0.1, 400.0, 1e-4).power < there
+    assert poor.outcome(0.1, 400.0, 1e-4, there).power == there
+    assert poor.best(400.0, 1e-4, there)[1].power >= there
+
+
+def test_a_worse_fit_far_from_what_is_known_is_not_the_likelier_one(linear):
+    """Whatever the second order says of a step from there."""
+    rng, J, spread, held = linear
+    noise = 0.01 * rng.standard_normal(400)
+    good = quadratic(J, noise, np.zeros(5), spread, held)
+    poor = quadratic(J, J @ np.full(5, 0.3), np.array([0.0, 0.0, 0.6, 0.6, 0.6]), spread, held)
+    ends = [
+        Trial(None, np.zeros(5), one.outcome(1.0, 400.0, 1e-4).power, far, 0.0, 400, quadratic=one)
+        for one, far in ((good, 0.0), (poor, 432.0))
+    ]
+    assert ends[0].power < ends[1].power
+    assert ends[0].gain(ends[1]) > 0.5 * 400.0 * np.log(ends[1].power / ends[0].power) * 0.9
