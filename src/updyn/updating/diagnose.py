@@ -14,6 +14,7 @@ from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet, parameters
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.session import Recent, Session
 
 __all__ = ["diagnose"]
 
@@ -74,7 +75,10 @@ def diagnose(
     test = Test(selection.start_of(model), frf, "", None, noise)
     check([test], selection.parameters)
     exact = None if tier == "reduced" else tier
-    part = Part.build(test.model, frf, selection.parameters, tier=exact, backend=backend)
+    session = Session(memory=Recent())
+    part = Part.build(
+        test.model, frf, selection.parameters, tier=exact, backend=backend, session=session
+    )
     return tuple(diagnosed(part, choose_noise(noise, frf)))
 
 

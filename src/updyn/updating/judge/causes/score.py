@@ -12,7 +12,7 @@ from updyn.updating.judge.causes.fault import Fault
 __all__ = ["fitted"]
 
 #: Sine of the angle between a fault and what the unknowns can do, from which they differ.
-_DISTINCT = 1e-3
+_DISTINCT = 1e-6
 
 
 def fitted(evidence: Evidence, fault: Fault | None) -> tuple[float, Fault | None]:

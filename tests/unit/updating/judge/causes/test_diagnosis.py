@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn import sensitivity
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.diagnosis import _Found, _is_worth_a_word
+from updyn.updating.judge.causes.diagnosis import _Found, _is_worth_a_word, diagnosed
 from updyn.updating.judge.causes.trial import Trial
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.problem import Part
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 
@@ -92,6 +95,20 @@ def test_a_scaled_axis_is_found_where_masses_are_known(chain12, chain12_true, cl
     assert np.exp(found.value) == pytest.approx(1.03, abs=1e-4)
 
 
+def test_a_scaled_axis_is_found_although_all_masses_together_nearly_imitate_it(
+    chain12_true, clean, add_noise
+):
+    """Exact data put the difference, which only the priors of the masses make, far below it."""
+    data = add_noise(clean, np.random.default_rng(6), 1e-3)
+    unknowns = updyn.parameters(
+        chain12_true, stiffness=["part2", "part3", "part4"], loss_factor="all"
+    )
+    stretched = replace(data, freq=data.freq / 1.04)
+    (found,) = updyn.diagnose(chain12_true, stretched, unknowns)
+    assert found.kind == "frequency-scale"
+    assert np.exp(found.value) == pytest.approx(1.04, abs=1e-3)
+
+
 def test_the_size_of_a_fault_holds_where_what_is_held_is_off(chain12, chain12_true, data):
     rng = np.random.default_rng(1)
     off = {name: {"mass": 1.0 + rng.choice([-0.05, 0.05])} for name in chain12.groups}
@@ -124,6 +141,23 @@ def test_in_sound_data_nothing_is_found(chain12, clean, unknowns, add_noise):
     for seed in range(5):
         noisy = add_noise(clean, np.random.default_rng(seed), 0.01)
         assert updyn.diagnose(chain12, noisy, unknowns) == ()
+
+
+def test_what_was_evaluated_is_not_evaluated_again(chain12, data, unknowns, monkeypatch):
+    bad = row(data, 1, -1.0)
+    evaluate, lines = sensitivity.receptance, []
+
+    def counting(*args, **options):
+        lines.append(len(args[3]))
+        return evaluate(*args, **options)
+
+    monkeypatch.setattr(sensitivity, "receptance", counting)
+    part = Part.build(chain12, bad, unknowns)
+    found = diagnosed(part, choose_noise(None, bad))
+    plain = sum(lines)
+    lines.clear()
+    assert list(updyn.diagnose(chain12, bad, unknowns)) == found
+    assert sum(lines) < 0.9 * plain
 
 
 def test_by_default_all_groups_are_unknown(chain12, data):
