@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.reduced import NOT_CONDENSED
-from updyn.errors import OptionError, SolverError, suggest
-from updyn.updating.fit.method import Fit, Method, descend_to_scale, in_units, spread_of
+from updyn.errors import OptionError, SolverError
+from updyn.updating.fit.method import Fit, descend_to_scale, in_units, spread_of
 from updyn.updating.fit.methods.linear import basic_solution, turned_negative
+from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.trust_region import Step, TrustRegion
 from updyn.updating.problem.local import Local
@@ -26,7 +27,7 @@ __all__ = ["EquationErrorMethod"]
 
 
 @dataclass(frozen=True, slots=True)
-class EquationErrorMethod(Method):
+class EquationErrorMethod(PublishedMethod):
     """r = Z_red h_X - e_j at every line and reference.
 
     Parameters
@@ -52,20 +53,6 @@ class EquationErrorMethod(Method):
     needs_exact: ClassVar[str] = NOT_CONDENSED
     can_regularise: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        if self.solver not in self.SOLVERS:
-            raise OptionError(
-                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
-                key=("solver",),
-            )
-
-    @property
-    def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
-        if self.solver == "gauss-newton":
-            return "Use solver='trust-region', or the default method."
-        return ""
-
     def fit(
         self,
         problem: Problem,
@@ -74,7 +61,7 @@ class EquationErrorMethod(Method):
         x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        if self.solver == "gauss-newton" and problem.coordinates.prior[1].any():
+        if self.is_plain and problem.coordinates.prior[1].any():
             raise OptionError(
                 "solver 'gauss-newton' is the plain iteration and knows no priors; use"
                 " 'trust-region'",
@@ -82,7 +69,7 @@ class EquationErrorMethod(Method):
             )
         residual = EquationError()
         with monitor.stage(self.name):
-            if self.solver == "gauss-newton":
+            if self.is_plain:
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
                 settings = TrustRegion(self.max_iterations, self.tolerance)

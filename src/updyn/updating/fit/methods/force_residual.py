@@ -4,29 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import LineSolver
-from updyn.errors import DataError, OptionError, suggest
+from updyn.errors import DataError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
-from updyn.updating.fit.method import Fit, Method, descend_to_scale
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.constitutive import ConstitutiveError, adjoint_fields
 from updyn.updating.fit.methods.linear import (
-    Amounts,
-    Plain,
     check_unknowns,
     fit_of,
-    linear_step,
-    local_of,
     not_measured,
 )
+from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EachOf, LineResidual
@@ -46,7 +41,7 @@ _UNBOUNDED = "The published iteration knows no bounds. "
 
 
 @dataclass(frozen=True, slots=True)
-class ForceResidualMethod(Method):
+class ForceResidualMethod(PublishedMethod):
     """||Z(p) h - f|| minimised over the unknowns and the unmeasured motion (``"force-residual"``).
 
     In turn: the measured motion is expanded to all DOFs such that the present model leaves the
@@ -81,20 +76,6 @@ class ForceResidualMethod(Method):
         " 'sparse'"
     )
 
-    def __post_init__(self) -> None:
-        if self.solver not in self.SOLVERS:
-            raise OptionError(
-                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
-                key=("solver",),
-            )
-
-    @property
-    def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
-        if self.solver == "alternating":
-            return "Use solver='trust-region', or the default method."
-        return ""
-
     def cause(self, problem: Problem) -> str:
         """Return how much of the motion is the model's own."""
         missing = not_measured(problem)
@@ -106,31 +87,19 @@ class ForceResidualMethod(Method):
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        plain = self.solver == "alternating"
-        check_unknowns(problem, self, priors=not plain)
+        check_unknowns(problem, self, priors=not self.is_plain)
         for part in problem.parts:
             _check(part)
         errors = [ForceResidual(_compliance(part), _level(part)) for part in problem.parts]
         residual = EachOf(tuple(errors))
         eliminated = EachOf(tuple(part.eliminated for part in residual.errors))
         with monitor.stage(_NAME):
-            if plain:
-                step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
-                settings = Plain(self.max_iterations, self.tolerance)
-                x, reason = settings.run(
-                    problem, partial(local_of, problem, residual), step, x, monitor
-                )
-            else:
-                try:
-                    local_of(
-                        problem, eliminated, x
-                    )  # a start that cannot be solved is said with its line
-                    guarded = TrustRegion(self.max_iterations, self.tolerance)
-                    outcome = descend_to_scale(problem, eliminated, x, monitor, guarded)
-                except Stopped:
-                    return Fit.blind(x, "stopped")
-                x, reason = outcome.x, outcome.reason
-            note = _NOTE.format(_UNBOUNDED if plain else "")
+            try:
+                least: EachOf[Any] = residual if self.is_plain else eliminated
+                x, reason = self.iterate(problem, least, x, monitor)
+            except Stopped:
+                return Fit.blind(x, "stopped")
+            note = _NOTE.format(_UNBOUNDED if self.is_plain else "")
             return fit_of(problem, eliminated, x, reason, "spread of the force residual", note)
 
 

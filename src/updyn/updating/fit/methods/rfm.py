@@ -4,29 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError, OptionError, suggest
+from updyn.errors import DataError
 from updyn.frf import QUANTITIES
 from updyn.linalg.threads import alone
 from updyn.model import GROUP_QUANTITIES
 from updyn.sensitivity import contract
-from updyn.updating.fit.method import Fit, Method, descend_to_scale
+from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods.linear import (
-    Amounts,
-    Plain,
     check_unknowns,
     fit_of,
-    linear_step,
-    local_of,
     not_measured,
 )
+from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import NoiseModel, level_by_unit
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LineResidual
@@ -49,7 +44,7 @@ _UNBOUNDED = "The published iteration knows no bounds. "
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseFunctionMethod(Method):
+class ResponseFunctionMethod(PublishedMethod):
     """(h_A - h_X) = H_A dZ h_X with the measured column h_X of all DOFs (method ``"rfm"``).
 
     H_A - H_X = H_A (Z_X - Z_A) H_X holds for any size of change (Lin & Ewins, "Model updating using
@@ -96,20 +91,6 @@ class ResponseFunctionMethod(Method):
     )
     instead: ClassVar[str] = "leave it out, or use 'complex-rfm' for loss factors"
 
-    def __post_init__(self) -> None:
-        if self.solver not in self.SOLVERS:
-            raise OptionError(
-                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
-                key=("solver",),
-            )
-
-    @property
-    def failure_remedy(self) -> str:
-        """What to do where its iteration breaks down."""
-        if self.solver == "gauss-newton":
-            return "Use solver='trust-region', or the default method."
-        return ""
-
     def cause(self, problem: Problem) -> str:
         """Return how much of the motion is the model's own."""
         missing = not_measured(problem)
@@ -121,29 +102,16 @@ class ResponseFunctionMethod(Method):
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        plain = self.solver == "gauss-newton"
-        check_unknowns(problem, self, priors=not plain)
+        check_unknowns(problem, self, priors=not self.is_plain)
         residual = ResponseEquation(self.name, self.expand)
         for part in problem.parts:
             residual.check(part)
         with monitor.stage(self.name):
-            if plain:
-                step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
-                settings = Plain(self.max_iterations, self.tolerance)
-                x, reason = settings.run(
-                    problem, partial(local_of, problem, residual), step, x, monitor
-                )
-            else:
-                try:
-                    local_of(
-                        problem, residual, x
-                    )  # a start that cannot be solved is said with its line
-                    guarded = TrustRegion(self.max_iterations, self.tolerance)
-                    outcome = descend_to_scale(problem, residual, x, monitor, guarded)
-                except Stopped:
-                    return Fit.blind(x, "stopped")
-                x, reason = outcome.x, outcome.reason
-            note = _NOTE.format(_UNBOUNDED if plain else "")
+            try:
+                x, reason = self.iterate(problem, residual, x, monitor)
+            except Stopped:
+                return Fit.blind(x, "stopped")
+            note = _NOTE.format(_UNBOUNDED if self.is_plain else "")
             return fit_of(
                 problem, residual, x, reason, "spread of the response function equation", note
             )

@@ -1,0 +1,93 @@
+"""Methods whose published iteration can be replaced by a guarded one on the same equation."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import OptionError, suggest
+from updyn.updating.fit.method import Method, descend_to_scale
+from updyn.updating.fit.methods.linear import Amounts, Plain, linear_step, local_of
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.trust_region import TrustRegion
+from updyn.updating.problem.problem import Problem
+from updyn.updating.problem.residuals import EachOf, LineResidual
+
+__all__ = ["GUARDED", "PublishedMethod"]
+
+#: Solver within bounds, a trust region and priors, which each of these methods has.
+GUARDED = "trust-region"
+
+_Vector = NDArray[np.float64]
+
+
+class PublishedMethod(Method):
+    """Base of the methods with an option ``solver``: the iteration as published, or `GUARDED`.
+
+    Attributes
+    ----------
+    solver : str
+        One of `SOLVERS`.
+    SOLVERS : tuple of str
+        `GUARDED` and the name of the published iteration, the default first.
+    """
+
+    __slots__ = ()
+
+    solver: str
+
+    SOLVERS: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        if self.solver not in self.SOLVERS:
+            raise OptionError(
+                f"solver {self.solver!r}: {suggest(str(self.solver), self.SOLVERS)}",
+                key=("solver",),
+            )
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it iterates as published, without bounds and priors."""
+        return self.solver != GUARDED
+
+    @property
+    def failure_remedy(self) -> str:
+        """What to do where its iteration breaks down."""
+        if self.is_plain:
+            return f"Use solver={GUARDED!r}, or the default method."
+        return ""
+
+    def iterate(
+        self, problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector, monitor: Monitor
+    ) -> tuple[_Vector, str]:
+        """Minimise a residual from x; return where it ends, shape (n,), and why.
+
+        Parameters
+        ----------
+        problem : Problem
+            Model, data and unknowns.
+        residual : LineResidual or EachOf
+            What is minimised; as published it is linearised in the amounts (`Amounts`).
+        x : ndarray of float, shape (n,)
+            Where to begin.
+        monitor : Monitor
+            Who watches.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at the start, or the published iteration diverges.
+        Stopped
+            If the user stops it before the start has been evaluated.
+        """
+        if self.is_plain:
+            step = partial(linear_step, problem, Amounts.find(problem.coordinates.parameters))
+            plain = Plain(self.max_iterations, self.tolerance)
+            return plain.run(problem, partial(local_of, problem, residual), step, x, monitor)
+        local_of(problem, residual, x)  # a start that cannot be solved is named with its line
+        guarded = TrustRegion(self.max_iterations, self.tolerance)
+        outcome = descend_to_scale(problem, residual, x, monitor, guarded)
+        return outcome.x, outcome.reason
