@@ -29,8 +29,6 @@ SHOWN = [test for tests in TESTS.values() for test in tests]
 WITHOUT = """
 updyn.RecordFinding
 updyn.sample
-updyn.to_control
-updyn.to_frd
 updyn.write_properties
 """
 

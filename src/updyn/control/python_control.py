@@ -38,6 +38,14 @@ def to_control(plant: Plant) -> control.StateSpace:
     ------
     OptionError
         If python-control is not installed, or two names differ by such a dot only.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> system = updyn.to_control(made)
+    >>> system.nstates == made.n_states, system.input_labels
+    (True, ['12:X'])
     """
     library = _library()
     return library.StateSpace(
@@ -68,6 +76,13 @@ def to_frd(plant: Plant, freq: ArrayLike) -> control.FrequencyResponseData:
         If python-control is not installed, or two names differ by a dot only.
     DataError
         If a line cannot be had, see `Plant.response`.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> made = updyn.plant(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0), quantity="mobility")
+    >>> updyn.to_frd(made, [1.0, 5.0]).frdata.shape  # outputs, inputs, lines
+    (1, 1, 2)
     """
     library = _library()
     found = plant.response(freq)
