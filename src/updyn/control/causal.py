@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ _BLOCK = 4096
 _UNLIMITED = 1e30
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Circle:
     """Evenly spaced points of the unit circle as frequencies, and what is analytic outside it.
 
@@ -105,8 +106,27 @@ class Circle:
 
     @property
     def _turn(self) -> _Complex:
-        k = np.fft.fftfreq(self.n, 1.0 / self.n)
-        return np.asarray(np.exp(1j * np.pi * k / self.n))
+        return _half_steps(self.n)
+
+
+@lru_cache(maxsize=2)
+def _half_steps(n: int) -> _Complex:
+    """Return what shifts the points by half of their distance, by order of the coefficient.
+
+    Kept, as every channel and every step of the bisection needs it.
+    """
+    turn = np.asarray(np.exp(1j * np.pi * np.fft.fftfreq(n, 1.0 / n) / n))
+    turn.flags.writeable = False
+    return turn
+
+
+@lru_cache(maxsize=2)
+def _outer_inside(circle: Circle, band: tuple[float, float]) -> tuple[_Real, _Complex]:
+    """Return the share of the band at each point, and the logarithm of its outer function."""
+    share = _inside(np.abs(circle.freq), band, circle.margin)
+    follows = circle.outer(share)
+    share.flags.writeable = follows.flags.writeable = False
+    return share, follows
 
 
 def hankel_norm(circle: Circle, values: _Complex) -> float:
@@ -196,12 +216,11 @@ def least_error(channel: Differs, band: tuple[float, float], known: float = 0.0)
     reference = channel.reference(lines)
     own = np.zeros(circle.n)
     own[places] = own[mirrored] = np.log(reference / np.abs(grown[places]))
-    share = _inside(size, band, circle.margin)
+    share, follows = _outer_inside(circle, (low, high))
     limit = np.log(np.where(size < low, channel.below, channel.above))
     if low > 0:  # in the margin at the lower end the limit is that below
         limit = np.where(size < circle.scale, np.log(channel.below), limit)
     fixed = wanted / grown * np.exp(-circle.outer(share * own + (1.0 - share) * limit))
-    follows = circle.outer(share)
     reached = float(np.max(np.abs(wanted[places]) / reference))
 
     def excess(logarithm: float) -> float:
