@@ -32,7 +32,7 @@ def row(result: UpdateResult, error: str, members: int, alone: int) -> str:
     family = updyn.plant_family(result, INPUTS, OUTPUTS, BAND, n=members, **about)
     whole = time.process_time() - begin
     stated = [p.relative_error if error == "relative" else p.error for p in family.members]
-    shared = sum("one for all" in p.facts["motions"] for p in family.members)
+    shared = sum("one basis for all" in p.facts["basis"] for p in family.members)
     apart = 0.0
     freq = np.geomspace(*BAND, 4000)
     for member, values in list(zip(family.members, family.values, strict=True))[:alone]:

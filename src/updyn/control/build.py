@@ -412,7 +412,7 @@ def _realised(
     A, B, C, D = found.conversion.matrices(found.mask)
     facts: dict[str, Any] = {
         "title": title,
-        "motions": task.space.source,
+        "basis": task.space.source,
         "lines": len(task.target.freq),
         "candidates": len(found.mask),
         "error": task.target.measure,

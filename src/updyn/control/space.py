@@ -132,7 +132,7 @@ class ModalSpace:
     lossy : tuple of Lossy
         Structural damping by group; it does not act on rigid-body modes.
     source : str
-        What the motions are, in words.
+        What the basis vectors are, in words.
     solver : ReducedSolver or None
         The proved reduced model that they are of; it answers for the model at any line of the band.
     """
@@ -198,7 +198,7 @@ class Projection:
     outputs, inputs : ndarray of float, shapes (n_y, r), (n_u, r)
         The basis at the ports.
     rigid : int
-        Number of motions that strain nothing.
+        Number of rigid-body modes.
     band : (float, float)
         Lowest and highest line in Hz.
     source : str
@@ -375,7 +375,7 @@ def shared_projection(
     lines = lines[lines >= band[0]]
     reduction.enrich(training, lines)
     holds = reduction.lacking(states, lines) <= accuracy
-    said = f"{reduction.basis.size} motions of a reduced model, one for all members"
+    said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
     return making.of(reduction, said), holds
 
 
@@ -406,7 +406,7 @@ class _Projecting:
             )
             matrices.append(whole)
         eye = np.eye(self.system.n)
-        said = f"all {self.system.n} motions of the model"
+        said = f"all {self.system.n} DOFs of the model"
         return self._made(self.system, matrices, lambda dofs: eye[dofs], said, None)
 
     def reduced(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
@@ -426,7 +426,7 @@ class _Projecting:
             )
         return (
             reduction,
-            f"{found.size} motions of a reduced model, error at most {found.error:.1g}",
+            f"{found.size} basis vectors of a reduced model, error at most {found.error:.1g}",
         )
 
     def of(self, reduction: Reduction, said: str) -> Projection:
@@ -463,7 +463,7 @@ class _Projecting:
 
 
 def _rigid_count(model: Model) -> int:
-    """Return how many motions strain nothing."""
+    """Return the number of rigid-body modes."""
     n = 8
     while True:
         try:

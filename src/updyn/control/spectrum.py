@@ -35,7 +35,7 @@ _TWO_PI = 2.0 * np.pi
 
 #: Dampers below this share of the largest are rounding.
 _RANK = 1e-13
-#: More dampers than this share of the motions, and lines are solved one by one.
+#: More dampers than this share of the basis vectors, and lines are solved one by one.
 _MANY = 0.25
 #: Lines of the band at which the decomposition is compared with a solution, and the share of a
 #: channel by which they may differ.

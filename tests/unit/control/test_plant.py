@@ -295,7 +295,7 @@ def test_a_large_model_through_a_reduced_one() -> None:
     model = springs([1e6] * n, [1.0] * n, [0.02] * n)
     top = float(updyn.modes(model, 6).frequency[-1]) * 1.05
     plant = updyn.plant(model, ["400:X"], ["400:X", "200:X"], (0.1 * top, top), 0.02)
-    assert "reduced model" in plant.facts["motions"]
+    assert "reduced model" in plant.facts["basis"]
     assert off(plant, model, "receptance", np.linspace(0.1 * top, top, 500)) <= 0.02
     assert plant.n_states <= 24
 

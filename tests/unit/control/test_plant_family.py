@@ -319,7 +319,7 @@ def test_one_basis_serves_all_members(long_fit, monkeypatch, error) -> None:
     assert len(built) == 1
     freq = np.linspace(1.0, 40.0, 400)
     for member, values in zip(found.members, found.values, strict=True):
-        assert "one for all" in member.facts["motions"]
+        assert "one basis for all" in member.facts["basis"]
         stated = member.relative_error if error == "relative" else member.error
         assert stated <= 0.02
         model = long_fit.parameters.apply(long_fit.start, values)
@@ -344,7 +344,7 @@ def test_a_member_at_which_the_basis_does_not_hold_is_made_alone(long_fit, monke
     expected = plant_family(long_fit, **ROW, error="peak", n=2)
     monkeypatch.setattr(Reduction, "lacking", bad)
     found = plant_family(long_fit, **ROW, error="peak", n=2)
-    assert ["one for all" in m.facts["motions"] for m in found.members] == [True, False]
+    assert ["one basis for all" in m.facts["basis"] for m in found.members] == [True, False]
     freq = np.linspace(1.0, 40.0, 200)
     level = np.abs(expected.response(freq)).max(axis=1, keepdims=True)
     assert (np.abs(found.response(freq) - expected.response(freq)) / level).max() <= 0.02
