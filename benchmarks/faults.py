@@ -22,9 +22,11 @@ named, too, if it is told as one that the data do not tell from the first.
 
 `--out FILE` keeps every draw as a line of JSON; draws that are there are not made again.
 `--repairs-only` leaves out the fit of the faulty data, which is by far the longest.
+`--odds` prints, for moved sensors, low-passes and scaled axes, the odds of the fault that was
+seeded against none, by fits that begin at the truth: whether the data can tell.
 
     python benchmarks/faults.py [--structures chain,...] [--faults sign,...] [--draws 20]
-        [--before-only | --repairs-only] [--strict] [--out draws.jsonl] [--workers 1]
+        [--before-only | --repairs-only | --odds] [--strict] [--out draws.jsonl] [--workers 1]
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ import argparse
 import os
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -46,6 +48,11 @@ from measured import Measured, measured_beam
 import updyn
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
+from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.data_alone import with_variance
+from updyn.updating.judge.causes.reduced import stage_of
+from updyn.updating.judge.causes.trial import damped, tried, widened
+from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part
 
@@ -54,6 +61,8 @@ BEAM = "beam"
 OFF = 0.3 / 0.7
 #: Share of the largest FRF below which one is rounding.
 ROUNDING = 1e-9
+#: Lines on which the search looks at faults, and the logarithm of the odds from which one is found.
+LINES, FOUND = 60, 2.0
 Finding = tuple[str, tuple[str, ...]]
 Bench = structures.Bench | Measured
 
@@ -68,6 +77,7 @@ class Seeded:
     channels: tuple[str, ...] = ()
     changed: Callable[[Model], Model] = lambda model: model  # what is wrong with the model instead
     decay: float = 0.0  # of a window, in 1/s
+    value: float = 0.0  # of the fault, where `--odds` is to know it
 
 
 def bench_of(name: str) -> Bench:
@@ -155,13 +165,16 @@ def delay(bench, frf, rng):
 
 def frequency_scale(bench, frf, rng):
     scale = np.exp(rng.choice([-1, 1]) * rng.uniform(0.01, 0.04))
-    return Seeded(replace(frf, freq=frf.freq / scale), frf, "frequency-scale")
+    stretched = replace(frf, freq=frf.freq / scale)
+    return Seeded(stretched, frf, "frequency-scale", value=float(np.log(scale)))
 
 
 def low_pass(bench, frf, rng):
     i, label = sensor(frf, rng)
     corner = frf.freq[-1] * rng.uniform(0.5, 3.0)
-    return Seeded(times(frf, 1.0 / (1.0 + 1j * frf.freq / corner), i), frf, "low-pass", (label,))
+    passed = times(frf, 1.0 / (1.0 + 1j * frf.freq / corner), i)
+    value = 1.0 / (2.0 * np.pi * corner)
+    return Seeded(passed, frf, "low-pass", (label,), value=value)
 
 
 def conjugated(bench, frf, rng):
@@ -617,6 +630,45 @@ def with_known(bench, start: Model, sought: ParameterSet) -> Model:
     return start.scaled(known) if known else start
 
 
+def odds(task: Draw) -> float | None:
+    """Logarithm (base 10) of the odds of the fault that was seeded; None where it cannot be."""
+    warnings.simplefilter("ignore")
+    case = seeded_case(task)
+    if case is None:
+        return None
+    bench, start, sought, seeded = case
+    noise = choose_noise(None, seeded.faulty)
+    data = with_variance(seeded.faulty, noise)
+    whole = Part.build(start, data, sought).thinned(LINES)
+    truth = whole.coordinates.to_x(np.array([bench.truth(p, start) for p in sought]))
+    part, held = widened(whole)
+    stage, x = stage_of(part), np.concatenate([truth, held])
+    here = stage.near(part, [x])
+    fault = replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
+    without = tried(here, None, [damped(here, here.coordinates.home), x])
+    trial = tried(here, fault, [x])
+    if without is None or trial is None:
+        return None
+    return float((trial.gain(without) + np.log(fault.odds)) / np.log(10.0))
+
+
+def told_odds(name: str, fault: str, seeds: Iterable[int], *, free: bool) -> str:
+    """A line with the odds of what is missed and of what is found, medians."""
+    by_name: dict[bool, list[float]] = {True: [], False: []}
+    for seed in seeds:
+        task = Draw(name, fault, seed, free, fits=False)
+        found, log_odds = drawn(task), odds(task)
+        if found is not None and log_odds is not None:
+            by_name[bool(found["before"])].append(log_odds)
+    columns = [
+        f"{len(there)} | {np.median(there):.1f} | {sum(one < FOUND for one in there)}"
+        if there
+        else "0 | - | 0"
+        for there in (by_name[True], by_name[False])
+    ]
+    return f"| {name} | {fault} | {' | '.join(columns)} |"
+
+
 def row(name: str, fault: str, draws: list[dict[str, object]]) -> str:
     columns = []
     for key in ("before", "after", "repaired"):
@@ -630,6 +682,16 @@ def row(name: str, fault: str, draws: list[dict[str, object]]) -> str:
 
 def main() -> None:
     given = arguments()
+    if given.odds:
+        print(
+            "| structure | fault | found | log10 odds, median | below 2 | missed | log10 odds,"
+            " median | below 2 |\n|---|---|---|---|---|---|---|---|"
+        )
+        for name in given.structures.split(","):
+            for fault in given.faults.split(","):
+                seeds = range(given.seed, given.seed + given.draws)
+                print(told_odds(name, fault, seeds, free=given.free), flush=True)
+        return
     kept = Kept(given.out, drawn)
     print(
         "| structure | fault | before | after | repaired | other findings | not credible | s |\n"
@@ -661,6 +723,7 @@ def arguments() -> argparse.Namespace:
     fits = parser.add_mutually_exclusive_group()
     fits.add_argument("--before-only", action="store_true")
     fits.add_argument("--repairs-only", action="store_true")
+    fits.add_argument("--odds", action="store_true", help="of the seeded fault against none")
     parser.add_argument("--out", type=Path, help="file that keeps the draws")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--verbose", action="store_true")
