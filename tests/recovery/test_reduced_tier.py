@@ -70,6 +70,19 @@ def measured(model: updyn.Model, noise: float) -> updyn.FRF:
     )
 
 
+def test_where_a_fit_from_the_start_leaves_noise_nothing_is_searched() -> None:
+    model = plate()
+    frf = measured(model, 0.01)
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    near = updyn.update(model, frf, unknowns, tier="reduced", backend="superlu")
+    local = updyn.update(model, frf, unknowns, tier="reduced", backend="superlu", starts=0)
+    assert near.status == "converged"
+    assert near.options["error"] <= near.options["accuracy"]
+    assert not any(step.stage == "search" for step in near.history)
+    for name in unknowns.names:
+        assert abs(near.values[name] - local.values[name]) < 1e-2 * local.std[name]
+
+
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
 def test_the_same_answer_as_the_whole_model(method: str) -> None:
     model = plate()
@@ -145,7 +158,7 @@ def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch)
 
     def in_the_search_or_after(progress):
         stages.append(progress.stage)
-        return progress.stage in ("search", "maximum-likelihood")
+        return bool(labels) and progress.stage in ("search", "maximum-likelihood")
 
     monkeypatch.setattr(MaximumLikelihood, "search", noted)
     running = {"tier": "reduced", "backend": "superlu", "callback": in_the_search_or_after}

@@ -88,6 +88,8 @@ _COMBINATIONS = 2
 _LINES_A_STATE = 12
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
+#: Lines that are checked together.
+_TOGETHER = 4
 #: Lines without a residual may be worse than those that have one: a basis is enriched to this share
 #: of what is allowed.
 _MARGIN = 0.2
@@ -518,8 +520,9 @@ class Reduction:
         for number in range(1, _PASSES + 1):
             growing = enrich and number < _PASSES
             size, lacking = self.basis.size, []
-            for f in lines:
-                lacking.append(self._check(definite, state, f, growing))
+            for first in range(0, len(lines), _TOGETHER):
+                some = lines[first : first + _TOGETHER]
+                lacking.append(self._check(definite, state, some, growing))
                 self.poll()
             if self.basis.size > size:
                 lines = _some_lines(freq, level, count, number)
@@ -545,8 +548,8 @@ class Reduction:
         """
         for state in states:
             definite = self._factorised(state, -self._top)
-            for f in freq:
-                self._check(definite, state, float(f), True)
+            for first in range(0, len(freq), _TOGETHER):
+                self._check(definite, state, freq[first : first + _TOGETHER].tolist(), True)
                 self.poll()
         self._sparse.release()
 
@@ -615,12 +618,12 @@ class Reduction:
         wide, narrow = self.solver(), self._solver_of(self.basis.leading(size))
         forced, P = self._channels.forced, self.basis.combined(self._weights(state, -self._top))
         norms = np.array([np.linalg.norm(A) for A in self.basis.terms])
-        parts = []
+        parts, of_wide, of_narrow = [], wide.pencil(state, freq), narrow.pencil(state, freq)
         for block in line_blocks(len(freq), wide.block_size(len(self._loaded))):
             c = self.system.coefficients(state, 2.0 * np.pi * freq[block])
-            q = wide.solve(c, self._loaded, freq[block])
+            q = wide.solve(c, self._loaded, freq[block], of_wide)
             H = wide.at(q, self._loaded)[:, :, forced]
-            fewer = narrow.solve(c, self._loaded[forced], freq[block])
+            fewer = narrow.solve(c, self._loaded[forced], freq[block], of_narrow)
             energy = np.sum((q.conj() * np.tensordot(P, q, axes=1)).real, axis=0)
             length = np.sum(np.abs(q) ** 2, axis=0) * (norms @ np.abs(c))[:, None]
             parts.append((H, narrow.at(fewer, self._loaded) - H, energy.T, length.T))
@@ -663,27 +666,47 @@ class Reduction:
             q = solver.solve(c, loaded, freq[block], pencil)
             yield q, solver.at(q, self.rows)
 
-    def _check(self, definite: Factorised, state: State, freq: float, enrich: bool) -> _Real:
-        """Return what the basis lacks at one line; add what is worth it."""
-        line = LineResidual(self.solver(), self.basis, self._channels, state, freq)
-        R = line.residual()
+    def _check(
+        self, definite: Factorised, state: State, lines: Sequence[float], enrich: bool
+    ) -> _Real:
+        """Add what is worth it of what the basis lacks at some lines; return it if nothing is.
+
+        Directions that several lines lack are added once: with Y = P^-1 R, R^T Y is their Gram
+        matrix in P across all lines.
+        """
+        solver = self.solver()
+        checked = [LineResidual(solver, self.basis, self._channels, state, float(f)) for f in lines]
+        R = np.hstack([line.residual() for line in checked])
         Y = definite.solve(R)
-        errors = SAFETY * np.abs(line.errors(Y)) / self._channels.levels(line.H)
-        error = float(errors.max())
+        gram = R.T @ Y
+        sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(checked), 2, -1)
+        sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
+        errors = np.array(
+            [
+                np.abs(line.errors(own)) / self._channels.levels(line.H)
+                for line, own in zip(checked, np.split(Y, len(checked), axis=1), strict=True)
+            ]
+        )
         allowed = _MARGIN * self.accuracy
-        # Each force counts by its part in the largest error, whatever its unit.
-        sizes = np.sqrt(np.maximum(np.einsum("nk,nk->k", R, Y).reshape(2, -1).sum(axis=0), 0.0))
-        smallest = np.finfo(np.float64).tiny
-        weight = np.tile(errors.max(axis=0) / max(error, smallest) / np.maximum(sizes, smallest), 2)
-        gram = (weight[:, None] * (R.T @ Y)) * weight
-        size, axes = np.linalg.eigh(0.5 * (gram + gram.T))
-        kept = np.zeros(len(size), dtype=np.bool_)
-        if enrich and error > allowed:
-            kept = size > (_WORTH * allowed / error) ** 2
+        error = SAFETY * errors.max(axis=(1, 2))
+        # Each force of a line counts by its part in the largest error, whatever its unit.
+        shares = SAFETY * errors.max(axis=1) / sizes
+        weight = np.repeat(shares[:, None], 2, axis=1).ravel()
+        gram = weight[:, None] * gram * weight
+        gram = 0.5 * (gram + gram.T)
+        if enrich and error.max() > allowed:
+            size, axes = np.linalg.eigh(gram)
+            kept = size > (_WORTH * allowed) ** 2
             # P-orthogonal to the basis as they are, since V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
-        rest = ~kept & (size > _SMALL**2 * size[-1])
-        return np.asarray(Y @ (weight[:, None] * axes[:, rest]))
+            if kept.any():
+                return Y[:, :0]
+        lacking = []
+        for own in np.split(np.arange(len(gram)), len(checked)):
+            size, axes = np.linalg.eigh(gram[np.ix_(own, own)])
+            most = size > _SMALL**2 * size[-1]
+            lacking.append(Y[:, own] @ (weight[own, None] * axes[:, most]))
+        return np.hstack(lacking)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,7 +61,7 @@ class Belief:
         if self.exact(best):
             return True
         gross = _power(self._misfits(best.x)) > _GROSS**2
-        if gross or (self.noise_known and not self._explained(best)):
+        if gross or (self.noise_known and not self._explained(best.local.cost)):
             return agree >= _OFTEN
         return agree >= (_TWICE if self.is_noise(best.x) else _THRICE)
 
@@ -71,9 +71,21 @@ class Belief:
 
     def plausible(self, end: Outcome) -> bool:
         """Whether an end may be the answer: its residual looks like noise, or is no larger."""
-        if self._explained(end):
+        if self._explained(end.local.cost):
             return True
         return not self.noise_known and self.is_noise(end.x, _UNCORRELATED)
+
+    def is_answer(self, x: _Vector, cost: float) -> bool:
+        """Whether the residual at x looks like noise, and is no larger than noise of known size.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (n,)
+            Where.
+        cost : float
+            Half the sum of the squared log error there.
+        """
+        return self.is_noise(x, _UNCORRELATED) and (not self.noise_known or self._explained(cost))
 
     def is_noise(self, x: _Vector, most: float = _CORRELATED) -> bool:
         """Whether the residual looks like noise: small, and hardly serially correlated.
@@ -92,8 +104,8 @@ class Belief:
         products = np.concatenate([(r[1:] * r[:-1].conj()).real.ravel() for r in misfits])
         return float(np.mean(products)) < most * power
 
-    def _explained(self, end: Outcome) -> bool:
-        return end.local.cost <= _MARGIN * self.expected()
+    def _explained(self, cost: float) -> bool:
+        return cost <= _MARGIN * self.expected()
 
     def expected(self) -> float:
         """Return the log error that the noise alone leaves at the truth, about."""

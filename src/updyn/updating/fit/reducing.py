@@ -7,14 +7,16 @@ slopes at the point of the basis are those of the full model, few rounds suffice
 
 A search moves further: where the unknowns are far off, the basis of the start has local minima that
 the model has not, which a fit then takes for the answer. The search is therefore made in another
-basis, of points all around the start: nowhere exact, but accurate enough everywhere to find the
-basin (benchmarks/solids.py).
+basis, of the start and of points all around it: accurate enough everywhere to find the basin
+(benchmarks/solids.py). A fit from the start comes before it, as it costs little beside that basis;
+where what it leaves of the data looks like noise, there is nothing to search for.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +24,9 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Certificate, Reduction
-from updyn.errors import OptionError
+from updyn.errors import OptionError, SolverError
 from updyn.frf import FRF
+from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
@@ -49,6 +52,9 @@ _LOSS_RADIUS = 0.05
 #: Largest number of steps of a round that leaves the trust radius.
 _MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
+#: So many of them, until what a fit from the start leaves must look like noise; of them may leave
+#: their trust radius, else the start is far off.
+_FIRST_ROUNDS, _FAR_ROUNDS = 4, 1
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
 _NEAR = 0.25
 #: A larger basis is compressed.
@@ -163,7 +169,9 @@ class _Part:
             self.reduction.compress(state, self.exact.frf.freq)
 
     def build_around(self, points: Sequence[_Vector], samples: Sequence[_Vector]) -> None:
-        self.reduction.build_around([self.exact.state(x) for x in points])
+        first, *others = (self.exact.state(x) for x in points)
+        self.reduction.build(first)
+        self.reduction.extend(others)
         freq = self.exact.frf.freq
         states = [self.exact.state(x) for x in samples]
         self.lost = self.reduction.compress_around(states, freq, _DROPPED)
@@ -252,7 +260,7 @@ class Reducing:
     def fit(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[Problem, Fit]:
-        """Search in a basis of points around the start, and fit in one of where that ends.
+        """Fit from the start; else search in a basis of points around it, and fit where that ends.
 
         Parameters
         ----------
@@ -271,6 +279,10 @@ class Reducing:
         x, far = self._home, False
         try:
             if self._may_search(strategy):
+                with suppress(SolverError):
+                    x, settled = self._from_start(problem, strategy, noises, monitor)
+                    if settled:
+                        return self._rounds(problem, strategy, noises, monitor, x, far=False)
                 with monitor.stage("reduce"):
                     around = self._around(problem)
                 starts = strategy.search(around, self._rough(problem, noises), monitor)
@@ -278,6 +290,25 @@ class Reducing:
         except Stopped:
             return problem, Fit.blind(x, "stopped")
         return self._rounds(problem, strategy, noises, monitor, x, far=far)
+
+    def _from_start(
+        self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> tuple[_Vector, bool]:
+        """Return where a few rounds from the start end, and whether what is left is like noise."""
+        x, left = self._home, 0
+        for _ in range(_FIRST_ROUNDS):
+            inside = self.inside(problem)
+            fitted = replace(strategy, max_iterations=_MAX_STEPS_PER_ROUND)  # type: ignore[type-var]
+            fit = fitted.fit(inside.with_box(self._box()), noises, monitor, x)
+            x = fit.x
+            left += _outside(x, self._box())
+            if fit.reason in ("stopped", "failed") or left > _FAR_ROUNDS:
+                return x, False
+            if not _outside(x, self._box(_NEAR)):
+                break
+            with monitor.stage("reduce"):
+                self._make(x)
+        return x, _is_answer(coarse(self.inside(problem), noises), noises, x)
 
     @staticmethod
     def _may_search(strategy: Method) -> bool:
@@ -325,9 +356,10 @@ class Reducing:
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if number == 0:
-                        if far:
-                            x = self._better(problem, noises, x)
+                    if number == 0 and far:
+                        x = self._better(problem, noises, x)
+                    elif number == 0 and np.array_equal(x, self._x):
+                        pass  # the basis is that of x
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
@@ -471,6 +503,12 @@ def _faintest(frf: FRF) -> float:
     """Return the level of the faintest channel over the loudest one's, rounding left out."""
     share = shares_of(frf.values, frf)
     return float(share[share > FINEST].min(initial=1.0))
+
+
+def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> bool:
+    """Whether what is left of the data at x looks like noise; modes are not judged."""
+    belief = Belief(problem, all(noise.size_known for noise in noises))
+    return not problem.modal and belief.is_answer(x, _log_cost(problem, x))
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:

@@ -72,3 +72,14 @@ def test_only_the_ends_of_the_best_basin_count(searched):
     rough = searched(0.05)
     best, other = (end_at(rough, rough.coordinates.home + by) for by in (0.0, 0.1))
     assert not Belief(rough).believed([other, other, other, other, other, other, best])
+
+
+def test_an_answer_leaves_noise_no_larger_than_what_is_known_of_it(searched):
+    rough = searched(0.01)
+    known, not_known = Belief(rough, noise_known=True), Belief(rough)
+    x = rough.coordinates.home
+    noise = known.expected()
+    assert not_known.is_answer(x, 25.0 * noise)
+    assert known.is_answer(x, 1.2 * noise)
+    assert not known.is_answer(x, 25.0 * noise)
+    assert not known.is_answer(x + 0.02, 1.2 * noise)  # serially correlated
