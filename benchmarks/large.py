@@ -150,7 +150,8 @@ def main() -> None:
             name = f"{group}.{quantity}"
             off.append((result.values[name] - truth) / result.std[name])
     print(
-        f"job {job:.0f} s of processor time, {result.iterations} iterations, peak memory {peak():.2f} GiB"
+        f"job {job:.0f} s of processor time, {result.iterations} iterations,"
+        f" peak memory {peak():.2f} GiB"
     )
     print(
         f"estimates off by {np.sqrt(np.mean(np.square(off))):.2f} standard deviations (rms), "
