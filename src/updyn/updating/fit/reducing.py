@@ -9,7 +9,7 @@ A search moves further: where the unknowns are far off, the basis of the start h
 the model has not, which a fit then takes for the answer. The search is therefore made in another
 basis, of the start and of points all around it: accurate enough everywhere to find the basin
 (benchmarks/solids.py). A fit from the start comes before it, as it costs little beside that basis;
-where what it leaves of the data looks like noise, there is nothing to search for.
+where its residual looks like noise, there is nothing to search for.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ _LOSS_RADIUS = 0.05
 #: Largest number of steps of a round that leaves the trust radius.
 _MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
-#: So many of them, until what a fit from the start leaves must look like noise; of them may leave
-#: their trust radius, else the start is far off.
+#: So many of them, until the residual of a fit from the start must look like noise; so many of
+#: them may leave the trust radius, else the start is far off.
 _FIRST_ROUNDS, _FAR_ROUNDS = 4, 1
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
 _NEAR = 0.25
@@ -294,7 +294,7 @@ class Reducing:
     def _from_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[_Vector, bool]:
-        """Return where a few rounds from the start end, and whether what is left is like noise."""
+        """Return where a few rounds from the start end, and whether the residual is like noise."""
         x, left = self._home, 0
         for _ in range(_FIRST_ROUNDS):
             inside = self.inside(problem)
@@ -506,7 +506,7 @@ def _faintest(frf: FRF) -> float:
 
 
 def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> bool:
-    """Whether what is left of the data at x looks like noise; modes are not judged."""
+    """Whether the residual at x looks like noise; where modes are data, no."""
     belief = Belief(problem, all(noise.size_known for noise in noises))
     return not problem.modal and belief.is_answer(x, _log_cost(problem, x))
 
