@@ -159,8 +159,12 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert (reduction._IN_ENTRIES, reduction._IN_FACTORS) == (2.0, 0.5)
     assert "at least 8 and at most 24" in section
     assert reducing._POINTS == (8, 24)
-    assert "s = 0.3 omega_max^2" in section
-    assert reduction._SEARCH_SHIFT == reducing._LOSSY == 0.3
+    assert "s = 0.2, 0.5 and 0.8 omega_max^2 in turn" in section
+    assert reduction._BETWEEN == (0.2, 0.5, 0.8)
+    assert "loss factors of 0 to 0.3" in section
+    assert reducing._LOSSY == 0.3
+    assert "in up to four rounds as below, unless it leaves the trust radius twice" in section
+    assert (reducing._FIRST_ROUNDS, reducing._FAR_ROUNDS) == (4, 1)
     assert "fields of 40 other points" in section
     assert reducing._SAMPLES == 40
     assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section
