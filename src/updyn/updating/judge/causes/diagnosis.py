@@ -57,7 +57,7 @@ _ALIKE_ODDS = 3.0
 _FAR_OFF = 2.0
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
 _WORTH = 0.1
-#: Correlation of neighbouring lines, and log misfit (rms), below which what a fault leaves is
+#: Correlation of neighbouring lines, and log misfit (rms), below which the residual of a fault is
 #: noise: there are no others. On few lines an error of the model looks like it, but for its size.
 #: It is of use from some 230 real values; of 240, on 30 lines, white noise is above in 7 %.
 _WHITE, _NOISY = 0.1, 0.05
@@ -74,7 +74,7 @@ _IN_REACH = 50.0
 _NAMED = 2
 #: How often a model is made better where a decision is taken.
 _SETTLED = 3
-#: Share of what was left from which a fit has arrived.
+#: Share of the misfit before it from which a fit has arrived.
 _ARRIVED = 0.9
 #: Most faults of one test.
 _MOST = 3
@@ -178,7 +178,7 @@ class _Explained:
     end: _Real | None
 
     def left_of(self, frf: FRF) -> float:
-        """Return the mean square of the misfit that is left of the data that count in others."""
+        """Return the mean square of the remaining misfit of the data that count in others."""
         part = self.part.with_data(replace(self.part.frf, variance=frf.variance))
         begin = damped(part, part.coordinates.home) if self.end is None else self.end
         trial = tried(self.stage.near(part, [begin]), None, [begin])
@@ -349,7 +349,7 @@ def _ranked(part: Part, fresh: Sequence[_Begun], without: Trial) -> list[_Found]
 def _is_worth_a_word(found: _Found) -> bool:
     """Return whether a fault explains a good part of the misfit, or all of it that is not noise.
 
-    Then the data by themselves have to make it likely, and not what it leaves of a model's values.
+    Then the data by themselves have to make it likely, and not the residual against a model.
     """
     left = found.trial
     by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.odds))
@@ -357,7 +357,7 @@ def _is_worth_a_word(found: _Found) -> bool:
 
 
 def _is_noise(trial: Trial) -> bool:
-    """Return whether what a trial leaves is noise."""
+    """Return whether the residual of a trial is noise."""
     return trial.alike < _WHITE and trial.power < _NOISY**2
 
 
@@ -382,7 +382,7 @@ def _worth_a_trial(
 ) -> list[_Begun]:
     """Return the faults that are worth a whole fit, the likeliest first.
 
-    Where what is left without a fault is small, they are those that promise a better fit there.
+    Where the residual without a fault is small, they are those that promise a better fit there.
     Else a few steps of each from several points tell, the most promising first; once one explains
     all data, only those are looked at that explain as much where it ended.
     """
@@ -503,7 +503,7 @@ def _scored(part: Part, x: _Real, *, promising: bool = False) -> list[_Score]:
     x : ndarray of float, shape (n,)
         The point.
     promising : bool
-        Whether what is left there is nearly noise, so that the evidence counts.
+        Whether the residual there is nearly noise, so that the evidence counts.
     """
     try:
         evidence = Evidence(part, x)
@@ -531,7 +531,7 @@ def _scored(part: Part, x: _Real, *, promising: bool = False) -> list[_Score]:
 
 
 def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
-    """Return the evidence near a point where what is left is noise, to first order."""
+    """Return the evidence near a point where the residual is noise, to first order."""
     frf = slope = None
     if fault is not None:
         frf, slope = fault.undo(evidence), fault.slope(evidence)

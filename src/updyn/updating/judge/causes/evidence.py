@@ -273,7 +273,7 @@ class Evidence:
         return float(np.sqrt(2.0 * e @ e / e.size)) + SMALLEST
 
     def left(self, frf: FRF, b: _Real) -> _Real:
-        """Return what is left once all unknowns have adapted, to first order.
+        """Return the residual once all unknowns have adapted, to first order.
 
         Parameters
         ----------

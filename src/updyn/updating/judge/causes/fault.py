@@ -137,7 +137,7 @@ class Fault(ABC):
     adds : bool
         Whether two such faults are one with the sum of their values.
     blurs : tuple of str
-        Kinds that may be imitated by what is left when this one is accounted for, as only its first
+        Kinds that the residual may imitate when this one is accounted for, as only its first
         approximation is.
     leaves_out : bool
         Whether the repair leaves its channels out, so that nothing else is to be told of them.

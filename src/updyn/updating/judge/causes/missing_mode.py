@@ -35,7 +35,7 @@ _FEW = 0.6
 #: Half-power bandwidth, in spacings of the lines, below which the pole describes a single line.
 _NARROW = 0.03
 #: Share of its frequency on either side that the repair leaves out, where its shape is not known;
-#: how many times what is left the mode may be where it is.
+#: how many times the residual the mode may be where it is.
 _LEFT_OUT, _MOST_OF_IT = 0.05, 3.0
 #: Most numbers of a shape that are written into a sentence.
 _SHORT = 12
@@ -112,7 +112,7 @@ class MissingMode(Fault):
         return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data less the mode, which is fitted to what the model leaves about it."""
+        """Return the data less the mode, which is fitted to the residual about it."""
         frf = evidence.frf
         residues = _Residual.near(evidence, self.value).residues(self)
         u, s, vh = np.linalg.svd(residues)

@@ -73,7 +73,7 @@ class _Problem:
         self.part, self.n, self.n_i = part, part.n, len(pole.a)
         self.often = np.sqrt(count)[:, None, None]
         self.begin, self.size = pole, float(np.abs(pole.a).max())
-        # The priors count against what is left now.
+        # The priors count against the present residual.
         e = self._misfit(x, pole)[0]
         unit = float(np.sqrt(np.mean(np.abs(e) ** 2))) + SMALLEST
         self.pull = unit / spread_of(part)

@@ -30,7 +30,7 @@ _Complex = NDArray[np.complexfloating[Any, Any]]
 SHARES = (0.02, 0.1, 0.3, 1.0)
 #: Prior of the size of a fault, as the log misfit that it makes (rms): none.
 _OPEN = 10.0
-#: How often the level of what is left is found anew.
+#: How often the level of the residual is found anew.
 _LEVELS = 3
 
 
@@ -117,7 +117,7 @@ class Quadratic:
         return max(found, key=lambda one: one[1].log_evidence)
 
     def outcome(self, share: float, count: float, level: float, least: float = 0.0) -> Outcome:
-        """Return what is left, and the evidence, with what is held off by a share of its spread.
+        """Return the residual, and the evidence, with what is held off by a share of its spread.
 
         Parameters
         ----------

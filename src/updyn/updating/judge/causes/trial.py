@@ -148,7 +148,7 @@ def _fitted(
     part: Part, fault: Fault | None, x: _Real, rounds: int, steps: int, rival: Trial | None
 ) -> Trial | None:
     holds = bool(held_of(part).any())
-    # Once more, the spread of what is left being known, where priors are to count by it.
+    # Once more, the spread of the residual being known, where priors are to count by it.
     fewest = 2 if holds else 1
     if fault is not None:
         x = fault.begun(part, x)
