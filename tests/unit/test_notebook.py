@@ -222,6 +222,8 @@ def test_a_plant_shows_ports_error_and_response():
     assert ["input", "motor", "N m"] in rows
     assert ["output", "speed", "rad/s"] in rows
     assert "largest error 1.2 % of the peak" in text(plant)
+    relative = two_masses(band=(0.5, 50.0), error=0.012, relative_error=0.03)
+    assert "largest error 3 % of |H| at each line, 1.2 % of the peak" in text(relative)
     assert len(paths(plant)) == 8
     sampled = updyn.sampled(oscillator(band=(0.5, 20.0)), 0.02)
     assert "sampled every 0.02 s" in text(sampled)

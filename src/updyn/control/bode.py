@@ -133,7 +133,7 @@ def _magnitude(
     level: str,
     spread: tuple[NDArray[np.float64], NDArray[np.float64]] | None,
 ) -> None:
-    """Draw the magnitude of a channel, with its largest error as a level, and the family."""
+    """Draw the magnitude of a channel, with the error that was allowed for, and the family."""
     i, j = at
     if spread is not None:
         low, high = (level_values(part[:, i, j], level) for part in spread)
@@ -141,18 +141,28 @@ def _magnitude(
     size = np.abs(values[:, i, j])
     axes.plot(lines, level_values(size, level), color=PAPER["after"], label="plant")
     inside = (lines >= plant.band[0]) & (lines <= plant.band[1])
-    if plant.error > 0 and inside.any():
-        bound = plant.error * float(size[inside].max())
-        axes.plot(
-            plant.band,
-            level_values([bound, bound], level),
-            color=PAPER["before"],
-            linestyle="--",
-            linewidth=1.1,
-            label=f"its largest error, {100.0 * plant.error:.2g} % of the peak",
-        )
+    if inside.any():
+        share, of, words = _largest_error(plant, size[inside])
+        if share > 0:
+            axes.plot(
+                lines[inside],
+                level_values(share * of, level),
+                color=PAPER["before"],
+                linestyle="--",
+                linewidth=1.1,
+                label=f"its largest error, {100.0 * share:.2g} % of {words}",
+            )
     name = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}
     level_axis(axes, name[plant.quantities[i]], unit_of(plant, i, j), level)
+
+
+def _largest_error(
+    plant: Plant, size: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64], str]:
+    """Return the error for which the plant was made, what it is a share of, and that in words."""
+    if plant.facts.get("error") == "relative":
+        return plant.relative_error, size, "|H|"
+    return plant.error, np.full_like(size, size.max()), "the peak"
 
 
 def _phase(axes: Axes, lines: NDArray[np.float64], values: NDArray[np.complex128]) -> None:

@@ -190,12 +190,18 @@ class Plant:
             "states": self.n_states,
             "rigid-body modes": self.rigid or "",
             "band": f"{self.band[0]:g} to {self.band[1]:g} Hz",
-            "largest error": f"{100.0 * self.error:.2g} % of the peak",
+            "largest error": self._largest_error(),
             "route": self.route,
             "sampled every": "" if self.dt is None else f"{self.dt:g} s",
         }
         ports = table(("", "name", "unit"), rows, left=(0, 1, 2))
         return card("Plant", facts, self._picture(), ports)
+
+    def _largest_error(self) -> str:
+        of_peak = f"{100.0 * self.error:.2g} % of the peak"
+        if np.isnan(self.relative_error):
+            return of_peak
+        return f"{100.0 * self.relative_error:.2g} % of |H| at each line, {of_peak}"
 
     def _picture(self) -> str:
         """Return the magnitudes over the band as a picture; of many channels the largest gain."""

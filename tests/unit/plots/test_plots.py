@@ -293,6 +293,10 @@ def test_a_bode_diagram_is_the_response_of_the_plant():
     bound = curves["its largest error, 1 % of the peak"].get_ydata()
     np.testing.assert_allclose(bound, 0.01 * np.abs(values).max())
     np.testing.assert_allclose(phase.lines[0].get_ydata(), np.degrees(np.unwrap(np.angle(values))))
+    relative = oscillator(relative_error=0.02, band=(0.5, 20.0), facts={"error": "relative"})
+    curves = labelled(plots.plant(relative, freq).axes[0])
+    bound = curves["its largest error, 2 % of |H|"].get_ydata()
+    np.testing.assert_allclose(bound, 0.02 * np.abs(values))
     assert size.get_ylabel().endswith(")")
     assert size.get_xscale() == "log"
     dense = labelled(plots.plant(plant).axes[0])["plant"].get_xdata()
