@@ -352,14 +352,13 @@ class Reducing:
     ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis, renewed until it is certified."""
         near, left = False, strategy.max_iterations
-        fit, ready = Fit.blind(x, "stopped"), False  # ready: the basis was enriched at x
+        fit = Fit.blind(x, "stopped")
+        ready = not far and np.array_equal(x, self._x)  # the basis is that of x, or enriched there
         try:
             for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
                     if number == 0 and far:
                         x = self._better(problem, noises, x)
-                    elif number == 0 and np.array_equal(x, self._x):
-                        pass  # the basis is that of x
                     elif not ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
                     elif not ready:
