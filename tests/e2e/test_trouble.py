@@ -6,7 +6,9 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import tomllib
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
@@ -49,6 +51,18 @@ def workers(server):
         check=False,
     )
     return [int(row.split()[0]) for row in found.stdout.splitlines() if "updyn.web.work" in row]
+
+
+@contextmanager
+def no_file_beyond(server, size):
+    """As on a full disk: neither the server nor what it begins meanwhile writes more bytes into a file."""
+    resource = pytest.importorskip("resource")
+    pid = server.process.pid
+    before = resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    try:
+        yield
+    finally:
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
 
 
 def state(page, pattern):
@@ -107,3 +121,33 @@ def test_a_text_that_is_no_job_stays_and_says_where(window):
         undo.click()
         page.wait_for_timeout(700)
     assert job.read_text(encoding="utf-8") == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit of another process is set by Linux")
+def test_a_full_disk_is_said_and_costs_nothing(window):
+    server, page, _, job = window
+    before = job.read_text(encoding="utf-8")
+    (manifest,) = job.parent.rglob("manifest.json")
+    results = manifest.parent
+    kept = {path.name: path.read_bytes() for path in results.iterdir() if path.is_file()}
+    page.goto(f"{server.base}/job")
+    page.locator(".cm-content").click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.type("# measured on Monday\n")
+    page.get_by_text("job.toml (edited)").wait_for()
+    with no_file_beyond(server, 64):
+        page.get_by_role("button", name="Save", exact=True).click()
+        page.get_by_text(re.compile("job.toml: cannot be written")).first.wait_for()
+        assert job.read_text(encoding="utf-8") == before
+        assert page.get_by_text("job.toml (edited)").count()
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_text("job.toml", exact=True).wait_for()
+    assert job.read_text(encoding="utf-8") == f"# measured on Monday\n{before}"
+
+    page.goto(f"{server.base}/run")
+    with no_file_beyond(server, 20_000):
+        page.get_by_role("button", name="Save and run").click()
+        state(page, "^Running")
+        assert state(page, "^Failed")
+        page.get_by_text(re.compile("cannot be written")).first.wait_for()
+    assert {p.name: p.read_bytes() for p in results.iterdir() if p.name in kept} == kept
