@@ -424,6 +424,21 @@ def write_properties(
         If no format fits, or the deck has no such group or property.
     OptionError
         If the file to write is the deck.
+
+    Examples
+    --------
+    >>> cards = ["GRID,1,,0.,0.,0.", "GRID,2,,1.,0.,0.", "CROD,1,3,1,2", "PROD,3,7,1.-4"]
+    >>> with open("rod.bdf", "w") as file:
+    ...     for card in (*cards, "MAT1,7,2.1+11,,0.3,7850.", "ENDDATA"):
+    ...         print(card, file=file)
+    >>> updyn.write_properties({"PROD 3": {"stiffness": 1.1}}, "rod.bdf", "updated.bdf")
+    >>> with open("updated.bdf") as file:
+    ...     print(file.read(), end="")
+    $ New values of properties of rod.bdf; the cards that they replace are named.
+    $ Instead of MAT1 7 (rod.bdf, line 5):
+    $   MAT1,7,2.1+11,,0.3,7850.
+    MAT1*                  72.31000000000+11                             0.3
+    *                  7850.
     """
     source, target = Path(deck), Path(path)
     if target.exists() and source.exists() and target.samefile(source):

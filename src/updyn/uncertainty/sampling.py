@@ -130,6 +130,16 @@ def sample(
     (ter Braak, Stat. Comput. 16 (2006) 239; ter Braak & Vrugt, Stat. Comput. 18 (2008) 435).
     `benchmarks/samplers.py` compares this with other samplers. Split R-hat compares the ensembles;
     effective sizes are those of Vehtari et al., Bayesian Anal. 16 (2021) 667, by ArviZ.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> model, frf = chain.build().scaled(chain.TRUTH), chain.measure()
+    >>> unknowns = updyn.parameters(model, stiffness=["part1", "part3"])
+    >>> result = updyn.update(model, frf, unknowns, starts=0)
+    >>> draws = updyn.sample(result, n=100, starts=0)
+    >>> draws.converged, draws.values.shape[1]  # unknowns
+    (True, 2)
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"n = {n!r}: expected a number of effective draws from 1 up")

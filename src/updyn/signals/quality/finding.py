@@ -28,6 +28,26 @@ class RecordFinding:
         What to do.
     band : (float, float) or None
         The lines in Hz that it concerns; None: all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray
+    >>> force = np.zeros((3, 1024))
+    >>> force[:, 100:110] = 50.0 * np.sin(np.pi * np.arange(10) / 10)
+    >>> force[1] += 0.2 * np.roll(force[1], 90)  # the hammer bounced
+    >>> records = xarray.DataArray(
+    ...     np.stack([force, force / 2.0], axis=1),  # a mass of 2 kg
+    ...     dims=("record", "channel", "time"),
+    ...     coords={
+    ...         "channel": ["1:X", "2:X"],
+    ...         "unit": ("channel", ["N", "m/s^2"]),
+    ...         "time": np.arange(1024) / 1024,
+    ...     },
+    ... )
+    >>> (found,) = updyn.check_records(records, "1:X")
+    >>> found.kind, found.record, round(found.value, 2)
+    ('double-hit', 2, 0.2)
     """
 
     kind: str
