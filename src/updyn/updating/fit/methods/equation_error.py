@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from updyn.dynamics.reduced import NOT_CONDENSED
 from updyn.errors import OptionError, SolverError
-from updyn.updating.fit.method import Fit, descend_to_scale, in_units, spread_of
+from updyn.updating.fit.method import Fit, in_units, spread_of
 from updyn.updating.fit.methods.linear import basic_solution, turned_negative
 from updyn.updating.fit.methods.published import PublishedMethod
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.trust_region import Step, TrustRegion
+from updyn.updating.fit.trust_region import Step
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import EquationError, solved
+from updyn.updating.problem.residuals import EquationError
 from updyn.updating.problem.session import Record, Stopped
 
 __all__ = ["EquationErrorMethod"]
@@ -72,17 +72,12 @@ class EquationErrorMethod(PublishedMethod):
             if self.is_plain:
                 x, reason = _gauss_newton(problem, x, monitor, self.max_iterations, self.tolerance)
             else:
-                settings = TrustRegion(self.max_iterations, self.tolerance)
+                for part in problem.parts:
+                    residual.check(part)
                 try:
-                    for part in problem.parts:
-                        residual.check(part)
-                        solved(
-                            residual, part, x
-                        )  # a start that cannot be condensed is said with its line
-                    outcome = descend_to_scale(problem, residual, x, monitor, settings)
+                    x, reason = self.iterate(problem, residual, x, monitor)
                 except Stopped:
                     return Fit.blind(x, "stopped")
-                x, reason = outcome.x, outcome.reason
         try:
             local = residual.local(problem, x)
         except Stopped:
