@@ -55,8 +55,9 @@ ACTIONS = """<script>
 
 # What is printed: the colours of a figure and of the page on screen, on paper and afterwards.
 PRINTING = """<script>
-(() => {
+(async () => {
   const root = document.documentElement, place = document.querySelector("[data-figure=changes]");
+  while (!place.querySelector(".xtick text")) await new Promise((done) => setTimeout(done, 20)); // drawn after this script
   const shade = (element, name) => getComputedStyle(element)[name];
   const seen = () => [shade(place.querySelector(".xtick text"), "fill"), shade(document.body, "color")].join(" ");
   const said = [seen()];
