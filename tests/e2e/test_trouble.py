@@ -71,6 +71,17 @@ def state(page, pattern):
     return place.inner_text()
 
 
+def undo_all(page):
+    """What is typed reaches the job in pieces, each of which is undone on its own."""
+    saved = page.get_by_text("job.toml", exact=True)
+    for _ in range(24):
+        if saved.count():
+            break
+        page.get_by_role("button", name="Undo").click()
+        page.wait_for_timeout(700)
+    saved.wait_for()
+
+
 def test_a_fault_is_repaired_by_a_button(window):
     server, page, _, job = window
     page.goto(f"{server.base}/measurement")
@@ -87,7 +98,7 @@ def test_a_killed_run_says_so_and_a_closed_tab_does_not_end_one(window):
     server, page, heard, _ = window
     page.goto(f"{server.base}/run")
     page.get_by_role("button", name="Save and run").click()
-    state(page, "^Running: ")
+    state(page, "^Running")  # a fit of the chain is over within a second
     (pid,) = workers(server)
     os.kill(pid, signal.SIGKILL)
     state(page, "^Failed")
@@ -114,13 +125,22 @@ def test_a_text_that_is_no_job_stays_and_says_where(window):
     page.get_by_text(re.compile("job.toml:1: .*bnad")).first.wait_for()
     page.goto(f"{server.base}/measurement")
     page.get_by_text(re.compile("job.toml:1: .*bnad")).first.wait_for()
-    for _ in range(12):
-        undo = page.get_by_role("button", name="Undo")
-        if page.get_by_text("job.toml", exact=True).count():
-            break
-        undo.click()
-        page.wait_for_timeout(700)
+    undo_all(page)
     assert job.read_text(encoding="utf-8") == before
+
+
+def test_save_stays_the_same_button_while_the_job_is_typed(window):
+    server, page, _, _ = window
+    page.goto(f"{server.base}/job")
+    save = page.get_by_role("button", name="Save", exact=True).element_handle()
+    page.locator(".cm-content").click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.type("# once\n")
+    page.get_by_text("job.toml (edited)").wait_for()
+    assert save.is_enabled()
+    undo_all(page)
+    assert save.is_disabled()
+    assert save.evaluate("button => button.isConnected"), "a click on it would be lost"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of another process is set by Linux")

@@ -10,6 +10,7 @@ from nicegui import run, ui
 
 from updyn.errors import UpdynError
 from updyn.style import PAPER
+from updyn.web.document import JobDocument
 from updyn.web.look import HEAD, THEMES
 from updyn.web.workspace import Workspace
 
@@ -82,30 +83,46 @@ def _theme(workspace: Workspace) -> None:
 
 
 def _job_bar(workspace: Workspace) -> None:
-    """Show the open job, with undo, redo and save."""
+    """Show the open job, with undo, redo and save.
 
-    @ui.refreshable
-    def bar() -> None:
-        document = workspace.document
-        if document is None:
-            ui.label("no job open")
-            return
-        name = workspace.project.name_of(document.path)
-        ui.label(name + (" (edited)" if document.changed else "")).mark("job")
-        undo = ui.button(icon="undo", on_click=said(document.undo))
-        undo.tooltip(f"Undo: {document.last_edit}" if document.last_edit else "Nothing to undo")
-        undo.set_enabled(bool(document.last_edit))
-        redo = ui.button(icon="redo", on_click=said(document.redo))
-        redo.tooltip(f"Redo: {document.next_edit}" if document.next_edit else "Nothing to redo")
-        redo.set_enabled(bool(document.next_edit))
-        for button, word in ((undo, "Undo"), (redo, "Redo")):
-            button.props(f"flat dense aria-label={word}")
-        save = ui.button("Save", on_click=said(document.save)).props("flat dense no-caps")
-        save.set_enabled(document.changed)
+    The buttons stay the same while the job changes: a click on one that is made anew meanwhile
+    would be lost.
+    """
+
+    def on_document(action: Callable[[JobDocument], None]) -> Callable[[], None]:
+        return said(lambda: action(workspace.opened))
 
     with ui.row().classes("items-center gap-1"):
-        bar()
-    watch(lambda: workspace.version, bar.refresh)
+        name = ui.label().mark("job")
+        buttons = ui.row().classes("items-center gap-1")
+        with buttons:
+            undo = ui.button(icon="undo", on_click=on_document(JobDocument.undo))
+            redo = ui.button(icon="redo", on_click=on_document(JobDocument.redo))
+            for button, word in ((undo, "Undo"), (redo, "Redo")):
+                button.props(f"flat dense aria-label={word}")
+            with undo:
+                last = ui.tooltip("")
+            with redo:
+                next_ = ui.tooltip("")
+            save = ui.button("Save", on_click=on_document(JobDocument.save))
+            save.props("flat dense no-caps")
+
+    def update() -> None:
+        document = workspace.document
+        buttons.set_visibility(document is not None)
+        if document is None:
+            name.set_text("no job open")
+            return
+        edited = " (edited)" if document.changed else ""
+        name.set_text(workspace.project.name_of(document.path) + edited)
+        last.set_text(f"Undo: {document.last_edit}" if document.last_edit else "Nothing to undo")
+        next_.set_text(f"Redo: {document.next_edit}" if document.next_edit else "Nothing to redo")
+        undo.set_enabled(bool(document.last_edit))
+        redo.set_enabled(bool(document.next_edit))
+        save.set_enabled(document.changed)
+
+    update()
+    watch(lambda: workspace.version, update)
 
 
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:
