@@ -23,13 +23,9 @@ from updyn.control.measured import measured
 from updyn.control.passivity import collocated
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
-from updyn.control.rational import (
-    Approximation,
-    Rational,
-    SlowMotion,
-    alike,
-    fewest_states,
-)
+from updyn.control.rational import Rational, SlowMotion
+from updyn.control.rational_fit import Approximation
+from updyn.control.rational_states import fewest_states, with_poles_of
 from updyn.control.real_modes import Biot, biot, diagonal, full, single_frequency
 from updyn.control.servo.state_space import StateSpace, channel_zeros
 from updyn.control.space import (
@@ -368,7 +364,7 @@ class Shared:
             What it is of.
         """
         task = self._task(state)
-        found = None if like is None else _alike(task, like, self.tolerance)
+        found = None if like is None else _like(task, like, self.tolerance)
         if found is None or not found.holds:
             found = _chosen(task, _check_route(route, task, self.error), self.tolerance)
         return _realised(task, found, self.title, self.quantities, self.tolerance), found
@@ -388,11 +384,11 @@ class Shared:
         )
 
 
-def _alike(task: _Task, like: Kept, tolerance: float) -> Kept | None:
+def _like(task: _Task, like: Kept, tolerance: float) -> Kept | None:
     """Return the choice of another state of the model for a task; None where it has no such one."""
     own, target = like.conversion, task.target
     if isinstance(own, Rational):
-        return alike(task.approximation(), own, tolerance)
+        return with_poles_of(task.approximation(), own, tolerance)
     terms = len(own.terms[0].b) if isinstance(own, Biot) and own.terms else 4
     try:
         conversion = task.conversion(own.name, terms)

@@ -14,7 +14,8 @@ from updyn.control.build import _task
 from updyn.control.demo import CONTROLLER
 from updyn.control.passivity import collocated, constrained, passive_channels, violations
 from updyn.control.ports import as_ports
-from updyn.control.rational import Approximation, alike, fewest_states
+from updyn.control.rational_fit import Approximation
+from updyn.control.rational_states import fewest_states, with_poles_of
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import QUANTITIES
 
@@ -201,7 +202,7 @@ class TestALikeResponse:
         like = fewest_states(nominal, 0.03).conversion
         other = self.approximation(self.shafts, ["1:RZ", "3:RZ"])
         monkeypatch.setattr(Approximation, "fitted", None)  # no search from the beginning
-        found = alike(other, like, 0.03)
+        found = with_poles_of(other, like, 0.03)
         assert found.holds
         moved = self.damped_poles(self.shafts) - self.damped_poles(SHAFTS)
         stands = np.isfinite(like.structure)
@@ -215,7 +216,7 @@ class TestALikeResponse:
         like = fewest_states(self.approximation(SHAFTS, ["1:RZ"]), 0.03).conversion
         other = self.approximation((4.0 * SHAFTS[0], 0.3 * SHAFTS[1]), ["1:RZ"])
         wrong = replace(like, structure=np.full(len(like.pairs), np.nan))
-        assert alike(other, wrong, 0.03).holds
+        assert with_poles_of(other, wrong, 0.03).holds
 
 
 class TestPassivity:

@@ -1,0 +1,207 @@
+"""A loop with backlash or friction as linear pieces: `Piece`, and the `Rules` of what follows what.
+
+The state is (x, extra, 1): x of the loop, the twist of the shaft where backlash has damping, and a
+1 that carries constant inputs. Each piece is dX/dt = F X as long as all its borders, rows times X,
+are not negative.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.nonlinear.around import Around
+from updyn.control.nonlinear.elements import Backlash, CoulombFriction, Nonlinearity
+
+__all__ = ["BacklashRules", "FrictionRules", "Piece", "Rules", "rules"]
+
+_Real = NDArray[np.float64]
+#: The sign of a contact or a motion in the name of its piece.
+_SIGN = {1.0: "+", -1.0: "-"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """One linear piece.
+
+    Attributes
+    ----------
+    name : str
+        ``"gap"``, ``"contact +"``, ``"contact -"``; ``"stick"``, ``"slip +"``, ``"slip -"``.
+    F : ndarray of float, shape (m, m)
+    borders : ndarray of float, shape (n_b, m)
+    w : ndarray of float, shape (m,)
+        Torque on the plant.
+    z : ndarray of float, shape (m,)
+        What the nonlinearity reads.
+    """
+
+    name: str
+    F: _Real
+    borders: _Real
+    w: _Real
+    z: _Real
+
+
+class Rules(ABC):
+    """The pieces of a loop, which comes first, and which comes next.
+
+    Parameters
+    ----------
+    system : Around
+        The loop.
+    constant : ndarray of float, shape (n_e,)
+        Its entries, held.
+    extra : int
+        States besides those of the loop.
+    """
+
+    pieces: Mapping[str, Piece]
+
+    def __init__(self, system: Around, constant: _Real, extra: int) -> None:
+        n = len(system.A)
+        self.n, self.size = n, n + extra + 1
+        self.base = np.zeros((self.size, self.size))
+        self.base[:n, :n] = system.A
+        self.base[:n, -1] = system.E @ constant
+        self.push = np.zeros(self.size)
+        self.push[:n] = system.B
+        self.read = np.zeros(self.size)
+        self.read[:n] = system.C
+        self.read[-1] = float(system.G @ constant)
+        self.one = np.zeros(self.size)
+        self.one[-1] = 1.0
+
+    def state(self, x: _Real) -> _Real:
+        """Return (x, 0, 1)."""
+        return np.concatenate([x, np.zeros(self.size - self.n - 1), [1.0]])
+
+    @abstractmethod
+    def first(self, X: _Real) -> str:
+        """Return the piece in which a state lies."""
+
+    @abstractmethod
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return what follows when a border is crossed, and the state there."""
+
+
+class BacklashRules(Rules):
+    """Backlash: gap and two flanks."""
+
+    def __init__(self, system: Around, law: Backlash, constant: _Real) -> None:
+        damped = law.damping > 0.0
+        super().__init__(system, constant, int(damped))
+        self.law, self.damped = law, damped
+        D, speed = system.D, float(system.C @ system.B)
+        pieces = (self._gap(), self._contact(1.0, D, speed), self._contact(-1.0, D, speed))
+        self.pieces = {piece.name: piece for piece in pieces}
+
+    def _gap(self) -> Piece:
+        F, way = self.base.copy(), self.read.copy()
+        if self.damped:
+            F[self.n, self.n] = -self.law.stiffness / self.law.damping
+            way[self.n] -= 1.0  # the flanks' way is the twist less that of the shaft
+        borders = np.array([self.law.half * self.one - way, self.law.half * self.one + way])
+        return Piece("gap", F, borders, np.zeros(self.size), self.read)
+
+    def _contact(self, s: float, D: float, push: float) -> Piece:
+        k, c = self.law.stiffness, self.law.damping
+        shaft = self.read - s * self.law.half * self.one
+        if c == 0.0:
+            T = k * shaft / (1.0 + k * D)
+        elif D == 0.0:
+            T = (k * shaft + c * (self.read @ self.base)) / (1.0 + c * push)
+        else:
+            # z = read - D T = z_s + s half, T = k z_s + c z_s': the twist of the shaft is a state
+            # of its own.
+            T = shaft / D
+            T[self.n] -= 1.0 / D
+        F = self.base - np.outer(self.push, T)
+        if c > 0.0 and D != 0.0:
+            F[self.n] = T / c
+            F[self.n, self.n] -= k / c
+        return Piece(f"contact {_SIGN[s]}", F, s * T[None], -T, self.read - D * T)
+
+    def first(self, X: _Real) -> str:
+        """Return the gap, or the flank that is pressed."""
+        way = float(self.read @ X)
+        if abs(way) <= self.law.half:
+            return "gap"
+        return "contact +" if way > 0 else "contact -"
+
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return the flank that is met, or the gap with the shaft's last twist."""
+        if piece == "gap":
+            return ("contact +", "contact -")[border], X
+        if self.damped:
+            s = 1.0 if piece == "contact +" else -1.0
+            X = X.copy()
+            X[self.n] = float(self.pieces[piece].z @ X) - s * self.law.half
+        return "gap", X
+
+
+class FrictionRules(Rules):
+    """Friction: rest and two senses of motion."""
+
+    def __init__(self, system: Around, law: CoulombFriction, constant: _Real) -> None:
+        super().__init__(system, constant, 0)
+        self.law = law
+        self.gain = float(self.read @ self.push)
+        hold = -(self.read @ self.base) / self.gain  # the torque that keeps the velocity at 0
+        self.hold = hold
+        limits = np.array([law.sticks * self.one - hold, law.sticks * self.one + hold])
+        stick = Piece("stick", self.base + np.outer(self.push, hold), limits, hold, self.read)
+        pieces = (stick, self._slip(1.0, law.level), self._slip(-1.0, law.level))
+        self.pieces = {piece.name: piece for piece in pieces}
+
+    def _slip(self, s: float, level: float) -> Piece:
+        w = -s * level * self.one
+        return Piece(
+            f"slip {_SIGN[s]}",
+            self.base + np.outer(self.push, w),
+            s * self.read[None],
+            w,
+            self.read,
+        )
+
+    def first(self, X: _Real) -> str:
+        """Return the sense of motion, or what comes of rest."""
+        v = float(self.read @ X)
+        if v == 0:
+            return self._at_rest(X)
+        return "slip +" if v > 0 else "slip -"
+
+    def _at_rest(self, X: _Real) -> str:
+        held = float(self.hold @ X)
+        if abs(held) <= self.law.sticks:
+            return "stick"
+        return "slip -" if held > 0 else "slip +"
+
+    def after(self, piece: str, border: int, X: _Real) -> tuple[str, _Real]:
+        """Return the sense in which it breaks away, or what comes of rest."""
+        if piece == "stick":
+            return ("slip -", "slip +")[border], X
+        # What bisection left of the velocity is taken out, along the torque.
+        X = X - self.push * float(self.read @ X) / self.gain
+        return self._at_rest(X), X
+
+
+def rules(system: Around, nonlinearity: Nonlinearity, constant: _Real) -> Rules:
+    """Return the pieces of a loop.
+
+    Parameters
+    ----------
+    system : Around
+        The loop.
+    nonlinearity : Backlash or CoulombFriction
+        What acts.
+    constant : ndarray of float, shape (n_e,)
+        Its entries, held.
+    """
+    if isinstance(nonlinearity, Backlash):
+        return BacklashRules(system, nonlinearity, constant)
+    return FrictionRules(system, nonlinearity, constant)

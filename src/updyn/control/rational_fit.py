@@ -1,0 +1,560 @@
+"""`Approximation`: a rational approximation of the damped response itself, with relative weights.
+
+The poles of a `Rational` are placed by vector fitting (Gustavsen & Semlyen 1999, see
+`updyn.modal.vector_fitting`) of all channels at once, each line divided by its level: what is small
+is approximated as closely as what is large. Lines with the largest errors are weighted up (C. L.
+Lawson 1961; G. R. Ellis & J. R. Rice, SIAM J. Numer. Anal. 5 (1968) 1-10), so that the largest
+error, not the mean square, decreases. Of several inputs all parameters are refined together by
+Gauss-Newton steps. The outputs are fitted last, by linear least squares in which the collocated
+channels stay passive (`updyn.control.passivity`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.control.passivity import active_part, constrained, violations
+from updyn.control.rational import Rational, SlowMotion, states_of_poles
+from updyn.control.space import imaginary
+from updyn.control.target import Target
+from updyn.modal.vector_fitting import Basis, relocated, stacked
+
+__all__ = ["Approximation"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+_BASIS = Basis(0, mirrored=True)
+#: Steps of vector fitting, those in which weights follow the errors, and of the outputs alone.
+_SWEEPS, _FOLLOWING, _OUTPUTS = 8, 16, 12
+#: A fit whose largest error is this many times the tolerance is not refined.
+_HOPELESS = 4.0
+#: Least share of a weight that a line keeps in a step.
+_LEAST = 0.02
+#: Rounds in which violations of passivity are found and put right.
+_PASSIVE_ROUNDS = 12
+#: Least active part of what is put right, as a share of the channel's size.
+_MARGIN = 1e-6
+#: Gauss-Newton steps of several inputs.
+_STEPS = 6
+#: A pair nearer to a pole of the structure than this share of its size stands for it.
+_NEAR = 0.02
+#: Damping ratio of a pole that stands for no mode.
+_FREE = 0.3
+#: A feed-through above minus this is none.
+_ROUNDING = 1e-20
+_RANK = 1e-10
+_TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Approximation:
+    """What is approximated, and where the search for poles begins.
+
+    Attributes
+    ----------
+    target : Target
+        The response.
+    slow : SlowMotion
+        What is exact.
+    powers : ndarray of int, shape (n_y,)
+        0, 1 or 2 of each output.
+    poles : ndarray of complex, shape (n,)
+        To begin with, above the real axis, in rad/s, those that count most first.
+    collocated : sequence of (int, int)
+        Channels that stay passive, by position of output and input.
+    weight : ndarray of float, shape (n_f, n_y, n_u)
+        Of errors, by default over the level.
+    """
+
+    target: Target
+    slow: SlowMotion
+    powers: NDArray[np.intp]
+    poles: _Complex
+    collocated: Sequence[tuple[int, int]]
+    weight: _Real | None = None
+    known: _Complex = field(init=False)
+
+    def __post_init__(self) -> None:
+        s = imaginary(self.target.freq)
+        object.__setattr__(self, "known", self.slow.response(s, self.powers))
+        if self.weight is None:
+            object.__setattr__(self, "weight", 1.0 / self.level)
+
+    @property
+    def level(self) -> _Real:
+        """Of what errors are shares, shape (n_f, n_y, n_u)."""
+        target = self.target
+        if target.measure == "relative":
+            return target.reference
+        return np.broadcast_to(target.level, target.reference.shape)
+
+    @property
+    def unit(self) -> float:
+        """Circular frequency to which poles are scaled while they are sought."""
+        return _TWO_PI * float(self.target.freq[-1])
+
+    def beginning(self, n: int) -> tuple[_Complex, _Real]:
+        """Return pairs and rates of real poles to begin with, of n states."""
+        count = n // 2
+        pairs = self.poles[:count]
+        if len(pairs) < count:
+            low = max(self.target.freq[0], 1e-3 * self.target.freq[-1]) * _TWO_PI
+            free = np.geomspace(low, self.unit, 2 * (count - len(pairs)) + 1)[1::2]
+            free = free * (-_FREE + 1j * np.sqrt(1.0 - _FREE**2))
+            pairs = np.concatenate([pairs, free])
+        rates = np.full(n % 2, 0.3 * self.unit)
+        return pairs, rates
+
+    def fitted(self, n: int, tolerance: float) -> Rational:
+        """Return the approximation with n states beside the slow ones.
+
+        Parameters
+        ----------
+        n : int
+            Number of states.
+        tolerance : float
+            A fit far from it is returned as it is.
+        """
+        pairs, rates = self.beginning(n)
+        assert self.weight is not None
+        weight = self.weight
+        if n:
+            pairs, rates, weight, residues = self._relocated(pairs, rates, tolerance)
+            right = self._right(pairs, rates, residues)
+        else:
+            right = np.zeros((self.target.values.shape[2], 0), dtype=np.complex128)
+        if min(self.target.values.shape[1:]) > 1 and right.size:
+            pairs, rates, right = self._refined(pairs, rates, right, weight)
+        return self._outputs(pairs, rates, right, weight, tolerance)
+
+    def refitted(self, like: Rational, tolerance: float, steps: int) -> Rational:
+        """Return the approximation with the poles and vectors b of another one, refined.
+
+        Its poles are first moved by as much as those of the structure differ.
+
+        Parameters
+        ----------
+        like : Rational
+            Of a response that is little different.
+        tolerance : float
+            As for `fitted`.
+        steps : int
+            Gauss-Newton steps; above 0 of several inputs and outputs only.
+        """
+        assert self.weight is not None
+        weight = self.weight
+        pairs, rates, right = self._moved(like), like.rates, like.right
+        if steps:
+            pairs, rates, right = self._refined(pairs, rates, right, weight, steps)
+        return self._outputs(pairs, rates, right, weight, tolerance)
+
+    def _moved(self, like: Rational) -> _Complex:
+        """Return the pairs of another approximation, moved with the poles of the structure."""
+        pairs = like.pairs.copy()
+        if not len(self.poles):
+            return pairs
+        for j in np.flatnonzero(np.isfinite(like.structure)):
+            there = like.structure[j]
+            pairs[j] += self.poles[np.argmin(np.abs(self.poles - there))] - there
+        return np.where(pairs.real < 0.0, pairs, like.pairs)
+
+    def _next_to(self, pairs: _Complex) -> _Complex:
+        """Return the pole of the structure next to each pair; nan where none is near."""
+        if not len(self.poles):
+            return np.full(len(pairs), np.nan, dtype=np.complex128)
+        nearest = self.poles[np.argmin(np.abs(pairs[:, None] - self.poles), axis=1)]
+        near = np.abs(pairs - nearest) <= _NEAR * np.abs(pairs)
+        return np.where(near, nearest, np.nan)
+
+    # -- poles ----------------------------------------------------------------------------------
+    def _relocated(
+        self, pairs: _Complex, rates: _Real, tolerance: float
+    ) -> tuple[_Complex, _Real, _Real, _Complex]:
+        """Return poles, weights and residues (m + k, n_y, n_u) of the best vector fit."""
+        x = imaginary(self.target.freq) / self.unit
+        poles = np.asarray(np.concatenate([pairs, -rates]) / self.unit, dtype=np.complex128)
+        shape = self.target.values.shape
+        Y = (self.target.values - self.known).reshape(len(x), -1)
+        level = self.level.reshape(len(x), -1)
+        assert self.weight is not None
+        W = first = self.weight.reshape(len(x), -1)
+        powers = np.repeat(self.powers, shape[2])
+        best: tuple[float, Any] = (np.inf, None)
+        # Of several inputs poles and vectors are refined together afterwards.
+        following = _FOLLOWING if min(shape[1:]) == 1 else 0
+        for number in range(_SWEEPS + following):
+            poles = _swept(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
+            found, residues = _residues(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
+            error = np.abs(found - Y) / level
+            if error.max() < best[0]:
+                best = float(error.max()), (poles, W, residues)
+            if number == _SWEEPS - 1 and best[0] > _HOPELESS * tolerance:
+                break
+            if number >= _SWEEPS - 1:
+                W = W * np.sqrt(_LEAST + error / error.max())
+                W = W / (W / first).max()
+        poles, W, residues = best[1]
+        pair = poles.imag > 0
+        order = np.argsort(~pair, kind="stable")
+        residues = residues[order].reshape(len(poles), *shape[1:])
+        return (
+            poles[pair] * self.unit,
+            -poles[~pair].real * self.unit,
+            W.reshape(shape),
+            residues * self.unit,
+        )
+
+    def _right(self, pairs: _Complex, rates: _Real, residues: _Complex) -> _Complex:
+        """Return the vectors b of the residues of rank one that are nearest, shape (n_u, n)."""
+        n_u = residues.shape[2]
+        poles = np.concatenate([np.abs(pairs), rates])
+        if n_u == 1:
+            return np.asarray(poles[None] + 0j)
+        at = np.searchsorted(_TWO_PI * self.target.freq, poles).clip(max=len(self.target.freq) - 1)
+        out = np.empty((n_u, len(poles)), dtype=np.complex128)
+        for k, R in enumerate(residues):
+            size = np.maximum(self.level[at[k]], 1e-300)
+            rows = np.exp(np.mean(np.log(size), axis=1))
+            columns = np.exp(np.mean(np.log(size), axis=0))
+            scaled: NDArray[Any] = R / rows[:, None] / columns
+            if k >= len(pairs):
+                scaled = scaled.real
+            out[:, k] = np.linalg.svd(scaled)[2][0] * columns
+            out[:, k] *= poles[k] / max(float(np.abs(out[:, k]).max()), 1e-300)
+        return out
+
+    def _refined(
+        self,
+        pairs: _Complex,
+        rates: _Real,
+        right: _Complex,
+        weight: _Real,
+        steps: int = _STEPS,
+    ) -> tuple[_Complex, _Real, _Complex]:
+        """Return poles and vectors b, refined with the outputs by damped Gauss-Newton steps."""
+        here = self._linear(pairs, rates, right, weight)
+        cost, damping = self._cost(here, weight), 1e-3
+        for _ in range(steps):
+            J, r = self._jacobian(here, weight)
+            scale = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+            J = J / scale
+            normal, gradient = J.T @ J, J.T @ r
+            for _ in range(4):
+                step = np.linalg.solve(normal + damping * np.eye(len(normal)), gradient) / scale
+                there = self._stepped(here, step, weight)
+                new = self._cost(there, weight)
+                if new < cost:
+                    break
+                damping *= 10.0
+            else:
+                break
+            gained = cost - new
+            here, cost, damping = there, new, 0.2 * damping
+            if gained < 1e-4 * cost:
+                break
+        return here.pairs, here.rates, here.right
+
+    def _cost(self, found: Rational, weight: _Real) -> float:
+        G = found.response(found.always, self.target.freq)
+        return float(np.sum((np.abs(G - self.target.values) * weight) ** 2))
+
+    def _jacobian(self, found: Rational, weight: _Real) -> tuple[_Real, _Real]:
+        """Return derivatives by poles and vectors b, outputs eliminated, and the residual."""
+        s = imaginary(self.target.freq)
+        m, k = len(found.pairs), len(found.rates)
+        n_f, n_y, n_u = self.target.values.shape
+        c = 0.5 * (found.rows[:, : 2 * m : 2] + 1j * found.rows[:, 1 : 2 * m : 2])
+        columns: list[_Complex] = []
+        b: NDArray[Any]
+        for j in range(m):
+            p, b, own = found.pairs[j], found.right[:, j], c[:, j]
+            up = np.asarray(1.0 / (s - p), dtype=np.complex128)
+            down = np.asarray(1.0 / (s - p.conj()), dtype=np.complex128)
+            R = np.outer(own, b)
+            a = np.multiply.outer(up**2, R), np.multiply.outer(down**2, R.conj())
+            columns += [p.real * (a[0] + a[1]), abs(p) * 1j * (a[0] - a[1])]
+            for u in range(n_u):
+                one = np.zeros((2, n_f, n_y, n_u), dtype=np.complex128)
+                one[0, :, :, u], one[1, :, :, u] = np.outer(up, own), np.outer(down, own.conj())
+                columns += [abs(p) * (one[0] + one[1]), abs(p) * 1j * (one[0] - one[1])]
+        for j in range(k):
+            rate, b, row = found.rates[j], found.right[:, m + j].real, found.rows[:, 2 * m + j]
+            real = 1.0 / (s + rate)
+            columns.append(-rate * np.multiply.outer(real**2, np.outer(row, b)))
+            for u in range(n_u):
+                single = np.zeros((n_f, n_y, n_u), dtype=np.complex128)
+                single[:, :, u] = rate * np.outer(real, row)
+                columns.append(single)
+        error = self.target.values - found.response(found.always, self.target.freq)
+        parts = []
+        for i in range(n_y):
+            known = _weighted(self._columns(s, found.pairs, found.rates, found.right, i), weight, i)
+            Q = np.linalg.qr(known)[0]
+            w = weight[:, i]
+            own_J = np.stack([(column[:, i] * w).ravel() for column in columns], axis=1)
+            own_r = (error[:, i] * w).ravel()[:, None]
+            whole = _BASIS.parts(np.hstack([own_J, own_r]))
+            parts.append(whole - Q @ (Q.T @ whole))
+        stack = np.vstack(parts)
+        return stack[:, :-1], stack[:, -1]
+
+    def _stepped(self, found: Rational, step: _Real, weight: _Real) -> Rational:
+        """Return the approximation with poles and vectors b changed, its outputs fitted."""
+        m, n_u = len(found.pairs), len(found.right)
+        width = 2 + 2 * n_u
+        own = step[: width * m].reshape(m, width)
+        size = np.abs(found.pairs)
+        decay = np.clip(own[:, 0], -1.0, 1.0)
+        pairs = found.pairs.real * np.exp(decay) + 1j * np.maximum(
+            found.pairs.imag + size * np.clip(own[:, 1], -0.1, 0.1), 1e-6 * size
+        )
+        right = found.right.copy()
+        right[:, :m] += (size[:, None] * (own[:, 2::2] + 1j * own[:, 3::2])).T
+        real = step[width * m :].reshape(len(found.rates), 1 + n_u)
+        rates = found.rates * np.exp(np.clip(real[:, 0], -1.0, 1.0))
+        right[:, m:] += (found.rates[:, None] * real[:, 1:]).T
+        return self._linear(pairs, rates, right, weight)
+
+    # -- outputs --------------------------------------------------------------------------------
+    def _columns(
+        self, s: _Complex, pairs: _Complex, rates: _Real, right: _Complex, output: int
+    ) -> _Complex:
+        """Return what an output is a sum of, shape (n_f, k, n_u)."""
+        states = states_of_poles(s, pairs, rates, right)
+        power, n_u = self.powers[output], right.shape[0]
+        rest = states_of_poles(np.zeros(1, dtype=np.complex128), pairs, rates, right)
+        if power == 2:
+            return states - rest
+        if power == 1:
+            return states
+        still = self.slow.B[self.slow.velocities] / s[:, None, None]
+        eye = np.broadcast_to(np.eye(n_u), (len(s), n_u, n_u))
+        return np.concatenate([states, still, eye], axis=1)
+
+    def _free(
+        self, pairs: _Complex, rates: _Real, right: _Complex, output: int
+    ) -> tuple[_Real, _Real]:
+        """Return a particular solution and a basis of what an output may be.
+
+        Velocities without rigid-body motion are 0 at rest, and have no feed-through.
+        """
+        n = 2 * len(pairs) + len(rates)
+        if self.powers[output] == 0:
+            n += len(self.slow.velocities) + right.shape[0]
+        if self.powers[output] != 1 or len(self.slow.velocities):
+            return np.zeros(n), np.eye(n)
+        rest = states_of_poles(np.zeros(1, dtype=np.complex128), pairs, rates, right)[0].real.T
+        jump = (self.slow.displacements @ self.slow.B)[output]
+        start = np.linalg.lstsq(rest, jump, rcond=None)[0]
+        return start, scipy.linalg.null_space(rest)
+
+    def _linear(self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real) -> Rational:
+        """Return the approximation with the outputs of least squares."""
+        s = imaginary(self.target.freq)
+        found = []
+        for i in range(len(self.powers)):
+            found.append(self._output(s, pairs, rates, right, weight, i, None))
+        return self._made(pairs, rates, right, [x for x in found if x is not None])
+
+    def _output(
+        self,
+        s: _Complex,
+        pairs: _Complex,
+        rates: _Real,
+        right: _Complex,
+        weight: _Real,
+        output: int,
+        passive_at: _Real | None,
+        columns: _Complex | None = None,
+    ) -> _Real | None:
+        """Return the coefficients of an output, passive at some frequencies in rad/s."""
+        power = self.powers[output]
+        if columns is None:
+            columns = self._columns(s, pairs, rates, right, output)
+        known = self.known[:, output]
+        offset, free = self._free(pairs, rates, right, output)
+        A = _weighted(columns, weight, output) @ free
+        wanted = self.target.values[:, output] - known
+        b = _BASIS.parts((wanted * weight[:, output]).ravel()[:, None])[:, 0]
+        b = b - _weighted(columns, weight, output) @ offset
+        if passive_at is None:
+            scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+            return np.asarray(offset + free @ (_solved(A / scale, b) / scale))
+        rows, bounds = [], []
+        for o, u in self.collocated:
+            if o != output:
+                continue
+            at = np.asarray(1j * passive_at, dtype=np.complex128)
+            base = self.slow.response(at, self.powers)[:, o, u]
+            own = self._columns(at, pairs, rates, right, o)
+            size = np.maximum(np.abs(own[:, :, u]).max(axis=1), 1e-300)
+            part = active_part(own[:, :, u], int(power))
+            rows.append(part @ free / size[:, None])
+            level = np.abs(base) + np.interp(
+                passive_at, _TWO_PI * self.target.freq, np.abs(self.target.values[:, o, u])
+            )
+            bound = _MARGIN * level - active_part(base, int(power)) - part @ offset
+            bounds.append(bound / size)
+            if power == 0:  # residual flexibility gives way, and not against the force
+                through = np.zeros((1, columns.shape[1]))
+                through[0, columns.shape[1] - right.shape[0] + u] = 1.0
+                rows.append(through @ free)
+                bounds.append(-(through @ offset))
+        x = constrained(A, b, np.vstack(rows), np.concatenate(bounds))
+        return None if x is None else offset + free @ x
+
+    def _outputs(
+        self, pairs: _Complex, rates: _Real, right: _Complex, weight: _Real, tolerance: float
+    ) -> Rational:
+        """Return the approximation with the smallest largest error, collocated channels passive."""
+        s = imaginary(self.target.freq)
+        assert self.weight is not None
+        found: list[_Real] = []
+        for i in range(len(self.powers)):
+            columns = self._columns(s, pairs, rates, right, i)
+            at: _Real | None = None
+            best = self._equal(s, pairs, rates, right, weight, i, at, columns, tolerance)
+            channels = [u for o, u in self.collocated if o == i]
+            for _ in range(_PASSIVE_ROUNDS if channels else 0):
+                rows = [np.zeros(columns.shape[1])] * len(self.powers)
+                rows[i] = best
+                matrices = self._made(pairs, rates, right, rows, only=i).matrices(np.zeros(0, bool))
+                worst = []
+                for u in channels:
+                    A, B, C, D = matrices
+                    one = A, B[:, [u]], C[[i]], D[[i]][:, [u]]
+                    worst.append(violations(one, int(self.powers[i])))
+                new = np.concatenate(worst)
+                gives_way = self.powers[i] != 0 or (matrices[3][i, channels] >= -_ROUNDING).all()
+                if not len(new) and gives_way:
+                    break
+                about = np.multiply.outer(new, np.array([0.8, 0.95, 1.0, 1.05, 1.25])).ravel()
+                at = about if at is None else np.concatenate([at, about])
+                tried = self._equal(s, pairs, rates, right, weight, i, at, columns, tolerance)
+                if tried is None:
+                    break
+                best = tried
+            found.append(best)
+        return self._made(pairs, rates, right, found)
+
+    def _equal(
+        self,
+        s: _Complex,
+        pairs: _Complex,
+        rates: _Real,
+        right: _Complex,
+        weight: _Real,
+        output: int,
+        at: _Real | None,
+        columns: _Complex,
+        tolerance: float,
+    ) -> Any:
+        """Return the coefficients of an output, weights following the errors."""
+        level = self.level[:, output]
+        W = weight.copy()
+        best, least = None, np.inf
+        for _ in range(_OUTPUTS):
+            x = self._output(s, pairs, rates, right, W, output, at, columns)
+            if x is None:
+                break
+            G = self.known[:, output] + np.einsum("k,fku->fu", x, columns)
+            error = np.abs(G - self.target.values[:, output]) / level
+            if error.max() < least:
+                best, least = x, float(error.max())
+            if best is not None and least > _HOPELESS * tolerance:
+                break
+            W[:, output] = W[:, output] * np.sqrt(_LEAST + error / max(error.max(), 1e-300))
+        return best
+
+    def _made(
+        self,
+        pairs: _Complex,
+        rates: _Real,
+        right: _Complex,
+        found: Sequence[_Real],
+        only: int | None = None,
+    ) -> Rational:
+        """Return the approximation with the coefficients of its outputs."""
+        n, n_u, still = 2 * len(pairs) + len(rates), right.shape[0], len(self.slow.velocities)
+        n_y = len(self.powers)
+        rows, drift, through = np.zeros((n_y, n)), np.zeros((n_y, still)), np.zeros((n_y, n_u))
+        rest = states_of_poles(np.zeros(1, dtype=np.complex128), pairs, rates, right)[0].real
+        for i, power in enumerate(self.powers):
+            if only is not None and i != only:
+                continue
+            rows[i] = found[i][:n]
+            if power == 0:
+                drift[i], through[i] = found[i][n : n + still], found[i][n + still :]
+            elif power == 2:
+                through[i] = -found[i][:n] @ rest
+        parts = pairs, rates, right, rows, drift, through, self._next_to(pairs)
+        return Rational(self.slow, self.powers, *parts)
+
+
+def _weighted(columns: _Complex, weight: _Real, output: int) -> _Real:
+    """Return weighted equations of real coefficients, shape (2 n_f n_u, k)."""
+    n_f, k, n_u = columns.shape
+    A = (columns * weight[:, output][:, None, :]).transpose(0, 2, 1).reshape(n_f * n_u, k)
+    return np.asarray(_BASIS.parts(A))
+
+
+def _solved(A: _Real, b: _Real) -> _Real:
+    """Return least squares by a QR decomposition with pivots, which is faster than by an SVD."""
+    found = scipy.linalg.lstsq(A, b, cond=_RANK, lapack_driver="gelsy", check_finite=False)
+    return np.asarray(found[0])
+
+
+def _numerators(x: _Complex, inner: _Complex, rest: _Complex, power: int, still: bool) -> _Complex:
+    """Return what a channel is a sum of, beside rigid-body motion."""
+    if power == 0:
+        extra = [np.ones((len(x), 1), dtype=np.complex128)]
+        if still:
+            extra.append(1.0 / x[:, None])
+        return np.hstack([inner, *extra])
+    if power == 1:
+        return inner
+    return np.asarray(inner - rest)
+
+
+def _swept(
+    x: _Complex, Y: _Complex, W: _Real, poles: _Complex, powers: NDArray[np.intp], still: bool
+) -> _Complex:
+    """Return the poles after a step of vector fitting with a weight of each value."""
+    inner = _BASIS.fractions(x, poles)
+    rest = _BASIS.fractions(np.zeros(1, dtype=np.complex128), poles)
+    sigma = np.hstack([inner, np.ones((len(x), 1))])
+    triangle = np.zeros((0, sigma.shape[1]))
+    for j, power in enumerate(powers):
+        w = W[:, [j]]
+        Q = np.linalg.qr(_BASIS.parts(_numerators(x, inner, rest, int(power), still) * w))[0]
+        triangle = stacked(triangle, _BASIS.parts(w * Y[:, [j]] * sigma), Q)
+    try:
+        return relocated(_BASIS, x, poles, triangle)
+    except (np.linalg.LinAlgError, ValueError):  # two poles coincide
+        return poles
+
+
+def _residues(
+    x: _Complex, Y: _Complex, W: _Real, poles: _Complex, powers: NDArray[np.intp], still: bool
+) -> tuple[_Complex, _Complex]:
+    """Return the fit with given poles, shape (n_f, p), and its residues, shape (k, p)."""
+    inner = _BASIS.fractions(x, poles)
+    rest = _BASIS.fractions(np.zeros(1, dtype=np.complex128), poles)
+    found = np.empty_like(Y)
+    out = np.empty((len(poles), Y.shape[1]), dtype=np.complex128)
+    for j, power in enumerate(powers):
+        columns = _numerators(x, inner, rest, int(power), still)
+        A = _BASIS.parts(columns * W[:, [j]])
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        b = _BASIS.parts((W[:, j] * Y[:, j])[:, None])[:, 0]
+        weights = _solved(A / scale, b) / scale
+        found[:, j] = columns @ weights
+        out[:, j] = _BASIS.residues(weights, poles)
+    return found, out
