@@ -6,8 +6,8 @@ from . import plots as plots
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .comparison import compare_jointly as compare_jointly
-from .control.build import conversions as conversions
 from .control.build import plant as plant
+from .control.conversions import conversions as conversions
 from .control.family import plant_family as plant_family
 from .control.files.plant_file import read_plant as read_plant
 from .control.files.plant_file import write_plant as write_plant

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.control.build import Shared, plant
+from updyn.control.build import plant
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
+from updyn.control.shared import Shared
 from updyn.control.target import Kept
 from updyn.dofs import Dof
 from updyn.dynamics.affine import AffineSystem, State

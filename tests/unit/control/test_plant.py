@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import updyn
-from updyn.control.build import conversions
+from updyn.control.conversions import conversions
 from updyn.demos.gear_train import true_model
 from updyn.errors import DofError, ModelError, OptionError
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.control.build import Shared
 from updyn.control.family import PlantFamily, plant_family
+from updyn.control.shared import Shared
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import ModelError, OptionError, SolverError

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.antiresonances import raised, resolved
-from updyn.control.build import ConversionError, conversions, plant
+from updyn.control.build import plant
+from updyn.control.conversions import ConversionError, conversions
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.servo import Nonlinear, drive_of, nonlinear_of, servo_of

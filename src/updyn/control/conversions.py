@@ -1,0 +1,125 @@
+"""`conversions`: how well each conversion of structural damping answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from updyn.control.options import (
+    Ports,
+)
+from updyn.control.ports import as_ports
+from updyn.control.task import Task, model_of, task_of
+from updyn.errors import ModelError
+from updyn.model import Model
+from updyn.updating.result import UpdateResult
+
+__all__ = ["REFUSED", "ConversionError", "conversions", "error_of"]
+
+#: Of the structure's own modes.
+_OWN = ("modal", "complex", "biot")
+#: Conversions that no plant is made by, and why.
+REFUSED = {
+    "diagonal": "modal damping ratios lose the coupling of the modes by the damping",
+    "single-frequency": (
+        "structural damping converted at one frequency is right at that frequency only"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ConversionError:
+    """How well a conversion of the damping answers, all modes kept.
+
+    Attributes
+    ----------
+    name : str
+        ``"modal"`` (full modal damping matrix), ``"complex"``, ``"biot"``, ``"diagonal"``,
+        ``"single-frequency"``.
+    error, peak_error : float
+        As those of a `Plant`; nan where it is not possible.
+    note : str
+        Why not, or where it was made.
+    relative_error : float
+        As that of a `Plant`.
+    """
+
+    name: str
+    error: float
+    peak_error: float
+    note: str = ""
+    relative_error: float = float("nan")
+
+
+def conversions(
+    model: Model | UpdateResult,
+    inputs: Ports,
+    outputs: Ports,
+    band: Sequence[float],
+    *,
+    quantity: str | Sequence[str] = "receptance",
+    tier: str | None = None,
+    backend: str | None = None,
+) -> tuple[ConversionError, ...]:
+    """Tell how well each conversion of structural damping answers, side by side, all modes kept.
+
+    Parameters
+    ----------
+    model, inputs, outputs, band, quantity, tier, backend
+        As for `plant`.
+
+    Returns
+    -------
+    tuple of ConversionError
+        Routes of `plant` first, then those that it refuses. The single frequency is the middle of
+        the band on a logarithmic scale.
+
+    Raises
+    ------
+    OptionError, ModelError, DofError, SolverError
+        As `plant`.
+
+    Examples
+    --------
+    >>> from updyn.demos import chain
+    >>> found = updyn.conversions(chain.build(), ["12:X"], ["12:X"], (0.5, 12.0))
+    >>> next(c.error < 0.01 for c in found if c.name == "complex")
+    True
+    """
+    own = model_of(model)
+    task, _ = task_of(
+        own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend
+    )
+    return tuple(error_of(task, name) for name in (*_OWN, *REFUSED))
+
+
+def error_of(task: Task, name: str) -> ConversionError:
+    """Return how well a conversion answers; the best where it has variants.
+
+    Parameters
+    ----------
+    task : Task
+        What it is made of, and compared with.
+    name : str
+        Of the conversion.
+    """
+    best = ConversionError(name, float("nan"), float("nan"))
+    try:
+        for conversion in task.tried(name):
+            G = conversion.response(
+                np.ones(len(conversion.frequency), dtype=np.bool_), task.target.freq
+            )
+            found = ConversionError(
+                name,
+                task.target.error(G),
+                task.target.peak_error(G),
+                relative_error=task.target.relative_error(G),
+            )
+            if not best.error <= found.error:
+                best = found
+    except ModelError as error:
+        if not np.isfinite(best.error):
+            return replace(best, note=str(error))
+    return best

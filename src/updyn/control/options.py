@@ -1,0 +1,102 @@
+"""What a plant is asked for: its ports, band, tolerance, error and quantities, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from updyn.control.ports import Port
+from updyn.dofs import Dof
+from updyn.errors import OptionError, suggest
+from updyn.frf import check_quantity
+from updyn.group import is_number
+
+__all__ = ["ERRORS", "Ports", "check_band", "check_error", "check_tolerance", "quantities_of"]
+
+#: For which errors a tolerance holds.
+ERRORS = ("relative", "peak")
+
+Ports = Iterable[str | Dof | Port] | str | Dof | Port
+
+
+def check_band(band: Sequence[float]) -> tuple[float, float]:
+    """Return lowest and highest line of a band in Hz.
+
+    Parameters
+    ----------
+    band : (float, float)
+        In Hz.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+    """
+    try:
+        low, high = (float(f) for f in band)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"plant: band {band!r}; expected two lines in Hz") from error
+    if not (np.isfinite(high) and 0.0 <= low < high):
+        raise OptionError(
+            f"plant: band from {low:g} to {high:g} Hz; expected the lower line first, not negative"
+        )
+    return low, high
+
+
+def check_error(error: str) -> None:
+    """Check the name of an error.
+
+    Parameters
+    ----------
+    error : str
+        One of `ERRORS`.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+    """
+    if error not in ERRORS:
+        raise OptionError(f"plant: no error {error!r}; {suggest(str(error), ERRORS)}")
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Check a tolerance.
+
+    Parameters
+    ----------
+    tolerance : float
+        A share, from 1e-9 to 0.5.
+
+    Raises
+    ------
+    OptionError
+        If it is not.
+    """
+    if not is_number(tolerance) or not 1e-9 <= tolerance <= 0.5:
+        raise OptionError(f"plant: tolerance {tolerance!r}; expected a share between 1e-9 and 0.5")
+
+
+def quantities_of(quantity: str | Sequence[str], count: int) -> tuple[str, ...]:
+    """Return the quantity of each output.
+
+    Parameters
+    ----------
+    quantity : str or sequence of str
+        One of all, or one of each.
+    count : int
+        Of the outputs.
+
+    Raises
+    ------
+    OptionError
+        If a name is none, or there are more or fewer than outputs.
+    """
+    named = [quantity] * count if isinstance(quantity, str) else list(quantity)
+    quantities = tuple(check_quantity(q) for q in named)
+    if len(quantities) != count:
+        raise OptionError(
+            f"plant: {len(quantities)} quantities for {count} outputs; expected one, or one each"
+        )
+    return quantities

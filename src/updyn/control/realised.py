@@ -1,0 +1,130 @@
+"""`realised`: a choice as a plant, with the errors of its own matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.antiresonances import ZeroShift, shifts
+from updyn.control.complex_modes import (
+    Fitted,
+)
+from updyn.control.lines import sweep
+from updyn.control.plant import Plant
+from updyn.control.servo.state_space import StateSpace, channel_zeros
+from updyn.control.target import Kept, Target
+from updyn.control.task import Task
+from updyn.errors import ModelError
+
+__all__ = ["checked", "realised"]
+
+
+def realised(
+    task: Task, found: Kept, title: str, quantities: tuple[str, ...], tolerance: float
+) -> Plant:
+    """Return the plant of a choice.
+
+    Parameters
+    ----------
+    task : Task
+        What is realised.
+    found : Kept
+        The choice.
+    title : str
+        Of the structure.
+    quantities : tuple of str
+        Of each output.
+    tolerance : float
+        That was asked for.
+
+    Raises
+    ------
+    ModelError
+        If a pole is unstable.
+    """
+    A, B, C, D = found.conversion.matrices(found.mask)
+    facts: dict[str, Any] = {
+        "title": title,
+        "basis": task.space.source,
+        "lines": len(task.target.freq),
+        "candidates": len(found.mask),
+        "error": task.target.measure,
+    }
+    if isinstance(found.conversion, Fitted):
+        facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
+    made = Plant(
+        A,
+        B,
+        C,
+        D,
+        *task.ports,
+        quantities,
+        task.band,
+        float(tolerance),
+        float(found.errors[1]),
+        float(found.errors[2]),
+        found.conversion.name,
+        task.space.rigid,
+        np.concatenate(
+            [
+                np.zeros(task.space.rigid),
+                np.sort(found.conversion.frequency[found.mask & _flexible(found)]),
+            ]
+        ),
+        facts=facts,
+    )
+    return checked(made, task.target)
+
+
+def _flexible(found: Kept) -> NDArray[np.bool_]:
+    return ~found.conversion.always
+
+
+def checked(made: Plant, target: Target) -> Plant:
+    """Return a plant with the errors of its own matrices.
+
+    Parameters
+    ----------
+    made : Plant
+        The plant.
+    target : Target
+        What it is compared with.
+
+    Raises
+    ------
+    ModelError
+        If a pole is unstable.
+    """
+    G = sweep(made, target.freq)
+    scale = max(float(np.abs(made.poles).max(initial=0.0)), 1e-300)
+    if (made.poles.real > 1e-9 * scale).any():
+        raise ModelError(
+            f"plant: route {made.route!r} gave an unstable pole,"
+            f" {made.poles[np.argmax(made.poles.real)]:.4g} rad/s; use another route"
+        )
+    facts = dict(made.facts)
+    if target.slow:
+        facts["peak error of accelerations"] = target.peak_error(G, strict=True)
+    return replace(
+        made,
+        error=target.error(G),
+        peak_error=target.peak_error(G),
+        facts=facts,
+        relative_error=target.relative_error(G),
+        zero_shift=tuple(_shifts(made, target, G)),
+    )
+
+
+def _shifts(made: Plant, target: Target, G: NDArray[np.complex128]) -> Iterator[ZeroShift]:
+    for i, j in np.ndindex(*target.level.shape):
+        matrices = StateSpace(made.A, made.B[:, [j]], made.C[[i]], made.D[[i]][:, [j]])
+        names = made.outputs[i], made.inputs[j]
+
+        if target.level[i, j] > target.floor[i, j]:
+            zeros = channel_zeros(matrices)
+            for found in shifts(target.freq, target.values[:, i, j], G[:, i, j], zeros):
+                yield ZeroShift(*names, *found)

@@ -1,0 +1,132 @@
+"""`Shared`: what the plants of a family have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.choice import check_route, chosen, like_another
+from updyn.control.options import (
+    check_band,
+    check_error,
+    check_tolerance,
+    quantities_of,
+)
+from updyn.control.plant import Plant
+from updyn.control.ports import Port
+from updyn.control.realised import realised
+from updyn.control.space import (
+    Projection,
+    shared_projection,
+)
+from updyn.control.spectrum import Spectrum
+from updyn.control.target import Kept
+from updyn.control.task import Task, aimed, check_begin
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.model import Model
+
+__all__ = ["Shared"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shared:
+    """What the plants of a family have in common: one basis, and the choice of the nominal plant.
+
+    Attributes
+    ----------
+    projection : Projection
+        The model on the basis.
+    title : str
+        Of the model.
+    ports : tuple of (tuple of Port, tuple of Port)
+        Inputs and outputs.
+    quantities : tuple of str
+        Of each output.
+    tolerance : float
+        On the errors that `error` names.
+    error : {"relative", "peak"}
+        For what the tolerance holds.
+    """
+
+    projection: Projection
+    title: str
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]]
+    quantities: tuple[str, ...]
+    tolerance: float
+    error: str
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        states: tuple[AffineSystem, Sequence[State], Sequence[State]],
+        inputs: tuple[Port, ...],
+        outputs: tuple[Port, ...],
+        band: Sequence[float],
+        tolerance: float,
+        quantity: str | Sequence[str],
+        error: str,
+        backend: str | None,
+    ) -> tuple[Shared, NDArray[np.bool_]]:
+        """Return it, and for which states the basis holds.
+
+        Parameters
+        ----------
+        model : Model
+            The structure at the estimate.
+        states : tuple of (AffineSystem, sequence of State, sequence of State)
+            The same, compiled; the states by which its basis is enriched; those of the members.
+        inputs, outputs, band, tolerance, quantity, error, backend
+            As for `plant`.
+        """
+        check_error(error)
+        check_tolerance(tolerance)
+        limits, quantities = check_band(band), quantities_of(quantity, len(outputs))
+        system, training, members = states
+        projection, holds = shared_projection(
+            model, system, inputs, outputs, limits, training, members, backend=backend
+        )
+        ports = inputs, outputs
+        return cls(projection, model.title, ports, quantities, tolerance, error), holds
+
+    def member(self, state: State, route: str, like: Kept | None = None) -> tuple[Plant, Kept]:
+        """Return the plant of a state.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        route : str
+            As for `plant`.
+        like : Kept, optional
+            The choice that is tried first; where it does not hold the tolerance, another one is
+            sought.
+
+        Returns
+        -------
+        plant : Plant
+        kept : Kept
+            What it is of.
+        """
+        task = self._task(state)
+        found = None if like is None else like_another(task, like, self.tolerance)
+        if found is None or not found.holds:
+            found = chosen(task, check_route(route, task, self.error), self.tolerance)
+        return realised(task, found, self.title, self.quantities, self.tolerance), found
+
+    def _task(self, state: State) -> Task:
+        space = self.projection.space(state)
+        check_begin(space, self.projection.band[0])
+        spectrum = Spectrum.of(self.projection, state)
+        return aimed(
+            self.ports,
+            self.quantities,
+            space,
+            (spectrum.poles, lambda: spectrum),
+            self.projection.band,
+            self.error,
+            spectrum.receptance,
+        )

@@ -1,0 +1,302 @@
+"""`Task`: what a plant is made of, and against what it is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.control.causal import differences, least_error
+from updyn.control.complex_modes import (
+    ComplexModes,
+    complex_modes,
+    fitted,
+    slow_motion,
+)
+from updyn.control.options import (
+    check_band,
+    quantities_of,
+)
+from updyn.control.passivity import collocated
+from updyn.control.ports import Port
+from updyn.control.rational import SlowMotion
+from updyn.control.rational_fit import Approximation
+from updyn.control.real_modes import biot, diagonal, full, single_frequency
+from updyn.control.space import (
+    Conversion,
+    ModalSpace,
+    imaginary,
+    projection,
+    rates,
+)
+from updyn.control.spectrum import Spectrum
+from updyn.control.target import Kept, Target, answered, target_lines
+from updyn.dynamics.affine import AffineSystem
+from updyn.errors import ModelError, OptionError, SolverError
+from updyn.frf import QUANTITIES
+from updyn.model import Model
+from updyn.updating.result import JointResult, UpdateResult
+
+__all__ = ["Task", "aimed", "check_begin", "model_of", "task_of"]
+
+_TERMS = (2, 3, 4, 6, 8)
+_EXTRA = (0, 2, 4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What is to be realised, and against what it is checked."""
+
+    space: ModalSpace
+    target: Target
+    powers: NDArray[np.intp]
+    band: tuple[float, float]
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]]
+    spectrum: Callable[[], Spectrum]
+
+    def least(self, found: Kept) -> float:
+        """Return a lower bound on the error of any stable plant, see `updyn.control.causal`.
+
+        Parameters
+        ----------
+        found : Kept
+            What the structure's response is compared with; the bound hardly depends on it.
+        """
+        if not self.space.lossy:  # dampers are causal
+            return 0.0
+        target = self.target
+        level = np.broadcast_to(target.level, target.reference.shape)
+        if target.measure == "relative":
+            level = target.reference
+
+        spectrum = self.spectrum()
+
+        def structure(lines: NDArray[np.float64]) -> NDArray[np.complex128]:
+            return np.asarray(spectrum.receptance(lines) * rates(self.powers, imaginary(lines)))
+
+        growth = (2 - self.powers) * (self.space.rigid > 0)
+        channels = differences(
+            target.freq, structure, level, found, full(self.space, self.powers), growth
+        )
+        least = 0.0
+        for channel in channels:
+            least = least_error(channel, self.band, least)
+        return least
+
+    def approximation(self) -> Approximation:
+        """Return what a rational approximation begins with: the poles that count most first."""
+        inputs, outputs = self.ports
+        modes = complex_modes(self.space, self.powers, self.band[1])
+        costs = modes.costs(self.target.freq, self.target.reference)
+        order = np.argsort(-costs, kind="stable")
+        # A servo closes its loop through what is slow: it is kept as it is.
+        below = modes.frequency < self.band[0]
+        slow = SlowMotion(*slow_motion(self.space))
+        if below.any():
+            slow = _with_modes(slow, modes, below)
+        poles = modes.poles[order[~below[order]]]
+        return Approximation(self.target, slow, self.powers, poles, collocated(outputs, inputs))
+
+    def conversion(self, route: str, terms: int = 4) -> Conversion:
+        """Return a conversion of the structure's own modes.
+
+        Parameters
+        ----------
+        route : str
+            Its name.
+        terms : int
+            Of a Biot series.
+        """
+        if route == "modal":
+            return full(self.space, self.powers)
+        if route == "complex":
+            return complex_modes(self.space, self.powers, self.band[1])
+        if route == "biot":
+            return biot(self.space, full(self.space, self.powers), self.band, terms)
+        if route == "diagonal":
+            return diagonal(self.space, self.powers)
+        return single_frequency(self.space, self.powers, float(np.sqrt(self._low * self.band[1])))
+
+    @property
+    def _low(self) -> float:
+        return max(self.band[0], 1e-3 * self.band[1])
+
+    def tried(self, route: str) -> Iterator[Conversion]:
+        """Yield conversions of a route, the cheapest first."""
+        for terms in _TERMS if route == "biot" else (0,):
+            yield self.conversion(route, terms)
+
+    def mended(self, route: str) -> Iterator[Conversion]:
+        """Yield conversions of a route as `tried`, and then fitted ones."""
+        for conversion in self.tried(route):
+            yield conversion
+            if isinstance(conversion, ComplexModes):
+                yield from (fitted(conversion, self.target, n) for n in _EXTRA)
+
+
+def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:
+    """Return slow motion with some complex modes, as they are."""
+    A, B = modes.blocks(kept, modes.at_inputs[:, kept])
+    left = 2.0 * modes.at_outputs[:, kept]
+    pairs = np.stack([left.real, left.imag], axis=2).reshape(len(left), -1)
+    displacements = np.hstack([slow.displacements, pairs])
+    return SlowMotion(A, B, displacements, slow.velocities, modes.frequency[kept])
+
+
+def model_of(given: object) -> Model:
+    """Return the model of what a plant is asked of.
+
+    Parameters
+    ----------
+    given : Model or UpdateResult
+        The structure.
+
+    Raises
+    ------
+    OptionError
+        If it is neither, or the result of several tests.
+    """
+    if isinstance(given, Model):
+        return given
+    if isinstance(given, JointResult):
+        names = ", ".join(repr(n) for n in given.results)
+        raise OptionError(
+            f"plant: the update has several tests ({names}), each with its own model; pass the"
+            " result of the one whose boundary conditions are those of the plant, such as"
+            f" result[{next(iter(given.results))!r}]"
+        )
+    if not isinstance(given, UpdateResult):
+        raise OptionError(
+            f"plant: expected a model or the result of an update, found {type(given).__name__}"
+        )
+    return given.model
+
+
+def task_of(
+    model: Model,
+    inputs: tuple[Port, ...],
+    outputs: tuple[Port, ...],
+    band: Sequence[float],
+    quantity: str | Sequence[str],
+    tier: str | None,
+    backend: str | None,
+    measure: str = "relative",
+) -> tuple[Task, tuple[str, ...]]:
+    """Return the task of a model, and the quantity of each output.
+
+    Parameters
+    ----------
+    model : Model
+        The structure.
+    inputs, outputs : tuple of Port
+        Where it is driven and read.
+    band, quantity, tier, backend
+        As for `updyn.plant`.
+    measure : {"relative", "peak"}
+        Of the errors.
+
+    Raises
+    ------
+    OptionError, ModelError, DofError, SolverError
+        As `updyn.plant`.
+    """
+    limits = check_band(band)
+    quantities = quantities_of(quantity, len(outputs))
+    system = AffineSystem.compile(model)
+    found = projection(model, system, inputs, outputs, limits, backend=backend)
+    space = found.space(system.start)
+    check_begin(space, limits[0])
+    ports = inputs, outputs
+    answer = answered(model, *ports, space.solver, tier, backend)
+    task = aimed(
+        ports,
+        quantities,
+        space,
+        (_poles(space), lambda: Spectrum.of(found, system.start)),
+        limits,
+        measure,
+        answer,
+    )
+    return task, quantities
+
+
+def check_begin(space: ModalSpace, low: float) -> None:
+    """Check that the structure has a finite answer where a band begins.
+
+    Parameters
+    ----------
+    space : ModalSpace
+        Its modes.
+    low : float
+        Lowest line in Hz.
+
+    Raises
+    ------
+    OptionError
+        If it moves as a rigid body there.
+    """
+    if space.rigid and low == 0.0:
+        raise OptionError(
+            f"plant: the band begins at 0 Hz, where the {space.rigid} rigid-body motions of the"
+            " structure have no finite answer; begin it above"
+        )
+
+
+def aimed(
+    ports: tuple[tuple[Port, ...], tuple[Port, ...]],
+    quantities: tuple[str, ...],
+    space: ModalSpace,
+    damped: tuple[NDArray[np.complex128], Callable[[], Spectrum]],
+    band: tuple[float, float],
+    measure: str,
+    receptance: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+) -> Task:
+    """Return what is to be realised, with the response at lines that resolve it.
+
+    Parameters
+    ----------
+    ports : tuple of (tuple of Port, tuple of Port)
+        Inputs and outputs.
+    quantities : tuple of str
+        Of each output.
+    space : ModalSpace
+        The modes of the structure.
+    damped : (ndarray of complex, callable)
+        Poles of the damped structure in rad/s, and what returns its spectrum.
+    band : (float, float)
+        In Hz.
+    measure : {"relative", "peak"}
+        Of the errors.
+    receptance : callable
+        Of the structure, by lines in Hz.
+
+    Raises
+    ------
+    SolverError
+        If the structure has no finite answer at a line.
+    """
+    powers = np.array([QUANTITIES[q] for q in quantities], dtype=np.intp)
+    target = Target.of(
+        receptance,
+        quantities,
+        target_lines(damped[0], band),
+        slow=bool(space.omega[0] < 2.0 * np.pi * band[0]),
+        potential=full(space, powers).potential,
+        measure=measure,
+        reduced=space.solver is not None,
+    )
+    if not np.isfinite(target.values).all():
+        raise SolverError(
+            "plant: the structure has no finite answer at a line of the band: it is not damped"
+        )
+    return Task(space, target, powers, band, ports, damped[1])
+
+
+def _poles(space: ModalSpace) -> NDArray[np.complex128]:
+    """Return the poles of the damped structure; of a defective one those of its single modes."""
+    try:
+        return complex_modes(space, np.zeros(len(space.outputs), dtype=np.intp), 1.0).poles
+    except ModelError:
+        return np.asarray(space.omega * (1j - 0.5 * space.loss_factors()))
