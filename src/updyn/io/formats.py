@@ -139,12 +139,12 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     candidates = able
     if verb.startswith("read") or verb == "write_properties":
         start = _start(path)
-        told = [f for f in able if start.startswith(f.magic)]
-        for candidate in told:
+        by_magic = [f for f in able if start.startswith(f.magic)]
+        for candidate in by_magic:
             if suffix in candidate.suffixes:
                 return candidate
-        if told:
-            return told[0]
+        if by_magic:
+            return by_magic[0]
         # A file that does not start as a binary format says is not of that format, whatever its
         # suffix.
         candidates = [f for f in able if not f.magic or f.name == "uff"]

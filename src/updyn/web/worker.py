@@ -49,7 +49,7 @@ class Worker:
     now : mapping
         Where it is.
     values : mapping of str to float
-        Its unknowns where it is, in the end those that it found; empty where it has told none.
+        Its unknowns where it is, in the end those that it found; empty where it has stated none.
     stages : deque of str
         What it has said of its work.
     notes : deque of str
@@ -161,22 +161,22 @@ class Worker:
         collecting.join(_LAST_LINES)
         self._close(code)
 
-    def _take(self, told: Mapping[str, Any]) -> None:
+    def _take(self, event: Mapping[str, Any]) -> None:
         """Take one line."""
-        kind = told["kind"]
-        self.values = told.get("values") or self.values
+        kind = event["kind"]
+        self.values = event.get("values") or self.values
         if kind == "progress":
-            is_step = told["cost"] is not None and told["iteration"] != self.now.get("iteration")
+            is_step = event["cost"] is not None and event["iteration"] != self.now.get("iteration")
             if is_step or not self.steps:
-                self.steps.append(told)
-            self.now = told
+                self.steps.append(event)
+            self.now = event
         elif kind == "stage":
-            self.stages.append(told["text"])
+            self.stages.append(event["text"])
         elif kind == "note":
-            self.notes.append(told["text"])
+            self.notes.append(event["text"])
         else:
-            self.message = told["text"]
-            self.status = told.get("status", "")
+            self.message = event["text"]
+            self.status = event.get("status", "")
         self.version += 1
 
     def _close(self, code: int) -> None:

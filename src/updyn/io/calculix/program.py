@@ -101,10 +101,10 @@ class Program:
                 "\n".join(lines) + "\n", encoding="latin-1", errors="replace"
             )
             said, code = self._run(folder)
-            told = self._judge(said, code, folder)
-            if told and remarks:
+            complaints = self._judge(said, code, folder)
+            if complaints and remarks:
                 warnings.warn(
-                    f"{self.path}: ccx says: {'; '.join(told)}", UpdynWarning, stacklevel=2
+                    f"{self.path}: ccx says: {'; '.join(complaints)}", UpdynWarning, stacklevel=2
                 )
             return self._read(folder)
 

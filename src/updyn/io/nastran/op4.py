@@ -412,11 +412,11 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     columns, rows, form, kind = lines.integers(header, 4, width, "columns, rows, form and type")
     name = header[4 * width : 4 * width + 8].strip().upper()
     check_header(lines.path, lines.number, name, columns, rows, kind)
-    told = _TEXT_FORMAT.search(header, 4 * width + 8)
-    if told is None:
+    layout = _TEXT_FORMAT.search(header, 4 * width + 8)
+    if layout is None:
         raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' behind the name")
-    a_line = int(told[1])
-    field = int(told[2])
+    a_line = int(layout[1])
+    field = int(layout[2])
     head = _head_words(rows)
     out = Collector(lines.path, name, abs(rows), columns)
     while True:

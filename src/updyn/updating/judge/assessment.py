@@ -384,8 +384,8 @@ def examine(
         errors.append(OutputError(weight, "residual"))
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
-            told = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
-            whitened.append(np.where(told, weight * misfit, np.nan))
+            counted = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
+            whitened.append(np.where(counted, weight * misfit, np.nan))
         base = noise
         if isinstance(noise, Robust):
             base = noise.base

@@ -31,7 +31,7 @@ def findings_in(frf: FRF, noise: NoiseModel, test: str) -> list[Finding]:
 def shown_by(frf: FRF) -> list[Shown]:
     """Return the faults that data with their variance show by themselves, the likeliest first.
 
-    Those that another one of them is known to look like are not told.
+    Those that another one of them is known to look like are left out.
     """
     found: list[Shown] = []
     for kind in CAUSES:
@@ -39,14 +39,14 @@ def shown_by(frf: FRF) -> list[Shown]:
         if issubclass(cause, ShownFault):
             found += cause.shown(frf)
     blurred = {kind for one in found for kind in one.fault.blurs}
-    told = [one for one in found if one.fault.kind not in blurred]
-    return sorted(told, key=lambda one: -one.log_odds)
+    clear = [one for one in found if one.fault.kind not in blurred]
+    return sorted(clear, key=lambda one: -one.log_odds)
 
 
 def still_shown(
     seen: Sequence[Shown], frf: FRF, findings: Sequence[Finding], thinned: tuple[FRF, FRF]
 ) -> list[Shown]:
-    """Return what is still to be told beside other findings: a symptom of these is not.
+    """Return what is still to be stated beside other findings: a symptom of these is not.
 
     Parameters
     ----------

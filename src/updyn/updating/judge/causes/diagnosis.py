@@ -145,19 +145,19 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     for one in seen:
         if one.fault.written:
             frf = one.fault.repair(frf)
-    told = [finding_of(one, part.name) for one in seen]
+    stated = [finding_of(one, part.name) for one in seen]
     whole = part.with_data(frf)
     if not is_looked_at(whole):
-        return told
+        return stated
     part, held = widened(whole.thinned(_LINES))
     stage = stage_of(part)
     known = [np.concatenate([x, held]) for x in points]
-    explained = _explained(part, whole, stage, known, told, noise)
+    explained = _explained(part, whole, stage, known, stated, noise)
     aside = set_aside(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
     if symptoms and explained.left_of(part.frf) > _EXPLAINED:
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
-        by_itself = _explained(part.with_data(aside), whole, stage, known, told, noise)
+        by_itself = _explained(part.with_data(aside), whole, stage, known, stated, noise)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
     freed = replace(explained.part.frf, variance=part.frf.variance)
@@ -190,7 +190,7 @@ def _explained(
     whole: Part,
     stage: Stage,
     points: Sequence[_Real],
-    told: Sequence[Finding],
+    stated: Sequence[Finding],
     noise: NoiseModel,
 ) -> _Explained:
     """Return the faults that model and data show together; sizes are of the whole of the data."""
@@ -198,7 +198,7 @@ def _explained(
     end: _Real | None = None
     for _ in range(_MOST):
         known = points if end is None else [end]
-        found = _likeliest(part, stage, known, [*told, *findings])
+        found = _likeliest(part, stage, known, [*stated, *findings])
         if not found:
             break
         best = found[0]
@@ -254,7 +254,7 @@ def _as_likely(part: Part, trial: Trial, noise: NoiseModel) -> Part:
 
 
 def _likeliest(
-    part: Part, stage: Stage, points: Sequence[_Real], told: Sequence[Finding]
+    part: Part, stage: Stage, points: Sequence[_Real], stated: Sequence[Finding]
 ) -> list[_Found]:
     """Return the likeliest fault, and those that cannot be told from it; empty where none is."""
     home = part.coordinates.home
@@ -265,7 +265,7 @@ def _likeliest(
         if without is None:
             return []
         here, without = _settled(part, here, stage, without)
-        fresh = _worth_a_trial(here, without, start, told)
+        fresh = _worth_a_trial(here, without, start, stated)
         ranked = _ranked(here, fresh, without)
         if not _stands(ranked):
             return []
@@ -378,7 +378,7 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
 
 
 def _worth_a_trial(
-    part: Part, without: Trial, start: _Real, told: Sequence[Finding]
+    part: Part, without: Trial, start: _Real, stated: Sequence[Finding]
 ) -> list[_Begun]:
     """Return the faults that are worth a whole fit, the likeliest first.
 
@@ -388,7 +388,7 @@ def _worth_a_trial(
     """
 
     def fresh(scores: Iterable[_Score]) -> list[_Score]:
-        return [one for one in scores if not any(_covers(known, one.fault) for known in told)]
+        return [one for one in scores if not any(_covers(known, one.fault) for known in stated)]
 
     if without.power < _SMALL**2 and without.alike < _ALIKE:
         scores = _scored(part, without.x, promising=True)
