@@ -72,7 +72,7 @@ def state(page, pattern):
 
 
 def undo_all(page):
-    """What is typed reaches the job in pieces, each of which is undone on its own."""
+    """What is typed with pauses is undone in pieces."""
     saved = page.get_by_text("job.toml", exact=True)
     for _ in range(24):
         if saved.count():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +19,9 @@ __all__ = ["JobDocument"]
 
 #: Edits that can be taken back.
 _MOST_STEPS = 200
+#: What is typed with shorter pauses than this, in s, is one edit.
+_PAUSE = 2.0
+_TYPING = "typing"
 
 
 class JobDocument:
@@ -46,6 +51,7 @@ class JobDocument:
         self.path = path
         self.text = self._saved = _read(path)
         self.version = 0
+        self._typed = -math.inf  # when something was typed last
         self._done: list[tuple[str, str]] = []
         self._undone: list[tuple[str, str]] = []
 
@@ -102,11 +108,29 @@ class JobDocument:
         self._undone = []
         self._set(text)
 
+    def type(self, text: str) -> None:
+        """Put what has been typed in place of the whole; without a longer pause it is one edit.
+
+        Parameters
+        ----------
+        text : str
+            The text.
+        """
+        now = time.monotonic()
+        goes_on = self.last_edit == _TYPING and now - self._typed < _PAUSE and self.changed
+        self._typed = now
+        if not goes_on:
+            self.replace(_TYPING, text)
+        elif text != self.text:
+            self._undone = []
+            self._set(text)
+
     def undo(self) -> None:
         """Take back the last edit, where there is one."""
         if self._done:
             what, text = self._done.pop()
             self._undone.append((what, self.text))
+            self._typed = -math.inf
             self._set(text)
 
     def redo(self) -> None:
@@ -114,6 +138,7 @@ class JobDocument:
         if self._undone:
             what, text = self._undone.pop()
             self._done.append((what, self.text))
+            self._typed = -math.inf
             self._set(text)
 
     def save(self) -> None:

@@ -70,6 +70,31 @@ def test_undo_and_redo(path: Path) -> None:
     assert job.text == "3 = 3\n"
 
 
+def test_what_is_typed_without_a_pause_is_one_edit(path, monkeypatch) -> None:
+    now = 100.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    job = JobDocument(path)
+    for text in ("a", "ab", "abc"):
+        job.type(text)
+        now += 0.5
+    job.undo()
+    assert (job.text, job.last_edit) == (TEXT, "")
+    job.type("d")  # what was undone is gone, and this is another edit
+    assert job.next_edit == ""
+    job.type("de")
+    now += 5.0
+    job.type("def")
+    job.undo()
+    assert (job.text, job.last_edit) == ("de", "typing")
+    job.type("deg")
+    job.undo()
+    assert job.text == "de"
+    job.save()
+    job.type("dem")
+    job.undo()
+    assert (job.text, job.changed) == ("de", False), "undo leads back to what was saved"
+
+
 def test_the_version_changes_with_the_text_and_only_with_it(path: Path) -> None:
     job = JobDocument(path)
     job.replace("nothing", TEXT)

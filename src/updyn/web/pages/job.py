@@ -60,7 +60,7 @@ async def show(workspace: Workspace) -> None:
     document = workspace.opened
 
     def typed(event: events.ValueChangeEventArguments[Any]) -> None:
-        document.replace("typing", str(event.value))
+        document.type(str(event.value))
 
     with ui.row().classes("items-center"):
         copy = ui.input("Another name", placeholder="job-2.toml").classes("w-60")
