@@ -163,8 +163,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert reduction._BETWEEN == (0.2, 0.5, 0.8)
     assert "loss factors of 0 to 0.3" in section
     assert reducing._LOSSY == 0.3
-    assert "in up to four rounds as below, unless it leaves the trust radius twice" in section
-    assert (reducing._FIRST_ROUNDS, reducing._FAR_ROUNDS) == (4, 1)
+    assert "in rounds of 12 steps as below, 12 at most" in section
+    assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
+    assert "leaves more than 0.8 of the log error of the one before" in section
+    assert reducing._LOWERED == 0.8
     assert "fields of 40 other points" in section
     assert reducing._SAMPLES == 40
     assert f"no further than {100 * reducing._TRUST_RADIUS:.0f} % of a factor" in section

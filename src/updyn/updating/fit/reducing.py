@@ -52,9 +52,9 @@ _LOSS_RADIUS = 0.05
 #: Largest number of steps of a round that leaves the trust radius.
 _MAX_STEPS_PER_ROUND = 12
 _ROUNDS = 12
-#: So many of them, until the residual of a fit from the start must look like noise; so many of
-#: them may leave the trust radius, else the start is far off.
-_FIRST_ROUNDS, _FAR_ROUNDS = 4, 1
+#: Rounds of a fit from the start. Each lowers the log error to this share of the one before, or its
+#: residual looks like noise; else the start is far off.
+_FIRST_ROUNDS, _LOWERED = 12, 0.8
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
 _NEAR = 0.25
 #: A larger basis is compressed.
@@ -294,21 +294,27 @@ class Reducing:
     def _from_start(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[_Vector, bool]:
-        """Return where a few rounds from the start end, and whether the residual is like noise."""
-        x, left = self._home, 0
+        """Return where rounds from the start end, and whether the residual there is like noise."""
+        x, cost = self._home, _log_cost(coarse(problem, noises), self._home)
+        is_answer = False
         for _ in range(_FIRST_ROUNDS):
             inside = self.inside(problem)
             fitted = replace(strategy, max_iterations=_MAX_STEPS_PER_ROUND)  # type: ignore[type-var]
             fit = fitted.fit(inside.with_box(self._box()), noises, monitor, x)
-            x = fit.x
-            left += _outside(x, self._box())
-            if fit.reason in ("stopped", "failed") or left > _FAR_ROUNDS:
+            few = coarse(inside, noises)
+            before, x, cost = cost, fit.x, _log_cost(few, fit.x)
+            is_answer = _is_answer(few, noises, x)
+            is_near = not _outside(x, self._box(_NEAR))
+            if fit.reason in ("stopped", "failed"):
                 return x, False
-            if not _outside(x, self._box(_NEAR)):
+            if is_near and (is_answer or fit.reason != "max-iterations"):
                 break
-            with monitor.stage("reduce"):
-                self._make(x)
-        return x, _is_answer(coarse(self.inside(problem), noises), noises, x)
+            if not is_answer and cost > _LOWERED * before:
+                return x, False
+            if not is_near:
+                with monitor.stage("reduce"):
+                    self._make(x)
+        return x, is_answer
 
     @staticmethod
     def _may_search(strategy: Method) -> bool:
