@@ -296,7 +296,7 @@ class Reducing:
     ) -> tuple[_Vector, bool]:
         """Return where rounds from the start end, and whether the residual there is like noise."""
         x, cost = self._home, _log_cost(coarse(problem, noises), self._home)
-        is_answer = False
+        is_answer = is_enriched = False
         for _ in range(_FIRST_ROUNDS):
             inside = self.inside(problem)
             fitted = replace(strategy, max_iterations=_MAX_STEPS_PER_ROUND)  # type: ignore[type-var]
@@ -307,12 +307,16 @@ class Reducing:
             is_near = not _outside(x, self._box(_NEAR))
             if fit.reason in ("stopped", "failed"):
                 return x, False
-            if is_near and (is_answer or fit.reason != "max-iterations"):
+            has_ended = is_near and fit.reason != "max-iterations"
+            if (is_near and is_answer) or (has_ended and is_enriched):
                 break
-            if not is_answer and cost > _LOWERED * before:
+            if not has_ended and not is_answer and cost > _LOWERED * before:
                 return x, False
-            if not is_near:
-                with monitor.stage("reduce"):
+            with monitor.stage("reduce"):
+                if has_ended:  # what the basis lacks is no noise either
+                    self._enrich(x)
+                    is_enriched = True
+                elif not is_near:
                     self._make(x)
         return x, is_answer
 
