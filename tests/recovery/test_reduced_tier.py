@@ -50,8 +50,10 @@ def plate() -> updyn.Model:
     return updyn.Model.from_groups(groups, [f"{d + 1}:Z" for d in range(n)])
 
 
-def measured(model: updyn.Model, noise: float) -> updyn.FRF:
-    change = {"left": 1.3, "right": 0.8, "seam": 0.7, "support": 1.2}
+NEAR = {"left": 1.3, "right": 0.8, "seam": 0.7, "support": 1.2}
+
+
+def measured(model: updyn.Model, noise: float, change: dict[str, float] = NEAR) -> updyn.FRF:
     truth = model.scaled(
         {
             g: {"stiffness": k, "loss_factor": model.group(g).loss_factor * 1.5}
@@ -81,6 +83,20 @@ def test_where_a_fit_from_the_start_leaves_noise_nothing_is_searched() -> None:
     assert not any(step.stage == "search" for step in near.history)
     for name in unknowns.names:
         assert abs(near.values[name] - local.values[name]) < 1e-2 * local.std[name]
+
+
+def test_a_fit_from_the_start_goes_on_while_it_gets_better() -> None:
+    """The way is more than twice as long as one basis holds."""
+    model = plate()
+    far = {"left": 1.7, "right": 0.6, "seam": 0.5, "support": 1.5}
+    frf = measured(model, 0.01, far)
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    result = updyn.update(model, frf, unknowns, tier="reduced", backend="superlu")
+    assert result.status == "converged"
+    assert not any(step.stage == "search" for step in result.history)
+    for group, factor in far.items():
+        name = f"{group}.stiffness"
+        assert abs(result.values[name] - factor) < 4.0 * result.std[name]
 
 
 @pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
