@@ -94,7 +94,7 @@ def draw(size: str, sensors: int, seed: int, tier: str) -> tuple[float, bool, fl
         f"  seed {seed}: {error.max():8.1f} bounds, {found.status}, {len(found.history)} steps,"
         f" {seconds:.1f} s, basis {found.options.get('basis', '-')},"
         f" error {found.options.get('error', '-')}, {found.options.get('factorisations', '-')}"
-        " factorisations",
+        f" factorisations{', searched' * any(step.stage == 'search' for step in found.history)}",
         flush=True,
     )
     return error.max(), found.status == "converged", seconds

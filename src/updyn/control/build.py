@@ -9,13 +9,7 @@ import numpy as np
 
 from updyn.control.choice import check_route, chosen
 from updyn.control.measured import measured
-from updyn.control.options import (
-    Ports,
-    check_band,
-    check_error,
-    check_tolerance,
-    quantities_of,
-)
+from updyn.control.options import Ports, check_band, check_error, check_tolerance, quantities_of
 from updyn.control.passivity import collocated
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports

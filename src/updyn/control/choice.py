@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from updyn.control.causal import GAIN
-from updyn.control.complex_modes import (
-    ComplexModes,
-    Fitted,
-    fitted,
-)
+from updyn.control.complex_modes import ComplexModes, Fitted, fitted
 from updyn.control.conversions import REFUSED, error_of
 from updyn.control.rational import Rational
 from updyn.control.rational_states import fewest_states, with_poles_of

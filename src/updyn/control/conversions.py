@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from updyn.control.options import (
-    Ports,
-)
+from updyn.control.options import Ports
 from updyn.control.ports import as_ports
 from updyn.control.task import Task, model_of, task_of
 from updyn.errors import ModelError

@@ -10,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.antiresonances import ZeroShift, shifts
-from updyn.control.complex_modes import (
-    Fitted,
-)
+from updyn.control.complex_modes import Fitted
 from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.servo.state_space import StateSpace, channel_zeros

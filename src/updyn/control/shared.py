@@ -9,19 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.choice import check_route, chosen, like_another
-from updyn.control.options import (
-    check_band,
-    check_error,
-    check_tolerance,
-    quantities_of,
-)
+from updyn.control.options import check_band, check_error, check_tolerance, quantities_of
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 from updyn.control.realised import realised
-from updyn.control.space import (
-    Projection,
-    shared_projection,
-)
+from updyn.control.space import Projection, shared_projection
 from updyn.control.spectrum import Spectrum
 from updyn.control.target import Kept
 from updyn.control.task import Task, aimed, check_begin

@@ -9,28 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.causal import differences, least_error
-from updyn.control.complex_modes import (
-    ComplexModes,
-    complex_modes,
-    fitted,
-    slow_motion,
-)
-from updyn.control.options import (
-    check_band,
-    quantities_of,
-)
+from updyn.control.complex_modes import ComplexModes, complex_modes, fitted, slow_motion
+from updyn.control.options import check_band, quantities_of
 from updyn.control.passivity import collocated
 from updyn.control.ports import Port
 from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.real_modes import biot, diagonal, full, single_frequency
-from updyn.control.space import (
-    Conversion,
-    ModalSpace,
-    imaginary,
-    projection,
-    rates,
-)
+from updyn.control.space import Conversion, ModalSpace, imaginary, projection, rates
 from updyn.control.spectrum import Spectrum
 from updyn.control.target import Kept, Target, answered, target_lines
 from updyn.dynamics.affine import AffineSystem

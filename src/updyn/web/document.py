@@ -116,21 +116,20 @@ class JobDocument:
         text : str
             The text.
         """
-        now = time.monotonic()
+        if text == self.text:  # the page says again what an undo has put there
+            return
+        now, done = time.monotonic(), self._done
         goes_on = self.last_edit == _TYPING and now - self._typed < _PAUSE and self.changed
+        self.replace(_TYPING, text)
         self._typed = now
-        if not goes_on:
-            self.replace(_TYPING, text)
-        elif text != self.text:
-            self._undone = []
-            self._set(text)
+        if goes_on:
+            self._done = done
 
     def undo(self) -> None:
         """Take back the last edit, where there is one."""
         if self._done:
             what, text = self._done.pop()
             self._undone.append((what, self.text))
-            self._typed = -math.inf
             self._set(text)
 
     def redo(self) -> None:
@@ -138,7 +137,6 @@ class JobDocument:
         if self._undone:
             what, text = self._undone.pop()
             self._done.append((what, self.text))
-            self._typed = -math.inf
             self._set(text)
 
     def save(self) -> None:
@@ -187,6 +185,7 @@ class JobDocument:
         self._saved = self.text
 
     def _set(self, text: str) -> None:
+        self._typed = -math.inf
         self.text = text
         self.version += 1
 

@@ -86,6 +86,7 @@ def test_what_is_typed_without_a_pause_is_one_edit(path, monkeypatch) -> None:
     job.type("def")
     job.undo()
     assert (job.text, job.last_edit) == ("de", "typing")
+    job.type("de")  # the editor says again what it was given
     job.type("deg")
     job.undo()
     assert job.text == "de"

@@ -303,7 +303,7 @@ class Reducing:
             fit = fitted.fit(inside.with_box(self._box()), noises, monitor, x)
             few = coarse(inside, noises)
             before, x, cost = cost, fit.x, _log_cost(few, fit.x)
-            is_answer = _is_answer(few, noises, x)
+            is_answer = _is_answer(few, noises, x, cost)
             is_near = not _outside(x, self._box(_NEAR))
             if fit.reason in ("stopped", "failed"):
                 return x, False
@@ -514,10 +514,10 @@ def _faintest(frf: FRF) -> float:
     return float(share[share > FINEST].min(initial=1.0))
 
 
-def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> bool:
+def _is_answer(problem: Problem, noises: Sequence[NoiseModel], x: _Vector, cost: float) -> bool:
     """Whether the residual at x looks like noise; where modes are data, no."""
     belief = Belief(problem, all(noise.size_known for noise in noises))
-    return not problem.modal and belief.is_answer(x, _log_cost(problem, x))
+    return not problem.modal and belief.is_answer(x, cost)
 
 
 def _log_cost(problem: Problem, x: _Vector) -> float:

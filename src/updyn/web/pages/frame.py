@@ -101,9 +101,9 @@ def _job_bar(workspace: Workspace) -> None:
             for button, word in ((undo, "Undo"), (redo, "Redo")):
                 button.props(f"flat dense aria-label={word}")
             with undo:
-                last = ui.tooltip("")
+                undo_tip = ui.tooltip("")
             with redo:
-                next_ = ui.tooltip("")
+                redo_tip = ui.tooltip("")
             save = ui.button("Save", on_click=on_document(JobDocument.save))
             save.props("flat dense no-caps")
 
@@ -115,10 +115,11 @@ def _job_bar(workspace: Workspace) -> None:
             return
         edited = " (edited)" if document.changed else ""
         name.set_text(workspace.project.name_of(document.path) + edited)
-        last.set_text(f"Undo: {document.last_edit}" if document.last_edit else "Nothing to undo")
-        next_.set_text(f"Redo: {document.next_edit}" if document.next_edit else "Nothing to redo")
-        undo.set_enabled(bool(document.last_edit))
-        redo.set_enabled(bool(document.next_edit))
+        last, following = document.last_edit, document.next_edit
+        undo_tip.set_text(f"Undo: {last}" if last else "Nothing to undo")
+        redo_tip.set_text(f"Redo: {following}" if following else "Nothing to redo")
+        undo.set_enabled(bool(last))
+        redo.set_enabled(bool(following))
         save.set_enabled(document.changed)
 
     update()
