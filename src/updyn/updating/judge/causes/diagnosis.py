@@ -55,6 +55,8 @@ _KEPT = 4
 _ALIKE_ODDS = 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
+#: Share of the way of what is held of the model that a fault makes needless at least.
+_BACK = 0.5
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
 _WORTH = 0.1
 #: Correlation of neighbouring lines, and log misfit (rms), below which the residual of a fault is
@@ -325,7 +327,7 @@ def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, 
 
 def _ranked(part: Part, fresh: Sequence[_Begun], without: Trial) -> list[_Found]:
     """Return the faults that are worth a word after a fit of each, the likeliest first."""
-    found: dict[tuple[str, tuple[str, ...]], _Found] = {}
+    ends: dict[tuple[str, tuple[str, ...]], Trial] = {}
     waiting = deque(fresh)
     noise: Trial | None = None
     while waiting:
@@ -334,16 +336,30 @@ def _ranked(part: Part, fresh: Sequence[_Begun], without: Trial) -> list[_Found]
         trial = tried(part, fault, [x], rival=noise)
         if trial is None or trial.fault is None:
             continue
-        gain, explained = trial.compared(without)
-        log_odds = gain + float(np.log(fault.odds))
-        if key not in found or log_odds > found[key].log_odds:
-            share = _share(trial, without, explained)
-            found[key] = _Found(trial, trial.fault, log_odds, share)
+        if key not in ends or trial.gain(ends[key]) > 0.0:
+            ends[key] = trial
             waiting += [(other, trial.x) for other in trial.fault.relatives(part.frf)]
             if _is_noise(trial):
                 noise = trial
-    worth = [one for one in found.values() if _is_worth_a_word(one)]
-    return sorted(worth, key=lambda one: -one.log_odds)
+    found = [_found(end, without, alike) for alike, end in _with_alike(ends.values(), without)]
+    return sorted(filter(_is_worth_a_word, found), key=lambda one: -one.log_odds)
+
+
+def _with_alike(ends: Iterable[Trial], without: Trial) -> list[tuple[float, Trial]]:
+    """Return trials, each with the correlation of neighbouring lines by which all are compared.
+
+    It is that of the one that leaves least: what others leave is not only noise.
+    """
+    every = list(ends)
+    best = min([*every, without], key=lambda end: end.power)
+    return [(min(best.alike, without.alike), end) for end in every]
+
+
+def _found(end: Trial, without: Trial, alike: float) -> _Found:
+    assert end.fault is not None
+    gain, explained = end.compared(without, alike)
+    log_odds = gain + float(np.log(end.fault.odds))
+    return _Found(end, end.fault, log_odds, _share(end, without, explained))
 
 
 def _is_worth_a_word(found: _Found) -> bool:
@@ -369,11 +385,18 @@ def _covers(finding: Finding, fault: Fault) -> bool:
 
 
 def _share(trial: Trial, without: Trial, explained: float) -> float:
-    """Return the share of the misfit, or of the unknowns' way, that a fault explains."""
+    """Return the share of the misfit, or of the unknowns' way, that a fault explains.
+
+    The way counts where it was farther than models are off; of what is held of the model, whose
+    spread is known, where the fault brings most of it back.
+    """
     # What has no size of its own does not do it by chance.
     known = trial.fault is not None and not trial.fault.tunes
     if known and without.far > _FAR_OFF**2 * len(without.x):
         explained = max(explained, 1.0 - trial.far / without.far)
+    if without.far_held > _FAR_OFF**2 * without.n_held:
+        back = 1.0 - trial.far_held / without.far_held
+        explained = max(explained, back if back > _BACK else 0.0)
     return explained
 
 
@@ -433,13 +456,9 @@ def _explains_all(end: Trial, without: Trial) -> bool:
 
 def _ahead(ends: Sequence[Trial], without: Trial) -> list[_Begun]:
     """Return the likeliest of some trials, the best first, with the points to go on from."""
-
-    def log_odds(end: Trial) -> float:
-        assert end.fault is not None
-        return end.gain(without) + float(np.log(end.fault.odds))
-
-    best = sorted(ends, key=lambda end: -log_odds(end))[:_KEPT]
-    return [(end.fault, end.x) for end in best if end.fault is not None]
+    found = [_found(end, without, alike) for alike, end in _with_alike(ends, without)]
+    best = sorted(found, key=lambda one: -one.log_odds)[:_KEPT]
+    return [(one.fault, one.trial.x) for one in best]
 
 
 def _as_good(part: Part, end: Trial) -> list[_Score]:

@@ -77,21 +77,37 @@ class Trial:
     numbers: int = 0
     quadratic: Quadratic | None = None
 
-    def gain(self, other: Trial) -> float:
+    @property
+    def n_held(self) -> int:
+        """Number of stiffnesses and masses that are held of the model."""
+        return 0 if self.quadratic is None else int(self.quadratic.held.sum())
+
+    @property
+    def far_held(self) -> float:
+        """Sum of squares of the way of what is held of the model, in units of its spread."""
+        if self.quadratic is None:
+            return 0.0
+        way = (self.quadratic.off / self.quadratic.spread)[self.quadratic.held]
+        return float(way @ way)
+
+    def gain(self, other: Trial, alike: float | None = None) -> float:
         """Return by how much the logarithm of the evidence is larger than that of another trial.
 
         Values that follow each other alike count less; each number of a fault costs what the
-        Bayesian information criterion says (Schwarz, Ann. Stat. 6 (1978) 461).
+        Bayesian information criterion says (Schwarz, Ann. Stat. 6 (1978) 461). Gains over one trial
+        are comparable where they are taken with one correlation of neighbouring lines, `alike`;
+        else it is the smaller one of the two.
         """
-        return self.compared(other)[0]
+        return self.compared(other, alike)[0]
 
-    def compared(self, other: Trial) -> tuple[float, float]:
+    def compared(self, other: Trial, alike: float | None = None) -> tuple[float, float]:
         """Return the gain, and the share of the other's misfit that is explained.
 
         Where something is held of the model, both are taken with that being off as far as suits
         them best, and the other's misfit with that being off as far as suits this one.
         """
-        alike = min(max(min(self.alike, other.alike), 0.0), _MOST_ALIKE)
+        alike = min(self.alike, other.alike) if alike is None else alike
+        alike = min(max(alike, 0.0), _MOST_ALIKE)
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
         cost = 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
