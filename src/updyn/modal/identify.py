@@ -546,7 +546,9 @@ def _mode_set(
     for mode in _shown(measured, modes):
         residues = mode.residues.reshape(measured.level.shape)
         pole = np.array([mode.pole])
-        factor = axis.modal(pole, np.ones(1, dtype=np.complex128))[0] * measured.level
+        # A residue goes with the pole of its run: where a sensor roves, another changes the shape.
+        factor = axis.modal(mode.poles, np.ones(len(mode.poles), dtype=np.complex128))
+        factor = factor.reshape(measured.level.shape) * measured.level
         figures = (
             float(axis.frequency(pole)[0]),
             float(axis.loss(pole)[0]),

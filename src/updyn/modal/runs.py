@@ -81,6 +81,8 @@ class Mode:
         Whether more than one run knows it.
     added : int
         Number of the pick of one that is a mode whatever it is worth, else -1.
+    by_channel : ndarray of complex, shape (p,), or None
+        Where it varies from run to run, the pole of each channel.
     """
 
     pole: complex
@@ -91,6 +93,14 @@ class Mode:
     seen: float
     everywhere: bool = True
     added: int = -1
+    by_channel: _Complex | None = None
+
+    @property
+    def poles(self) -> _Complex:
+        """The pole of each channel, shape (p,)."""
+        if self.by_channel is None:
+            return np.full(len(self.residues), self.pole)
+        return self.by_channel
 
 
 def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> list[Mode]:
@@ -299,7 +309,7 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp], least: float
     mode = _mode(fit, pole, spread, residues, errors, squares, without.left)
     share = np.bincount(runs, np.abs(residues) ** 2)
     everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
-    mode = replace(mode, everywhere=everywhere)
+    mode = replace(mode, everywhere=everywhere, by_channel=each[runs])
     return _Each(_criterion(fit, cost, count, 1), mode)
 
 
