@@ -45,8 +45,8 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 #: Lines of a state from which one eigendecomposition takes less time than a factorisation for each
-#: line. It takes as long as 25 (50 equations) to 42 (100 equations) of them.
-LEAST_LINES = 64
+#: line: it does from 20 (up to 50 equations) to 40 (100 equations; 33 with 300) of them.
+LEAST_LINES = 40
 #: The same in real arithmetic, where it takes as long as 4 to 8.
 LEAST_REAL_LINES = 16
 

@@ -519,15 +519,14 @@ class Reduction:
         lines = _some_lines(freq, level, count, 0)
         for number in range(1, _PASSES + 1):
             growing = enrich and number < _PASSES
-            size, lacking = self.basis.size, []
-            for first in range(0, len(lines), _TOGETHER):
-                some = lines[first : first + _TOGETHER]
-                lacking.append(self._check(definite, state, some, growing))
-                self.poll()
+            # A basis that may do already is not enriched before its error is known.
+            margin = _MARGIN if number > 1 else 1.0
+            allowed = margin * self.accuracy if growing else np.inf
+            size, lacking = self.basis.size, self._checked(definite, state, lines, allowed)
             if self.basis.size > size:
                 lines = _some_lines(freq, level, count, number)
                 continue
-            self.basis.extend(self._orthonormal(np.hstack(lacking), state))
+            self.basis.extend(self._orthonormal(lacking, state))
             estimate = self._estimate_within(definite, state, freq, size)
             if not growing or estimate.reduction <= self.accuracy:
                 break
@@ -535,6 +534,35 @@ class Reduction:
         self.basis = self.basis.leading(size)
         self._sparse.release()
         return estimate.certificate(size, tuple(lines), self.factorisations)
+
+    def settle(
+        self, state: State, freq: _Real, *, accuracy: float | None = None, count: int = 12
+    ) -> None:
+        """Enrich the basis at a state until the residuals at some lines are small enough.
+
+        As `certify`, but for the error at all lines, which is not computed.
+
+        Parameters
+        ----------
+        state, freq, count
+            As for `certify`.
+        accuracy : float, optional
+            Another one than that of the reduction.
+
+        Raises
+        ------
+        SolverError
+            As `certify`.
+        """
+        definite = self._factorised(state, -self._top)
+        level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
+        allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
+        for number in range(_PASSES):
+            size = self.basis.size
+            self._checked(definite, state, _some_lines(freq, level, count, number), allowed)
+            if self.basis.size == size:
+                break
+        self._sparse.release()
 
     def enrich(self, states: Sequence[State], freq: _Real) -> None:
         """Enrich the basis by what it lacks at some lines of several states.
@@ -548,9 +576,7 @@ class Reduction:
         """
         for state in states:
             definite = self._factorised(state, -self._top)
-            for first in range(0, len(freq), _TOGETHER):
-                self._check(definite, state, freq[first : first + _TOGETHER].tolist(), True)
-                self.poll()
+            self._checked(definite, state, freq.tolist(), _MARGIN * self.accuracy)
         self._sparse.release()
 
     def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
@@ -666,10 +692,23 @@ class Reduction:
             q = solver.solve(c, loaded, freq[block], pencil)
             yield q, solver.at(q, self.rows)
 
+    def _checked(
+        self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
+    ) -> _Real:
+        """Check some lines, few together; return what the basis lacks, shape (N, k)."""
+        lacking = []
+        for first in range(0, len(lines), _TOGETHER):
+            some = lines[first : first + _TOGETHER]
+            lacking.append(self._check(definite, state, some, allowed))
+            self.poll()
+        return np.hstack(lacking)
+
     def _check(
-        self, definite: Factorised, state: State, lines: Sequence[float], enrich: bool
+        self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
     ) -> _Real:
         """Add what is worth it of what the basis lacks at some lines; return it if nothing is.
+
+        Where their largest error is what is allowed, nothing is.
 
         Directions that several lines lack are added once: with Y = P^-1 R, R^T Y is their Gram
         matrix in P across all lines.
@@ -687,14 +726,13 @@ class Reduction:
                 for line, own in zip(checked, np.split(Y, len(checked), axis=1), strict=True)
             ]
         )
-        allowed = _MARGIN * self.accuracy
         error = SAFETY * errors.max(axis=(1, 2))
         # Each force of a line counts by its part in the largest error, whatever its unit.
         shares = SAFETY * errors.max(axis=1) / sizes
         weight = np.repeat(shares[:, None], 2, axis=1).ravel()
         gram = weight[:, None] * gram * weight
         gram = 0.5 * (gram + gram.T)
-        if enrich and error.max() > allowed:
+        if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
             kept = size > (_WORTH * allowed) ** 2
             # P-orthogonal to the basis as they are, since V^T R = 0.

@@ -33,6 +33,7 @@ __all__ = ["CONVERGENCE", "cost_path", "value_paths"]
 
 #: Explanation of the search for a start.
 _SEARCH = "tries from several starts"
+_APPROACH = "descents of the log error from the start"
 _OTHERS = "descents to other answers that may fit as well"
 #: Unknowns that a figure of paths names; the rest are grey.
 _LEGEND_ENTRIES = 12
@@ -96,7 +97,7 @@ CONVERGENCE = Convergence()
 
 def _explained(stages: Sequence[str]) -> list[str]:
     """Return the stages with what each minimises, where that is stated."""
-    words = {"search": _SEARCH, "other answers": _OTHERS}
+    words = {"search": _SEARCH, "approach": _APPROACH, "other answers": _OTHERS}
     for stage in stages:
         if stage in METHODS:
             words[stage] = METHODS[stage].label

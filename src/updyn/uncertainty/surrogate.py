@@ -78,7 +78,7 @@ class Surrogate:
         for number, x in enumerate(points):
             for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
                 try:
-                    reduction.certify(part.state(x), part.frf.freq, enrich=True)
+                    reduction.settle(part.state(x), part.frf.freq)
                 except SolverError:
                     if number == 0:
                         raise

@@ -180,6 +180,19 @@ def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured(
     assert true_error(system, there, reduction, UNSEEN) <= 1e-5
 
 
+def test_a_basis_that_has_settled_is_certified_as_it_is() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
+    built_size = reduction.basis.size
+    reduction.settle(system.start, BAND, accuracy=1e-4)
+    roughly = reduction.basis.size
+    reduction.settle(system.start, BAND)
+    size = reduction.basis.size
+    assert built_size <= roughly < size
+    assert reduction.certify(system.start, BAND).size == size
+    assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
+
+
 def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
     # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift
     # exact.

@@ -27,11 +27,12 @@ from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.belief import Belief
-from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.method import Fit, Method, descend
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import keeps_to_directions
 from updyn.updating.fit.search import coarse, scattered
+from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.noise import Approximate, NoiseModel
 from updyn.updating.problem.problem import Part, Problem, shares_of
 from updyn.updating.problem.residuals import log_error
@@ -55,8 +56,12 @@ _ROUNDS = 12
 #: Rounds of a fit from the start. Each lowers the log error to this share of the one before, or its
 #: residual looks like noise; else the start is far off.
 _FIRST_ROUNDS, _LOWERED = 12, 0.8
+#: Their descents.
+_DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
+#: Error at the start, from which only figures are taken, over that wanted at the end.
+_AT_START = 10.0
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
-_NEAR = 0.25
+_NEAR = 0.05
 #: A larger basis is compressed.
 _LARGE = 400
 #: Points about the start whose vectors make the basis of a search: two for each factor, between
@@ -245,7 +250,7 @@ class Reducing:
             If the user wants to stop.
         """
         self._make(self._home)
-        self._enrich(self._home)  # also the figures of the start come from it
+        self._enrich(self._home, _AT_START)  # the figures of the start come from it
         for part in self._parts:
             part.first = part.solver
 
@@ -276,38 +281,56 @@ class Reducing:
         fit : Fit
             The last fit.
         """
-        x, far = self._home, False
+        x = self._home
         try:
             if self._may_search(strategy):
-                with suppress(SolverError):
-                    x, settled = self._from_start(problem, strategy, noises, monitor)
-                    if settled:
-                        return self._rounds(problem, strategy, noises, monitor, x, far=False)
-                with monitor.stage("reduce"):
-                    around = self._around(problem)
-                starts = strategy.search(around, self._rough(problem, noises), monitor)
-                x, far = starts.points[0], True
+                x = self._begun(problem, strategy, noises, monitor)
         except Stopped:
             return problem, Fit.blind(x, "stopped")
-        return self._rounds(problem, strategy, noises, monitor, x, far=far)
+        return self._rounds(problem, strategy, noises, monitor, x)
+
+    def _begun(
+        self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+    ) -> _Vector:
+        """Return where a fit begins: where descents from the start settle, or a search ends.
+
+        The reduced models are those of that point.
+        """
+        with suppress(SolverError):
+            x, is_settled = self._from_start(problem, noises, monitor)
+            if is_settled:
+                with monitor.stage("reduce"):
+                    if _outside(x, self._box(_NEAR)):
+                        self._make(x)
+                    self._enrich(x)
+                return x
+        with monitor.stage("reduce"):
+            around = self._around(problem)
+        starts = strategy.search(around, self._rough(problem, noises), monitor)
+        with monitor.stage("reduce"):
+            return self._better(problem, noises, starts.points[0])
 
     def _from_start(
-        self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
+        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor
     ) -> tuple[_Vector, bool]:
-        """Return where rounds from the start end, and whether the residual there is like noise."""
-        x, cost = self._home, _log_cost(coarse(problem, noises), self._home)
+        """Return where rounds from the start end, and whether the residual there is like noise.
+
+        They go down by the log error, whose basin is the widest, and only as far as is worth it:
+        where they end a fit begins.
+        """
+        few = coarse(self.inside(problem), noises)
+        x, cost = self._home, _log_cost(few, self._home)
         is_answer = is_enriched = False
         for _ in range(_FIRST_ROUNDS):
-            inside = self.inside(problem)
-            fitted = replace(strategy, max_iterations=_MAX_STEPS_PER_ROUND)  # type: ignore[type-var]
-            fit = fitted.fit(inside.with_box(self._box()), noises, monitor, x)
-            few = coarse(inside, noises)
-            before, x, cost = cost, fit.x, _log_cost(few, fit.x)
+            with monitor.stage("approach", few):
+                boxed = few.with_box(self._box())
+                outcome = descend(boxed, log_error(boxed), x, monitor, _DOWN)
+            before, x, cost = cost, outcome.x, outcome.local.cost
             is_answer = _is_answer(few, noises, x, cost)
             is_near = not _outside(x, self._box(_NEAR))
-            if fit.reason in ("stopped", "failed"):
+            if outcome.reason == "stopped":
                 return x, False
-            has_ended = is_near and fit.reason != "max-iterations"
+            has_ended = is_near and outcome.reason != "max-iterations"
             if (is_near and is_answer) or (has_ended and is_enriched):
                 break
             if not has_ended and not is_answer and cost > _LOWERED * before:
@@ -318,6 +341,7 @@ class Reducing:
                     is_enriched = True
                 elif not is_near:
                     self._make(x)
+            few = coarse(self.inside(problem), noises)
         return x, is_answer
 
     @staticmethod
@@ -357,21 +381,17 @@ class Reducing:
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         x: _Vector,
-        *,
-        far: bool,
     ) -> tuple[Problem, Fit]:
         """Fit within a box about the point of the basis, renewed until it is certified."""
         near, left = False, strategy.max_iterations
         fit = Fit.blind(x, "stopped")
-        ready = not far and np.array_equal(x, self._x)  # the basis is that of x, or enriched there
+        is_ready = True  # the basis is that of x, or enriched there
         try:
-            for number in range(_ROUNDS):
+            for _ in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if number == 0 and far:
-                        x = self._better(problem, noises, x)
-                    elif not ready and _outside(x, self._box(_NEAR)):
+                    if not is_ready and _outside(x, self._box(_NEAR)):
                         self._make(x)
-                    elif not ready:
+                    elif not is_ready:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
                 boxed = problem.with_box(box)
@@ -381,7 +401,7 @@ class Reducing:
                     steps = min(left, _MAX_STEPS_PER_ROUND)
                 fit = replace(strategy, max_iterations=steps).fit(boxed, noises, monitor, x)  # type: ignore[type-var]
                 left = max(left - (len(monitor.history) - before), 0)
-                near, x, ready = not _outside(fit.x, box), fit.x, False
+                near, x, is_ready = not _outside(fit.x, box), fit.x, False
                 if fit.reason in ("stopped", "failed"):
                     break
                 if left == 0 or (near and fit.reason != "max-iterations"):
@@ -389,7 +409,7 @@ class Reducing:
                         if left == 0 or _outside(x, self._box(_NEAR)):
                             self._check(x)
                         else:  # one factorisation certifies the basis, or enriches it
-                            ready = self._enrich_or_certify(x)
+                            is_ready = self._enrich_or_certify(x)
                     if self.certified or left == 0:
                         break
             else:
@@ -459,10 +479,11 @@ class Reducing:
             part.build(x)
         self._use(x)
 
-    def _enrich(self, x: _Vector) -> None:
-        """Add to the reduced models what they lack at x."""
+    def _enrich(self, x: _Vector, times: float = 1.0) -> None:
+        """Add to the reduced models what they lack at x, of some times the error wanted."""
         for part in self._parts:
-            part.certify(x, enrich=True)
+            state, accuracy = part.exact.state(x), times * part.reduction.accuracy
+            part.reduction.settle(state, part.exact.frf.freq, accuracy=accuracy)
         self._use(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
