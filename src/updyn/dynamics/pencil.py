@@ -20,8 +20,9 @@ combination of its loads and of a load that excites every mode; what fails is so
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
@@ -155,7 +156,7 @@ class Pencil:
         K, D, M : ndarray of float, shape (n, n)
             Stiffness and damping in N/m, mass in kg; symmetric.
         omega : float
-            Highest line in rad/s.
+            Highest line in rad/s, or some more.
         loss : float, optional
             Where D = loss K.
         """
@@ -274,10 +275,11 @@ class _Check:
 
 @dataclass(slots=True, eq=False)
 class PencilCache:
-    """The pencil of the state that was asked for last: the blocks of its lines share it."""
+    """The pencils of the state that was asked for last: lines that are nearly as high share one."""
 
     _key: bytes = b""
-    _pencil: Pencil | None = None
+    _weights: StateWeights | None = None
+    _made: dict[float, Pencil | None] = field(default_factory=dict)
 
     def __reduce__(self) -> tuple[type[PencilCache], tuple[()]]:
         return PencilCache, ()  # a pencil stays in its process
@@ -302,18 +304,25 @@ class PencilCache:
         matrices : callable
             Returns K, D and M for their weights, shape (n, n) each.
         """
-        highest = float(lines.max(initial=0.0))
-        numbers = (state.factor, state.loss, state.rate, [len(lines), highest])
-        key = np.concatenate(numbers).tobytes()
+        key = np.concatenate((state.factor, state.loss, state.rate)).tobytes()
         if key != self._key:
-            weights = StateWeights.find(system, state)
-            self._pencil = None
-            if weights is not None and weights.pays(len(lines)):
-                omega = 2.0 * np.pi * highest
-                K, D, M = matrices(weights)
-                self._pencil = Pencil.decompose(K, D, M, omega, weights.loss)
-            self._key = key
-        return self._pencil
+            self._key, self._weights = key, StateWeights.find(system, state)
+            self._made.clear()
+        if self._weights is None or not self._weights.pays(len(lines)):
+            return None
+        highest = _rounded_up(float(lines.max(initial=0.0)))
+        if highest not in self._made:
+            K, D, M = matrices(self._weights)
+            omega = 2.0 * np.pi * highest
+            self._made[highest] = Pencil.decompose(K, D, M, omega, self._weights.loss)
+        return self._made[highest]
+
+
+def _rounded_up(freq: float) -> float:
+    """Return the next of 1, 2^(1/2), 2, ... Hz, whose pencil does for all lines up to there."""
+    mantissa, exponent = math.frexp(freq)
+    step = math.sqrt(0.5) if mantissa <= math.sqrt(0.5) else 1.0
+    return math.ldexp(step, exponent) if freq else 0.0
 
 
 def _modes(A: _Real) -> tuple[_Real, _Real]:

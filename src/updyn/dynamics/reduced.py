@@ -1047,7 +1047,11 @@ class ReducedSolver:
 
     def decaying(self, decay: float) -> ReducedSolver:
         """Return the solver at i omega + decay, in 1/s, in the same basis."""
-        return replace(self, system=self.system.decaying(decay))
+        if decay == self.system.decay:
+            return self
+        out = replace(self, system=self.system.decaying(decay))
+        object.__setattr__(out, "_pencils", self._pencils)  # they hold at any s
+        return out
 
     def block_size(self, n_columns: int) -> int:
         """Return how many lines fit into one block of bounded memory."""

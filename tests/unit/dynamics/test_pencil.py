@@ -219,6 +219,38 @@ def test_state_that_was_asked_for_last_is_kept():
     assert solver.pencil(start, FREQ[1:]) is None
 
 
+@pytest.mark.parametrize("highest", [1.0, 2048.0, 2140.0, 60.0])
+def test_lines_that_are_nearly_as_high_share_a_pencil_whatever_was_asked_before(highest):
+    """Stretched by a few per cent as a cause stretches them, across a power of 2 as well."""
+    freq = np.linspace(0.1, 1.0, LEAST_LINES) * highest
+    stretched = [factor * freq for factor in (0.93, 1.0, 1.07, 0.95, 1.02)]
+    solver = solver_of(chain([0.01, 0.05]))
+    start = solver.system.start
+    made = [solver.pencil(start, lines) for lines in stretched]
+    assert len({id(pencil) for pencil in made}) <= 2
+    for lines, pencil in zip(stretched, made, strict=True):
+        alone = solver_of(chain([0.01, 0.05])).pencil(start, lines)
+        np.testing.assert_array_equal(alone.V, pencil.V)
+
+
+def test_the_solver_of_data_through_a_window_has_the_same_pencils():
+    """Z(s) is that of the same K, D and M at another s."""
+    model = chain([0.01, 0.05, 0.02])
+    system = AffineSystem.compile(model)
+    rows, columns = np.array([2, 9, 19]), np.array([0, 9])
+    reduction = Reduction(system, rows, columns, (0.5, 60.0), "superlu")
+    reduction.build(system.start)
+    solver = reduction.solver()
+    windowed = solver.decaying(2.0)
+    assert solver.decaying(0.0) is solver
+    pencil = windowed.pencil(system.start, FREQ)
+    assert pencil is solver.pencil(system.start, FREQ)
+    c = windowed.system.coefficients(system.start, 2 * np.pi * FREQ)
+    one_by_one = windowed.at(windowed.solve(c, columns, FREQ), rows)
+    at_once = windowed.at(windowed.solve(c, columns, FREQ, pencil), rows)
+    np.testing.assert_allclose(at_once, one_by_one, rtol=1e-8)
+
+
 def unknowns_of(model):
     return updyn.parameters(model, stiffness="all", mass="all", loss_factor="all")
 
