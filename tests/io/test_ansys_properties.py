@@ -132,6 +132,11 @@ def test_springs_and_masses(deck):
     assert numbers(out[1][2:]) == pytest.approx([2.75, 2.75, 2.75, 0.11, 0.11, 0.11], rel=1e-15)
 
 
+def test_a_routine_of_too_many_digits_is_none_that_is_known(deck):
+    deck.write_text(DECK.replace("ET,1,SOLID186", f"ET,1,SOLID186\nET,9,{'1' * 5000}"))
+    assert read_deck(deck).types[9] == 0
+
+
 def test_more_than_six_constants(deck):
     """A bearing: K11 K22 K12 K21, then C11 C22 C12 C21, the last two of them on a line of their own."""
     deck.write_text(

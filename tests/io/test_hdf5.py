@@ -85,6 +85,14 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["m.h5"]
 
 
+def without_entries(file):
+    """Of a matrix that ends with 0 entries nobody but us looks at where its rows start."""
+    place = file["groups/0000/mass"]
+    starts = place["indptr"][()]
+    starts[1:-1], starts[-1] = 2**40, 0
+    place["indptr"][...] = starts
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -130,6 +138,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         ),
         (lambda f: f["groups/0000/mass/data"].__setitem__(0, np.nan), "group 'shaft': mass: row 1"),
         (lambda f: f["groups/0000/mass"].__delitem__("indptr"), "no dataset 'indptr'"),
+        (without_entries, "/groups/0000/mass: indptr falls; expected where each row"),
     ],
 )
 def test_a_changed_file_is_refused(tmp_path, change, message):

@@ -169,6 +169,13 @@ def test_text_with_one_triangle_and_fortran_exponents(tmp_path):
         ),
         ("       2       2       6", "999999999       2      6", r"t.op4:1: .*expected"),
         ("1P,5E16.9", "", r"t.op4:1: matrix 'KLL': no format"),
+        ("1P,5E16.9", "1P,0E16.9", r"t.op4:1: matrix 'KLL': no numbers fit into the format"),
+        ("1P,5E16.9", "1P,5E0.9", r"t.op4:1: matrix 'KLL': no numbers fit into the format"),
+        (
+            "       1       1       2",
+            "       1       1      -2",
+            r"t.op4:2: column 1 of matrix 'KLL': -2 words",
+        ),
         (
             "       1       1       2",
             "       1       a       2",

@@ -41,6 +41,11 @@ def test_rows_with_comments_commas_and_empty_lines():
     np.testing.assert_array_equal(rows, [[1, 2, 35.0], [4, 5, -6.0], [7, 8, 9.0]])
 
 
+@pytest.mark.parametrize("raw", [b"", b"\n", b" \n\t\n", b"* all\n\n"])
+def test_blank_lines_are_no_rows(raw):
+    assert number_rows(raw, "iir", "a row", "f", comment=b"*").shape == (0, 3)
+
+
 @pytest.mark.parametrize(
     ("raw", "message"),
     [

@@ -97,6 +97,9 @@ def compressed(
             raise FormatError(
                 f"{where}: {name} is {kind_of(array)}; expected one row of numbers", path
             )
+    # Of a matrix without entries scipy does not check it, and follows it anywhere.
+    if (indptr[1:] < indptr[:-1]).any():
+        raise FormatError(f"{where}: indptr falls; expected where each row or column starts", path)
     try:
         out = make((data, indices.astype(np.int64), indptr.astype(np.int64)), shape=shape)
         out.check_format(full_check=True)

@@ -76,6 +76,8 @@ def number_rows(
         raise _refused(body, end.end(), expected, path, first_line)
     if comment:
         body = re.sub(rb"(?m)^[ \t]*" + re.escape(comment) + rb".*$", b"", body)
+    if not body.strip():  # numpy reads a number from blanks
+        return np.empty((0, len(columns)))
     table = np.fromstring(body.translate(_EXPONENT), sep=" ").reshape(-1, len(columns))
     wrong = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if wrong.size:

@@ -439,7 +439,7 @@ class _Reading:
                 self.deck.tables[material or 1] = line
         elif name == "ET" and first is not None:
             routine = re.search(r"(\d+)$", _at(fields, 1))
-            self.deck.types[first] = int(routine[1]) if routine else 0
+            self.deck.types[first] = (_whole(routine[1]) or 0) if routine else 0
         elif short == "KEYO":
             if first is not None and second is not None and third is not None:
                 self.deck.keys[first, second] = third

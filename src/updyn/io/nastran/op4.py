@@ -354,7 +354,7 @@ def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
 
 # -- text ---------------------------------------------------------------------------------------
 
-_TEXT_FORMAT = re.compile(r"(\d+)\s*[EDed]\s*(\d+)\s*\.\s*(\d+)")
+_TEXT_FORMAT = re.compile(r"(\d{1,4})\s*[EDed]\s*(\d{1,4})\s*\.\s*(\d+)")
 #: Values a line, width and digits behind the point, by whether they are of single precision.
 _TEXT_FIELDS = {False: (3, 26, 16), True: (5, 16, 8)}
 
@@ -415,8 +415,9 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     layout = _TEXT_FORMAT.search(header, 4 * width + 8)
     if layout is None:
         raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' behind the name")
-    a_line = int(layout[1])
-    field = int(layout[2])
+    a_line, field = int(layout[1]), int(layout[2])
+    if not (a_line and field):
+        raise lines.error(f"matrix {name!r}: no numbers fit into the format {layout[0]!r}")
     head = _head_words(rows)
     out = Collector(lines.path, name, abs(rows), columns)
     while True:
@@ -424,6 +425,8 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
         column, row, n_words = lines.integers(
             line, 3, width, f"column, row and number of words in matrix {name!r}"
         )
+        if n_words < 0:
+            raise lines.error(f"column {column} of matrix {name!r}: {n_words} words")
         if column > columns:
             _text_values(lines, n_words, a_line, field)
             return name, out.matrix(), form
