@@ -163,7 +163,13 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert reduction._BETWEEN == (0.2, 0.5, 0.8)
     assert "loss factors of 0 to 0.3" in section
     assert reducing._LOSSY == 0.3
-    assert "in rounds of 12 steps as below, 12 at most" in section
+    words = " ".join(section.split())
+    assert "in rounds of at most 12 steps" in words
+    assert "in a new basis where the one before ended, 12 at most" in words
+    assert "within a hundredth of a factor of the point of the basis" in words
+    assert pytest.approx(0.01) == reducing._NEAR * reducing._TRUST_RADIUS
+    assert "too large above a fifth of what is allowed" in words
+    assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
     assert "leaves more than 0.8 of the log error of the one before" in section
     assert reducing._LOWERED == 0.8

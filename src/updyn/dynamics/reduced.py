@@ -544,10 +544,12 @@ class Reduction:
 
         Parameters
         ----------
-        state, freq, count
+        state, freq
             As for `certify`.
         accuracy : float, optional
             Another one than that of the reduction.
+        count : int
+            As for `certify`.
 
         Raises
         ------
