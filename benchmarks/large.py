@@ -53,11 +53,13 @@ def changes(model: updyn.Model) -> dict[str, dict[str, float]]:
     }
 
 
-def measurement(model: updyn.Model, size: str, sensors: list[str], accuracy: float) -> updyn.FRF:
+def measurement(
+    model: updyn.Model, size: str, sensors: list[str], accuracy: float, seed: int
+) -> updyn.FRF:
     truth, lines = model.scaled(changes(model)), np.linspace(*BANDS[size], LINES)
     exact = updyn.response(truth, lines, sensors, sensors[:3], tier="reduced", accuracy=accuracy)
     print(f"truth: {exact.source}", flush=True)
-    draw = np.random.default_rng(1).standard_normal((2, *exact.values.shape))
+    draw = np.random.default_rng(seed).standard_normal((2, *exact.values.shape))
     noisy = exact.values * (1.0 + NOISE * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
     return updyn.FRF(exact.freq, noisy, exact.responses, exact.references, "receptance")
 
@@ -129,11 +131,12 @@ def main() -> None:
     parser.add_argument(
         "--truth", type=float, default=1e-6, help="accuracy of the data, whose noise is 1e-2"
     )
+    parser.add_argument("--seed", type=int, default=1, help="of the noise")
     given = parser.parse_args()
     model = models.solid(models.SOLIDS[given.size], lumped=given.lumped)
     sensors = models.sensors(model, given.sensors)
     print(f"{model.n_dofs} DOFs, model in memory: {peak():.2f} GiB", flush=True)
-    frf = measurement(model, given.size, sensors, given.truth)
+    frf = measurement(model, given.size, sensors, given.truth, given.seed)
     wanted = changes(model)
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
     run_module.Reducing = Kept

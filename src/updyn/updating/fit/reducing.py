@@ -60,8 +60,9 @@ _FIRST_ROUNDS, _LOWERED = 12, 0.8
 _DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
 #: Error at the start, from which only figures are taken, over that wanted at the end.
 _AT_START = 10.0
-#: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller.
-_NEAR = 0.05
+#: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller, and
+#: takes less time, where factorisations do: up to so many DOFs (`benchmarks/large.py`).
+_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.05, 0.5, 20_000
 #: A larger basis is compressed.
 _LARGE = 400
 #: Points about the start whose vectors make the basis of a search: two for each factor, between
@@ -300,7 +301,7 @@ class Reducing:
             x, is_settled = self._from_start(problem, noises, monitor)
             if is_settled:
                 with monitor.stage("reduce"):
-                    if _outside(x, self._box(_NEAR)):
+                    if not self._is_near(x):
                         self._make(x)
                     self._enrich(x)
                 return x
@@ -326,21 +327,19 @@ class Reducing:
                 boxed = few.with_box(self._box())
                 outcome = descend(boxed, log_error(boxed), x, monitor, _DOWN)
             before, x, cost = cost, outcome.x, outcome.local.cost
-            is_answer = _is_answer(few, noises, x, cost)
-            is_near = not _outside(x, self._box(_NEAR))
-            if outcome.reason == "stopped":
-                return x, False
+            is_answer, is_near = _is_answer(few, noises, x, cost), self._is_near(x)
             has_ended = is_near and outcome.reason != "max-iterations"
-            if (is_near and is_answer) or (has_ended and is_enriched):
+            if is_near and is_answer:
                 break
-            if not has_ended and not is_answer and cost > _LOWERED * before:
+            is_stuck = cost > _LOWERED * before and (is_enriched or not has_ended)
+            if outcome.reason == "stopped" or (is_stuck and not is_answer):
                 return x, False
             with monitor.stage("reduce"):
                 if has_ended:  # what the basis lacks is no noise either
                     self._enrich(x)
-                    is_enriched = True
                 elif not is_near:
                     self._make(x)
+            is_enriched = has_ended
             few = coarse(self.inside(problem), noises)
         return x, is_answer
 
@@ -389,7 +388,7 @@ class Reducing:
         try:
             for _ in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if not is_ready and _outside(x, self._box(_NEAR)):
+                    if not is_ready and not self._is_near(x):
                         self._make(x)
                     elif not is_ready:
                         self._enrich(x)
@@ -406,7 +405,7 @@ class Reducing:
                     break
                 if left == 0 or (near and fit.reason != "max-iterations"):
                     with monitor.stage("reduce"):
-                        if left == 0 or _outside(x, self._box(_NEAR)):
+                        if left == 0 or not self._is_near(x):
                             self._check(x)
                         else:  # one factorisation certifies the basis, or enriches it
                             is_ready = self._enrich_or_certify(x)
@@ -430,6 +429,11 @@ class Reducing:
             return x
         self._make(self._home)
         return self._home
+
+    def _is_near(self, x: _Vector) -> bool:
+        """Return whether the basis is better enriched at a point than made anew there."""
+        size = max(part.exact.solver.system.n for part in self._parts)
+        return not _outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
 
     def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
         """Return the box of the trust radius about the point of the basis."""
