@@ -56,7 +56,7 @@ _ALIKE_ODDS = 3.0
 #: How far stiffnesses and masses are off at most, as a rule (rms), in units of their spread.
 _FAR_OFF = 2.0
 #: Share of the way of what is held of the model that a fault makes needless at least.
-_BACK = 0.5
+_BACK = 0.3
 #: Share of the misfit that a fault explains at least; less is one of many small errors.
 _WORTH = 0.1
 #: Correlation of neighbouring lines, and log misfit (rms), below which the residual of a fault is
