@@ -211,6 +211,7 @@ class Reducing:
     certified: bool = field(default=False, init=False)
     _parts: list[_Part] = field(init=False)
     _x: _Vector = field(init=False)
+    _reached: _Vector = field(init=False)
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -282,13 +283,13 @@ class Reducing:
         fit : Fit
             The last fit.
         """
-        x = self._home
+        self._reached = self._home
         try:
             if self._may_search(strategy):
-                x = self._begun(problem, strategy, noises, monitor)
+                self._reached = self._begun(problem, strategy, noises, monitor)
         except Stopped:
-            return problem, Fit.blind(x, "stopped")
-        return self._rounds(problem, strategy, noises, monitor, x)
+            return problem, Fit.blind(self._reached, "stopped")
+        return self._rounds(problem, strategy, noises, monitor, self._reached)
 
     def _begun(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
@@ -327,6 +328,7 @@ class Reducing:
                 boxed = few.with_box(self._box())
                 outcome = descend(boxed, log_error(boxed), x, monitor, _DOWN)
             before, x, cost = cost, outcome.x, outcome.local.cost
+            self._reached = x
             is_answer, is_near = _is_answer(few, noises, x, cost), self._is_near(x)
             has_ended = is_near and outcome.reason != "max-iterations"
             if is_near and is_answer:

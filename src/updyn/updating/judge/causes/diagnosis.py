@@ -388,7 +388,7 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
     """Return the share of the misfit, or of the unknowns' way, that a fault explains.
 
     The way counts where it was farther than models are off; of what is held of the model, whose
-    spread is known, where the fault brings most of it back.
+    spread is known, where the fault brings a good part of it back.
     """
     # What has no size of its own does not do it by chance.
     known = trial.fault is not None and not trial.fault.tunes
