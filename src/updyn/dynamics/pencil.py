@@ -36,6 +36,7 @@ from updyn.linalg.threads import alone
 __all__ = [
     "LEAST_LINES",
     "LEAST_REAL_LINES",
+    "LEAST_REDUCED_LINES",
     "Pencil",
     "PencilCache",
     "StateWeights",
@@ -46,8 +47,9 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 #: Lines of a state from which one eigendecomposition takes less time than a factorisation for each
-#: line: it does from 20 (up to 50 equations) to 40 (100 equations; 33 with 300) of them.
-LEAST_LINES = 40
+#: line. It does from 20 (up to 50 equations) to 40 (100 equations; 33 with 300) of them; on few
+#: lines of a model that is to be exact, digits are worth more.
+LEAST_LINES, LEAST_REDUCED_LINES = 64, 40
 #: The same in real arithmetic, where it takes as long as 4 to 8.
 LEAST_REAL_LINES = 16
 
@@ -100,9 +102,9 @@ class StateWeights:
         mass = np.where(quantity == "mass", state.factor, 0.0)
         return cls(stiffness, stiffness * state.loss, mass, loss)
 
-    def pays(self, n_lines: int) -> bool:
-        """Return whether one eigendecomposition takes less time than so many factorisations."""
-        return n_lines >= (LEAST_LINES if self.loss is None else LEAST_REAL_LINES)
+    def pays(self, n_lines: int, least: int = LEAST_LINES) -> bool:
+        """Return whether one eigendecomposition is worth it for so many lines."""
+        return n_lines >= (least if self.loss is None else LEAST_REAL_LINES)
 
 
 def pays(system: AffineSystem, state: State, n_lines: int) -> bool:
@@ -275,14 +277,21 @@ class _Check:
 
 @dataclass(slots=True, eq=False)
 class PencilCache:
-    """The pencils of the state that was asked for last: lines that are nearly as high share one."""
+    """The pencils of the state that was asked for last: lines that are nearly as high share one.
 
+    Parameters
+    ----------
+    least : int
+        Lines from which there are any, where damping makes them complex.
+    """
+
+    least: int = LEAST_LINES
     _key: bytes = b""
     _weights: StateWeights | None = None
     _made: dict[float, Pencil | None] = field(default_factory=dict)
 
-    def __reduce__(self) -> tuple[type[PencilCache], tuple[()]]:
-        return PencilCache, ()  # a pencil stays in its process
+    def __reduce__(self) -> tuple[type[PencilCache], tuple[int]]:
+        return PencilCache, (self.least,)  # a pencil stays in its process
 
     def find(
         self,
@@ -308,7 +317,7 @@ class PencilCache:
         if key != self._key:
             self._key, self._weights = key, StateWeights.find(system, state)
             self._made.clear()
-        if self._weights is None or not self._weights.pays(len(lines)):
+        if self._weights is None or not self._weights.pays(len(lines), self.least):
             return None
         highest = _rounded_up(float(lines.max(initial=0.0)))
         if highest not in self._made:

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.dynamics.affine import AffineSystem, State, Term
 from updyn.dynamics.fields import ACCURACY, line_blocks, solve_dense, solve_lines
-from updyn.dynamics.pencil import Pencil, PencilCache, StateWeights
+from updyn.dynamics.pencil import LEAST_REDUCED_LINES, Pencil, PencilCache, StateWeights
 from updyn.errors import OptionError, SolverError
 from updyn.linalg.solver import Factorised, SparseSolver
 from updyn.linalg.threads import alone
@@ -88,8 +88,8 @@ _COMBINATIONS = 2
 _LINES_A_STATE = 12
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
-#: Lines that are checked together.
-_TOGETHER = 4
+#: Lines that a pass checks, and those that are checked together.
+_COUNT, _TOGETHER = 12, 4
 #: Lines without a residual may be worse than those that have one: a basis is enriched to this share
 #: of what is allowed.
 _MARGIN = 0.2
@@ -484,7 +484,7 @@ class Reduction:
 
     # -- certification -------------------------------------------------------------------------
     def certify(
-        self, state: State, freq: _Real, *, enrich: bool = True, count: int = 12
+        self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
     ) -> Certificate:
         """Compute the error at a state, and enrich the basis until it is small enough.
 
@@ -535,9 +535,7 @@ class Reduction:
         self._sparse.release()
         return estimate.certificate(size, tuple(lines), self.factorisations)
 
-    def settle(
-        self, state: State, freq: _Real, *, accuracy: float | None = None, count: int = 12
-    ) -> None:
+    def settle(self, state: State, freq: _Real, *, accuracy: float | None = None) -> None:
         """Enrich the basis at a state until the residuals at some lines are small enough.
 
         As `certify`, but for the error at all lines, which is not computed.
@@ -548,8 +546,6 @@ class Reduction:
             As for `certify`.
         accuracy : float, optional
             Another one than that of the reduction.
-        count : int
-            As for `certify`.
 
         Raises
         ------
@@ -561,7 +557,7 @@ class Reduction:
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
         for number in range(_PASSES):
             size = self.basis.size
-            self._checked(definite, state, _some_lines(freq, level, count, number), allowed)
+            self._checked(definite, state, _some_lines(freq, level, _COUNT, number), allowed)
             if self.basis.size == size:
                 break
         self._sparse.release()
@@ -996,7 +992,9 @@ class ReducedSolver:
     coupling: Mapping[int, NDArray[np.integer[Any]]]
     backend: str
     label: str = "reduced"
-    _pencils: PencilCache = field(default_factory=PencilCache, init=False, repr=False)
+    _pencils: PencilCache = field(
+        default_factory=lambda: PencilCache(LEAST_REDUCED_LINES), init=False, repr=False
+    )
 
     tier: ClassVar[str] = "reduced"
 

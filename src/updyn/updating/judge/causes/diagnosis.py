@@ -341,25 +341,25 @@ def _ranked(part: Part, fresh: Sequence[_Begun], without: Trial) -> list[_Found]
             waiting += [(other, trial.x) for other in trial.fault.relatives(part.frf)]
             if _is_noise(trial):
                 noise = trial
-    found = [_found(end, without, alike) for alike, end in _with_alike(ends.values(), without)]
-    return sorted(filter(_is_worth_a_word, found), key=lambda one: -one.log_odds)
+    return list(filter(_is_worth_a_word, _compared(ends.values(), without)))
 
 
-def _with_alike(ends: Iterable[Trial], without: Trial) -> list[tuple[float, Trial]]:
-    """Return trials, each with the correlation of neighbouring lines by which all are compared.
+def _compared(ends: Iterable[Trial], without: Trial) -> list[_Found]:
+    """Return what trials say, the likeliest first.
 
-    It is that of the one that leaves least: what others leave is not only noise.
+    All are compared by the correlation of neighbouring lines of the one that leaves least: what
+    others leave is not only noise.
     """
     every = list(ends)
     best = min([*every, without], key=lambda end: end.power)
-    return [(min(best.alike, without.alike), end) for end in every]
-
-
-def _found(end: Trial, without: Trial, alike: float) -> _Found:
-    assert end.fault is not None
-    gain, explained = end.compared(without, alike)
-    log_odds = gain + float(np.log(end.fault.odds))
-    return _Found(end, end.fault, log_odds, _share(end, without, explained))
+    alike = min(best.alike, without.alike)
+    out = []
+    for end in every:
+        assert end.fault is not None
+        gain, explained = end.compared(without, alike)
+        log_odds = gain + float(np.log(end.fault.odds))
+        out.append(_Found(end, end.fault, log_odds, _share(end, without, explained)))
+    return sorted(out, key=lambda one: -one.log_odds)
 
 
 def _is_worth_a_word(found: _Found) -> bool:
@@ -396,7 +396,8 @@ def _share(trial: Trial, without: Trial, explained: float) -> float:
         explained = max(explained, 1.0 - trial.far / without.far)
     if without.far_held > _FAR_OFF**2 * without.n_held:
         back = 1.0 - trial.far_held / without.far_held
-        explained = max(explained, back if back > _BACK else 0.0)
+        if back > _BACK:
+            explained = max(explained, back)
     return explained
 
 
@@ -456,9 +457,7 @@ def _explains_all(end: Trial, without: Trial) -> bool:
 
 def _ahead(ends: Sequence[Trial], without: Trial) -> list[_Begun]:
     """Return the likeliest of some trials, the best first, with the points to go on from."""
-    found = [_found(end, without, alike) for alike, end in _with_alike(ends, without)]
-    best = sorted(found, key=lambda one: -one.log_odds)[:_KEPT]
-    return [(one.fault, one.trial.x) for one in best]
+    return [(one.fault, one.trial.x) for one in _compared(ends, without)[:_KEPT]]
 
 
 def _as_good(part: Part, end: Trial) -> list[_Score]:
