@@ -107,8 +107,8 @@ class StateWeights:
         return n_lines >= (least if self.loss is None else LEAST_REAL_LINES)
 
 
-def pays(system: AffineSystem, state: State, n_lines: int) -> bool:
-    """Return whether one eigendecomposition takes less time than a factorisation for each line.
+def pays(system: AffineSystem, state: State, n_lines: int, least: int = LEAST_LINES) -> bool:
+    """Return whether one eigendecomposition is worth it for all lines of a state.
 
     Parameters
     ----------
@@ -118,9 +118,11 @@ def pays(system: AffineSystem, state: State, n_lines: int) -> bool:
         Its numbers.
     n_lines : int
         All lines that are solved at this state.
+    least : int
+        Lines from which it is, where damping makes it complex.
     """
     weights = StateWeights.find(system, state)
-    return weights is not None and weights.pays(n_lines)
+    return weights is not None and weights.pays(n_lines, least)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

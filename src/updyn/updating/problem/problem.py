@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import FieldSolver, LineSolver, line_blocks
-from updyn.dynamics.pencil import pays
+from updyn.dynamics.pencil import LEAST_LINES, LEAST_REDUCED_LINES, pays
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
@@ -259,11 +259,14 @@ class Part:
         n, n_values = self.solver.system.n, self.sign.size
         if n_columns is None:
             n_columns = len(self.rows) + len(self.columns)
+        system, tier = self.solver.system, self.solver.tier
         stored = n * n
-        if self.solver.tier == "sparse":
-            stored = len(self.solver.system.indices)
-        elif pays(self.solver.system, self.solver.system.start, len(self.frf.freq)):
-            stored = n * n_columns
+        if tier == "sparse":
+            stored = len(system.indices)
+        else:
+            least = LEAST_REDUCED_LINES if tier == "reduced" else LEAST_LINES
+            if pays(system, system.start, len(self.frf.freq), least):
+                stored = n * n_columns
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))
