@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,8 +15,10 @@ __all__ = ["fitted"]
 #: Sine of the angle between a fault and what the unknowns can do, from which they differ.
 _DISTINCT = 1e-6
 
+_MaybeFault = TypeVar("_MaybeFault", bound=Fault | None)
 
-def fitted(evidence: Evidence, fault: Fault | None) -> tuple[float, Fault | None]:
+
+def fitted(evidence: Evidence, fault: _MaybeFault) -> tuple[float, _MaybeFault]:
     """Return how badly a fault explains the data at best, to first order, and its size.
 
     Parameters

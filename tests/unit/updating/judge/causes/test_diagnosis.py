@@ -8,7 +8,8 @@ import pytest
 import updyn
 from updyn import sensitivity
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.diagnosis import _Found, _is_worth_a_word, diagnosed
+from updyn.updating.judge.causes.diagnosis import diagnosed
+from updyn.updating.judge.causes.ranking import Ranked, is_worth_a_word
 from updyn.updating.judge.causes.trial import Trial
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -238,7 +239,7 @@ def test_conjugated_data_are_found_where_damping_hardly_shows(chain12_true, add_
 def test_how_much_a_fault_has_to_explain(explains, left, alike, n_values, worth):
     fault = read_fault("delay:7:X=0.001")
     trial = Trial(fault, np.zeros(1), left**2, 0.0, alike, n_values)
-    assert _is_worth_a_word(_Found(trial, fault, 50.0, explains)) == worth
+    assert is_worth_a_word(Ranked(trial, fault, 50.0, explains)) == worth
 
 
 def test_the_size_of_a_fault_is_as_exact_as_the_data_allow(chain12, add_noise):

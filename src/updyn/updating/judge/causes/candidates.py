@@ -1,0 +1,146 @@
+"""Which faults are worth a whole fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.ranking import LITTLE, compared
+from updyn.updating.judge.causes.suspects import Suspect, likeliest, suspects
+from updyn.updating.judge.causes.trial import NOISY, Trial, robust_point, tried
+from updyn.updating.problem.problem import Part
+
+__all__ = ["KEPT", "SMALL", "Begun", "candidates"]
+
+_Real = NDArray[np.float64]
+#: A fault, and the point to begin from.
+Begun: TypeAlias = "tuple[Fault, _Real]"
+
+#: Faults that are fitted to the end.
+KEPT = 4
+#: A log misfit (rms), and a correlation of neighbouring lines, below which there is nothing gross.
+SMALL, _ALIKE = 0.1, 0.3
+#: Largest share of the misfit that is left by a fault of all data that explains all.
+_LEAST = 0.01
+#: Logarithm of the odds, to first order, from which a fault is tried where little is left without
+#: one: what the unknowns do on the way to its end is of higher order.
+_PROMISED = -5.0
+#: Logarithm of the odds, to first order, by which another fault may be behind one that leaves only
+#: noise and still be tried.
+_IN_REACH = 50.0
+
+
+def candidates(part: Part, without: Trial, start: _Real, stated: Sequence[Finding]) -> list[Begun]:
+    """Return the faults that are worth a whole fit, the likeliest first.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data of one test, on few lines.
+    without : Trial
+        The end of a fit without a fault.
+    start : ndarray of float, shape (n,)
+        A point that is not led by the data.
+    stated : sequence of Finding
+        What has been found.
+
+    Returns
+    -------
+    list of tuple of Fault and ndarray of float, shape (n,)
+        Each with the point from which its fit begins.
+    """
+    if without.power < SMALL**2 and without.alike < _ALIKE:
+        return _promising(part, without, stated)
+    points = [start, without.x]
+    with suppress(SolverError):
+        points.append(robust_point(part, start))
+    return _followed(part, without, _fresh(_seen_from(part, points), stated), stated)
+
+
+def _promising(part: Part, without: Trial, stated: Sequence[Finding]) -> list[Begun]:
+    """Return the faults that promise a better fit at the end of one that leaves little."""
+    found = [one for one in suspects(part, without.x, promising=True) if one.gain >= _PROMISED]
+    found = _fresh(likeliest(found), stated)
+    if len(found) <= KEPT:
+        return [(one.fault, one.x) for one in found]
+    return _ahead([end for one in found if (end := _glanced(part, one))], without)
+
+
+def _seen_from(part: Part, points: Sequence[_Real]) -> list[Suspect]:
+    """Return the suspects of several points, in the order in which they are followed up."""
+    by_point = [suspects(part, x) for x in points]
+    found = [one for one in by_point[0] if one.fault.changes_all]
+    for there in by_point:
+        found += [one for one in likeliest(there) if one not in found]
+    return found
+
+
+def _followed(
+    part: Part, without: Trial, found: Sequence[Suspect], stated: Sequence[Finding]
+) -> list[Begun]:
+    """Return the faults that are ahead after a few steps of each, the most promising first.
+
+    Once one explains all data, only those are looked at that explain as much where it ended.
+    """
+    tries = sorted(found, key=lambda one: -one.log_evidence)
+    # What changes all data promises little to first order, and much where its fit ends.
+    tries[1:] = sorted(tries[1:], key=lambda one: not one.fault.changes_all)
+    ends: list[Trial] = []
+    for suspect in tries:
+        end = _glanced(part, suspect)
+        if end is None or end.fault is None:
+            continue
+        ends.append(end)
+        if _explains_all(end, without):
+            rivals = _fresh(_as_good(part, end), stated)
+            return [(end.fault, end.x), *((one.fault, one.x) for one in rivals)]
+    return _ahead(ends, without)
+
+
+def _fresh(found: Iterable[Suspect], stated: Sequence[Finding]) -> list[Suspect]:
+    """Return the suspects of which nothing has been said."""
+    return [one for one in found if not any(_covers(known, one.fault) for known in stated)]
+
+
+def _covers(finding: Finding, fault: Fault) -> bool:
+    """Return whether a fault needs no further word beside a finding."""
+    kind = CAUSES[finding.kind]
+    same = finding.kind == fault.kind or kind.leaves_out
+    return (same and finding.channels == fault.channels) or fault.kind in kind.blurs
+
+
+def _glanced(part: Part, suspect: Suspect) -> Trial | None:
+    """Return where a trial has come after a few steps."""
+    return tried(part, suspect.fault, [suspect.x], glance=True)
+
+
+def _explains_all(end: Trial, without: Trial) -> bool:
+    """Return whether a fault explains all but noise, so that only others like it may compete."""
+    assert end.fault is not None
+    if end.fault.changes_all:
+        return end.power < _LEAST * without.power
+    return end.alike < _ALIKE and end.power < min(NOISY**2, LITTLE * without.power)
+
+
+def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
+    """Return the likeliest of some trials, the best first, with the points to go on from."""
+    return [(one.fault, one.trial.x) for one in compared(ends, without)[:KEPT]]
+
+
+def _as_good(part: Part, end: Trial) -> list[Suspect]:
+    """Return other faults that explain the data as well where a trial ended, to first order."""
+    assert end.fault is not None
+    key = (end.fault.kind, end.fault.channels)
+    found = likeliest(suspects(part, end.x))
+    own = [one.gain for one in found if one.key == key]
+    if not own:
+        return []
+    return [one for one in found if one.gain > own[0] - _IN_REACH and one.key != key]

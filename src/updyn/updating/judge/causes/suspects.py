@@ -1,0 +1,110 @@
+"""What each fault promises at one point of the unknowns, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.judge.causes.catalogue import CAUSES
+from updyn.updating.judge.causes.evidence import Evidence, held_of
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.quadratic import Quadratic
+from updyn.updating.judge.causes.score import fitted
+from updyn.updating.problem.problem import Part
+
+__all__ = ["Suspect", "likeliest", "suspects"]
+
+_Real = NDArray[np.float64]
+
+#: Faults that are followed up from each point, and those of each kind.
+_FOLLOWED, _OF_A_KIND = 6, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Suspect:
+    """A fault, and what it promises at a point, to first order.
+
+    Attributes
+    ----------
+    fault : Fault
+        By its best size there.
+    x : ndarray of float, shape (n,)
+        The point.
+    gain : float
+        Logarithm of the odds that the data have it.
+    log_evidence : float
+        The same, comparable between points.
+    """
+
+    fault: Fault
+    x: _Real
+    gain: float
+    log_evidence: float
+
+    @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What is wrong where, whatever its size."""
+        return self.fault.kind, self.fault.channels
+
+
+def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
+    """Return what the faults promise at a point, best first.
+
+    Parameters
+    ----------
+    part : Part
+        Model and data.
+    x : ndarray of float, shape (n,)
+        The point.
+    promising : bool
+        Whether the residual there is nearly noise, so that the evidence counts.
+    """
+    try:
+        evidence = Evidence(part, x)
+        without, _ = fitted(evidence, None)
+    except SolverError:
+        return []
+    weighs = promising and bool(held_of(part).any())
+    unheld = _log_evidence(evidence, None) if weighs else 0.0
+    found: list[Suspect] = []
+    for kind in CAUSES:
+        for fault in CAUSES[kind].suspected(evidence):
+            try:
+                cost, tuned = fitted(evidence, fault)
+            except SolverError:  # a resonance without damping, under that hypothesis
+                continue
+            if tuned is None or not tuned.plausible():
+                continue
+            gain = 0.5 * (without - cost)
+            if weighs and fault.tunes:
+                gain = max(gain, _log_evidence(evidence, tuned) - unheld)
+            gain += float(np.log(fault.odds))
+            gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
+            found.append(Suspect(tuned, x, gain, gain - 0.5 * without))
+    return sorted(found, key=lambda one: -one.gain)
+
+
+def likeliest(found: Iterable[Suspect]) -> list[Suspect]:
+    """Return those that promise most of some, the best first, few of each kind."""
+    chosen: list[Suspect] = []
+    for one in found:
+        if any(one.key == other.key for other in chosen):
+            continue
+        if sum(other.fault.kind == one.fault.kind for other in chosen) < _OF_A_KIND:
+            chosen.append(one)
+        if len(chosen) == _FOLLOWED:
+            break
+    return chosen
+
+
+def _log_evidence(evidence: Evidence, fault: Fault | None) -> float:
+    """Return the evidence near a point where the residual is noise, to first order."""
+    frf = slope = None
+    if fault is not None:
+        frf, slope = fault.undo(evidence), fault.slope(evidence)
+    quadratic = Quadratic.at(evidence, frf, slope)
+    return quadratic.best(quadratic.n_values, evidence.unit**2)[1].log_evidence
