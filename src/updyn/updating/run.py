@@ -6,7 +6,7 @@ import platform
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,17 +24,15 @@ from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
-from updyn.updating.fit.monitor import CAUSES, JUDGE, Monitor, Progress
+from updyn.updating.fit.monitor import JUDGE, Monitor, Progress
 from updyn.updating.fit.reducing import FINEST, Reducing, fallback, is_reduced
 from updyn.updating.fit.regularisation import check_regularise, regularised
 from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
-from updyn.updating.judge.causes.data_alone import findings_in
-from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
-from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
 from updyn.updating.judge.ending import ending
-from updyn.updating.judge.trust import trust, validated
-from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, verdict
+from updyn.updating.judge.trust import trust
+from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, overruled, verdict
 from updyn.updating.problem.data import (
     ModalSplit,
     Split,
@@ -186,12 +184,14 @@ def run(
             raise OptionError("resume: name the checkpoint to go on from")
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
+        looked = CausesOfRun(whole, splits, noises, monitor)
+        monitor.overrule = looked.overrule
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
             found = judge(problem, (*splits, *modal_splits), fit, noises, firsts)
-        causes = _causes(problem, whole, splits, found, noises, monitor)
+        causes = looked.after(found)
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))
         if found.fit.reason == "stopped" and isinstance(session.memory, Checkpoint):
@@ -315,70 +315,10 @@ def _decisive(
     return decisive
 
 
-@dataclass(frozen=True, slots=True)
-class _Causes:
-    """Causes of the residual of a fit.
-
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Those that were found.
-    searched : bool
-        Whether they were looked for in the residual of some test.
-    unseen : str
-        Why they were not looked for, where they had to be; empty where they were.
-    """
-
-    findings: tuple[Finding, ...] = ()
-    searched: bool = False
-    unseen: str = ""
-
-    @property
-    def cleared(self) -> bool:
-        """Whether they were looked for, and none was found."""
-        return self.searched and not self.findings and not self.unseen
-
-
-def _causes(
-    problem: Problem,
-    exact: Problem,
-    splits: Sequence[Split],
-    found: Judgement,
-    noises: Sequence[NoiseModel],
-    monitor: Monitor,
-) -> _Causes:
-    """Return the causes of the residual of a fit; they are looked for where it is not noise.
-
-    They are looked for in all data, those that were held out included, and by the whole model.
-    """
-    if found.fit.reason in ("stopped", "failed"):
-        return _Causes()
-    out: list[Finding] = []
-    searched, unseen = False, ""
-    with monitor.stage(CAUSES), suppress(Stopped):
-        own = found.adequacy[: len(problem.parts)]
-        for i, (part, split, adequacy) in enumerate(zip(problem.parts, splits, own, strict=True)):
-            noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
-            predicted = validated([found.correlation[i]]).holds is not False
-            if not noisy or not predicted or strained(part, found.fit.x):
-                whole = replace(part, solver=exact.parts[i].solver).with_data(split.whole)
-                if not is_looked_at(whole):
-                    unseen = f"causes are not looked for in {whole.n_lines} lines"
-                    out += findings_in(whole.frf, noises[i], part.name)
-                    continue
-                try:
-                    out += diagnosed(whole, noises[i], [found.fit.x])
-                    searched = True
-                except SolverError as error:
-                    unseen = f"causes could not be looked for ({error})"
-                    out += findings_in(whole.frf, noises[i], part.name)
-    return _Causes(tuple(out), searched, unseen)
-
-
 def _common(
     problem: Problem,
     found: Judgement,
-    causes: _Causes,
+    causes: Causes,
     selection: Selection,
     options: RunOptions,
     monitor: Monitor,
@@ -419,6 +359,8 @@ def _common(
     )
     if causes.findings:
         message, remedy = caused(causes.findings, message, remedy)
+    if causes.overruling:
+        message = overruled(message)
     if status == "converged" and not judged.credible:
         status = "not-credible"
         message, remedy = disbelieved(judged, message, remedy)

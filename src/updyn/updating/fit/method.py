@@ -81,11 +81,14 @@ class Starts:
         Whether tries from different starts ended in the first of them.
     exact : bool
         Whether the first of them leaves only rounding of the data.
+    in_vain : bool
+        Whether a fault of the data ended the search: no other answer is worth a look.
     """
 
     points: tuple[_Vector, ...]
     agreed: bool = False
     exact: bool = False
+    in_vain: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Watching a fit: the history of its steps, progress to the caller, and the wish to stop."""
+"""Watching a fit: the history of its steps, progress to the caller, and what may end it early."""
 
 from __future__ import annotations
 
@@ -71,6 +71,8 @@ class Monitor:
 
     Attributes
     ----------
+    overrule : callable, optional
+        Looks at the data, and returns whether a fault of theirs leaves nothing to search for.
     history : list of Iteration
         Every step so far.
     timing_s : dict of str to float
@@ -79,11 +81,13 @@ class Monitor:
 
     problem: Problem
     callback: Callable[[Progress], bool | None] | None = None
+    overrule: Callable[[], bool] | None = field(default=None, init=False)
     history: list[Iteration] = field(default_factory=list, init=False)
     timing_s: dict[str, float] = field(default_factory=dict, init=False)
     _stage: str = field(default="", init=False)
     _n_lines: int = field(default=0, init=False)
     _accepted: int = field(default=0, init=False)
+    _in_vain: bool | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
@@ -93,6 +97,15 @@ class Monitor:
     def stopped(self) -> bool:
         """Whether the callback has asked to stop."""
         return self.problem.session.stopped
+
+    def is_in_vain(self) -> bool:
+        """Return whether there is nothing to search for, as a fault of the data explains them.
+
+        It is looked for when this is first asked: a search that arrives at once need not ask.
+        """
+        if self._in_vain is None:
+            self._in_vain = self.overrule is not None and self.overrule()
+        return self._in_vain
 
     @contextmanager
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:

@@ -296,11 +296,12 @@ class Reducing:
     ) -> _Vector:
         """Return where a fit begins: where descents from the start settle, or a search ends.
 
-        The reduced models are those of that point.
+        Nothing is searched for where a fault of the data is why they do not settle. The reduced
+        models are those of that point.
         """
         with suppress(SolverError):
             x, is_settled = self._from_start(problem, noises, monitor)
-            if is_settled:
+            if is_settled or (not monitor.stopped and monitor.is_in_vain()):
                 with monitor.stage("reduce"):
                     if not self._is_near(x):
                         self._make(x)

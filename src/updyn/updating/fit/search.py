@@ -65,6 +65,8 @@ _BY_TURNS = 3
 _ANY, _NEIGHBOURS = 1.0 / 3.0, 0.5
 #: So many for each of the tries are enough, where they find nothing better.
 _HOPS_A_TRY = 2
+#: After so many tries whose ends cannot be the answer, a fault of the data may be why.
+_DOUBTED = 3
 #: The best of the tries goes on for so many times their steps.
 _LONG = 5
 #: How often as many tries are made.
@@ -127,16 +129,17 @@ class Search:
             Records the steps.
         """
         belief = Belief(problem, all(noise.size_known for noise in noises))
-        agreed, settled = False, None
+        agreed, settled, in_vain = False, None, False
         ends: list[Outcome] = []
         with suppress(Stopped):  # the best so far
             for number in range(_SEARCHES):
                 way = _on_few_lines(problem) if number == 0 else problem
                 starts = self._points(problem, number)
                 agreed = self._tried(problem, way, starts, belief, monitor, ends)
+                in_vain = not agreed and self._is_in_vain(belief, monitor, ends)
                 if agreed and way is not problem and not belief.plausible(min(ends, key=_cost)):
                     agreed = self._again(problem, belief, monitor, ends)
-                if agreed or monitor.stopped:
+                if agreed or in_vain or monitor.stopped:
                     break
                 self._go_on(problem, monitor, ends)
                 best = min(ends, key=_cost, default=None)
@@ -147,7 +150,8 @@ class Search:
         home = problem.coordinates.home
         found = [end.x for end in _distinct(ends)] or [home]
         points = tuple(np.clip(x, *problem.coordinates.bounds) for x in found)
-        return Starts(points, agreed, agreed and belief.exact(min(ends, key=_cost)))
+        exact = agreed and belief.exact(min(ends, key=_cost))
+        return Starts(points, agreed, exact, in_vain)
 
     def _tried(
         self,
@@ -166,9 +170,16 @@ class Search:
                 if outcome is not None:
                     ends.append(outcome)
                 believed = belief.believed(ends)
-                if monitor.stopped or believed:
+                if monitor.stopped or believed or self._is_in_vain(belief, monitor, ends):
                     return believed
         return False
+
+    @staticmethod
+    def _is_in_vain(belief: Belief, monitor: Monitor, ends: Sequence[Outcome]) -> bool:
+        """Return whether the first tries found no answer, and a fault of the data is why."""
+        if len(ends) < _DOUBTED or belief.plausible(min(ends, key=_cost)):
+            return False
+        return monitor.is_in_vain()
 
     def _again(
         self, problem: Problem, belief: Belief, monitor: Monitor, ends: list[Outcome]

@@ -17,7 +17,7 @@ from updyn.updating.judge.rounding import REMEDY, Rounding
 from updyn.updating.judge.trust import ROUNDED, Trust
 from updyn.updating.problem.noise.known import Assumed
 
-__all__ = ["ambiguous", "caused", "cleared", "disbelieved", "verdict"]
+__all__ = ["ambiguous", "caused", "cleared", "disbelieved", "overruled", "verdict"]
 
 #: A correlation length from which the residual is called model error, in lines.
 _CORRELATED = 3.0
@@ -255,6 +255,11 @@ def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str,
     if grave:
         return f"{said} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
     return f"{message} {said}", f"{remedy} {findings[0].remedy}".strip()
+
+
+def overruled(message: str) -> str:
+    """Return the message of a fit whose search was ended by a fault of the data."""
+    return f"{message} No further start was tried: without that fault, the model explains the data."
 
 
 def cleared(remedy: str) -> str:

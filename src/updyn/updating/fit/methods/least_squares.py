@@ -72,7 +72,7 @@ class LogMethod(SearchingMethod):
         search = self.tries
         with monitor.stage("search", rough):
             starts = search.run(rough, noises, monitor)
-            if monitor.stopped:
+            if monitor.stopped or starts.in_vain:
                 return starts
             return Starts((search.escape(rough, starts.points[0], monitor),), starts.agreed)
 

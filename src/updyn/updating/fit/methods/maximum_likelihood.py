@@ -125,7 +125,7 @@ class MaximumLikelihood(SearchingMethod):
         starts: Starts,
     ) -> Fit:
         """Fit the unknowns from all points, and look for further answers that fit as well."""
-        if not self.starts:
+        if not self.starts or starts.in_vain:
             return self.fit(problem, noises, monitor, starts.points[0])
         first, *others = starts.points
         with monitor.stage(self.name):

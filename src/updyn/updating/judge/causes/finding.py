@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.catalogue import read_fault
+from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
+from updyn.updating.judge.causes.shown import ShownFault
 
 __all__ = ["Finding"]
 
 #: Share of the misfit that a cause has to explain to speak against an answer.
 _MOST_OF_IT = 0.5
+#: Share of it from which nothing is left to explain.
+_ALL_OF_IT = 0.95
 #: Kinds that spoil some lines and leave the others as they are.
 _LOCAL = ("mains", "missing-mode")
 #: A calibration, as a logarithm, that leaves an answer that may be used.
@@ -82,6 +85,12 @@ class Finding:
         if self.explains < _MOST_OF_IT or self.kind in _LOCAL:
             return False
         return self.kind != "calibration" or abs(self.value) > _MILD
+
+    @property
+    def overruling(self) -> bool:
+        """Whether it leaves nothing of the misfit to explain, so that no other answer is wanted."""
+        by_data = issubclass(CAUSES[self.kind], ShownFault)
+        return self.grave and self.explains > _ALL_OF_IT and not by_data
 
     def repair(self, frf: FRF) -> FRF:
         """Return data without the fault.

@@ -1,0 +1,139 @@
+"""Looking for causes in the tests of a run: where its search falters, and after its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.fit.monitor import CAUSES, Monitor
+from updyn.updating.judge.assessment import Judgement
+from updyn.updating.judge.causes.data_alone import findings_in
+from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
+from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.trust import validated
+from updyn.updating.problem.data import Split
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.session import Stopped
+
+__all__ = ["Causes", "CausesOfRun"]
+
+
+@dataclass(frozen=True, slots=True)
+class Causes:
+    """Causes of the residual of a fit.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Those that were found.
+    searched : bool
+        Whether they were looked for in the residual of some test.
+    unseen : str
+        Why they were not looked for, where they had to be; empty where they were.
+    overruling : bool
+        Whether one of them ended the search for an answer.
+    """
+
+    findings: tuple[Finding, ...] = ()
+    searched: bool = False
+    unseen: str = ""
+    overruling: bool = False
+
+    @property
+    def cleared(self) -> bool:
+        """Whether they were looked for, and none was found."""
+        return self.searched and not self.findings and not self.unseen
+
+
+@dataclass(slots=True, eq=False)
+class CausesOfRun:
+    """Looks for causes in all data of a run, those held out included, by the whole models.
+
+    Parameters
+    ----------
+    exact : Problem
+        The whole model of each test.
+    splits : sequence of Split
+        Their data.
+    noises : sequence of NoiseModel
+        How uncertain these are.
+    monitor : Monitor
+        Of the run.
+    """
+
+    exact: Problem
+    splits: Sequence[Split]
+    noises: Sequence[NoiseModel]
+    monitor: Monitor
+    _overruling: dict[int, list[Finding]] = field(default_factory=dict, init=False)
+
+    def overrule(self) -> bool:
+        """Return whether a fault of the data explains what a fit from the start leaves of them.
+
+        Then no other answer is to be looked for: it would not be that of the structure.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        with self.monitor.stage(CAUSES):
+            for i, noise in enumerate(self.noises):
+                whole = self._whole(i)
+                if not is_looked_at(whole):
+                    continue
+                with suppress(SolverError):
+                    found = diagnosed(whole, noise)
+                    if any(one.overruling for one in found):
+                        self._overruling[i] = found
+        return bool(self._overruling)
+
+    def after(self, found: Judgement) -> Causes:
+        """Return the causes of the residual of a fit; looked for where it is not noise.
+
+        Parameters
+        ----------
+        found : Judgement
+            Of the fit.
+        """
+        if found.fit.reason in ("stopped", "failed"):
+            return Causes()
+        out: list[Finding] = []
+        searched, unseen = False, ""
+        with self.monitor.stage(CAUSES), suppress(Stopped):
+            for i, noise in enumerate(self.noises):
+                whole = self._whole(i)
+                if i in self._overruling:
+                    out += self._overruling[i]
+                    searched = True
+                elif not self._is_explained(i, found):
+                    if not is_looked_at(whole):
+                        unseen = f"causes are not looked for in {whole.n_lines} lines"
+                        out += findings_in(whole.frf, noise, whole.name)
+                        continue
+                    try:
+                        out += diagnosed(whole, noise, [found.fit.x])
+                        searched = True
+                    except SolverError as error:
+                        unseen = f"causes could not be looked for ({error})"
+                        out += findings_in(whole.frf, noise, whole.name)
+        return Causes(tuple(out), searched, unseen, bool(self._overruling))
+
+    def _whole(self, i: int) -> Part:
+        """Return a test's part with its whole model and all of its data."""
+        part = self.monitor.problem.parts[i]
+        return replace(part, solver=self.exact.parts[i].solver).with_data(self.splits[i].whole)
+
+    def _is_explained(self, i: int, found: Judgement) -> bool:
+        """Return whether a fit leaves noise of a test, predicts it, and stays where models are."""
+        adequacy = found.adequacy[i]
+        noisy = adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
+        predicted = validated([found.correlation[i]]).holds is not False
+        x: NDArray[np.float64] = found.fit.x
+        return noisy and predicted and not strained(self.monitor.problem.parts[i], x)
