@@ -1,0 +1,91 @@
+"""A search that a fault of the data makes vain ends, and the fault is said; no other ends by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.updating.judge.causes.finding import Finding
+
+SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
+SAID = "No further start was tried"
+
+
+@pytest.fixture(scope="module")
+def unknowns(chain12):
+    return updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+
+
+@pytest.fixture(scope="module")
+def data(chain12_true, add_noise):
+    clean = updyn.response(chain12_true, np.linspace(0.6, 22.0, 60), SENSORS, ["5:X", "12:X"])
+    return add_noise(clean, np.random.default_rng(3), 0.01, 1e-3)
+
+
+def turned(frf):
+    """The second sensor the wrong way round."""
+    values = frf.values.copy()
+    values[:, 1] *= -1.0
+    return replace(frf, values=values)
+
+
+@pytest.mark.parametrize(
+    ("method", "tier"),
+    [("maximum-likelihood", None), ("log", None), ("maximum-likelihood", "reduced")],
+)
+def test_a_fault_that_explains_all_ends_the_search(chain12, data, unknowns, method, tier):
+    result = updyn.update(chain12, turned(data), unknowns, method, tier=tier)
+    assert [one.written for one in result.findings] == ["sign:5:X"]
+    assert SAID in result.message
+    assert not result.trust["plausible"]
+    assert "other answers" not in result.timing_s
+    tries = [step for step in result.history if step.stage == "search" and step.step == 0.0]
+    assert len(tries) <= 2 * 3  # each on few lines, and on all
+    repaired = updyn.update(chain12, result.findings[0].repair(turned(data)), unknowns, method)
+    assert repaired.status == "converged"
+    assert SAID not in repaired.message
+
+
+def test_it_is_looked_for_once(chain12, data, unknowns, monkeypatch):
+    from updyn.updating.judge.causes import of_run
+
+    looks = []
+    diagnosed = of_run.diagnosed
+
+    def counted(*args):
+        looks.append(args)
+        return diagnosed(*args)
+
+    monkeypatch.setattr(of_run, "diagnosed", counted)
+    updyn.update(chain12, turned(data), unknowns)
+    assert len(looks) == 1
+    updyn.update(chain12, data, unknowns)  # the first tries agree: nothing is looked for
+    assert len(looks) == 1
+
+
+def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
+    """A mode that the model lacks keeps every try from the data, and is no reason to end."""
+    modes = updyn.response(chain12, data.freq, SENSORS, ["5:X", "12:X"]).values
+    shape = np.array([1.0, -0.6, 0.8, 0.5, -0.9])
+    pole = 1.0 / (1.0 + 0.02j - (data.freq / 9.0) ** 2)
+    more = np.abs(modes).max() * 0.1 * pole[:, None, None] * np.outer(shape, shape[[1, 4]])
+    result = updyn.update(chain12, replace(data, values=data.values + more), unknowns)
+    assert [one.kind for one in result.findings] == ["missing-mode"]
+    assert SAID not in result.message
+    assert "other answers" in result.timing_s
+
+
+@pytest.mark.parametrize(
+    ("kind", "explains", "value", "overruling"),
+    [
+        ("sign", 0.99, 0.0, True),
+        ("sign", 0.9, 0.0, False),
+        ("calibration", 0.99, 0.2, False),
+        ("missing-mode", 0.99, 9.0, False),
+        ("drive-point", 0.99, 0.0, False),
+    ],
+)
+def test_what_overrules(kind, explains, value, overruling):
+    found = Finding(kind, ("5:X",), value, 1e9, explains, "", "")
+    assert found.overruling is overruling
