@@ -70,7 +70,8 @@ def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
     shape = np.array([1.0, -0.6, 0.8, 0.5, -0.9])
     pole = 1.0 / (1.0 + 0.02j - (data.freq / 9.0) ** 2)
     more = np.abs(modes).max() * 0.1 * pole[:, None, None] * np.outer(shape, shape[[1, 4]])
-    result = updyn.update(chain12, replace(data, values=data.values + more), unknowns)
+    spoilt = replace(data, values=data.values + more)
+    result = updyn.update(chain12, spoilt, unknowns, starts=3)
     assert [one.kind for one in result.findings] == ["missing-mode"]
     assert SAID not in result.message
     assert "other answers" in result.timing_s
