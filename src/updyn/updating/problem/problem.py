@@ -189,7 +189,7 @@ class Part:
         x : ndarray of float, shape (n,)
             Where the model is looked at.
         share : float
-            Channels below this share of the loudest measured one are rounding.
+            Channels below this share of the loudest one are rounding (`shares_of`).
 
         Raises
         ------
@@ -375,7 +375,10 @@ class Part:
 
 
 def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
-    """Return the rms of each channel over that of the loudest measured one, shape (n_i, n_j).
+    """Return the rms of each channel over that of the loudest one, shape (n_i, n_j).
+
+    The loudest is one of the measured channels, or of the model's where that is louder: its error
+    is a share of its own level.
 
     Parameters
     ----------
@@ -384,11 +387,12 @@ def shares_of(H: _Complex, frf: FRF) -> NDArray[np.float64]:
     frf : FRF
         The data.
     """
-    level, loudest = (
+    level, measured = (
         np.sqrt(np.mean(np.abs(values) ** 2, axis=0)) / level_by_unit(frf)[0]
         for values in (H, frf.values)
     )
-    return np.asarray(level / max(float(loudest.max()), np.finfo(float).tiny))
+    loudest = max(float(level.max()), float(measured.max()), np.finfo(float).tiny)
+    return np.asarray(level / loudest)
 
 
 def _middle(freq: NDArray[np.float64]) -> float:

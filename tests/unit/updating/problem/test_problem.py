@@ -6,8 +6,9 @@ import pytest
 import updyn
 from updyn.dynamics import fields
 from updyn.errors import DofError, OptionError
+from updyn.frf import FRF
 from updyn.updating.problem.coordinates import Coordinates
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import Part, shares_of
 
 
 @pytest.fixture
@@ -103,3 +104,17 @@ def test_thinned_keeps_the_first_line_and_an_even_spread(chain12, unknowns):
     assert problem.thinned(20) is problem
     assert problem.thinned(7).frf.freq == pytest.approx(data.freq[::3])
     assert len(problem.thinned(7).frf.freq) <= 7
+
+
+def test_rounding_is_a_share_of_the_louder_of_model_and_data():
+    """A model that resonates where the data do not has errors of its own level."""
+    freq = np.array([10.0, 20.0])
+    values = np.array([[[1.0], [1e-26]]] * 2)
+    measured = FRF(freq, values, ["1:X", "1:Y"], ["1:X"], "receptance")
+    H = np.array([[[30.0], [3e-11]], [[10.0], [1e-11]]], dtype=complex)
+    loudest = np.sqrt((30.0**2 + 10.0**2) / 2.0)
+    found = shares_of(H, measured)
+    assert found.ravel() == pytest.approx([1.0, np.sqrt(5.0) * 1e-11 / loudest], rel=1e-12)
+    assert shares_of(measured.values, measured).ravel() == pytest.approx([1.0, 1e-26], rel=1e-12)
+    quiet = shares_of(1e-3 * H, measured)
+    assert quiet.ravel() == pytest.approx([1e-3 * loudest, np.sqrt(5.0) * 1e-14], rel=1e-12)
