@@ -105,6 +105,14 @@ def written_in_part(file: h5py.File, source: Path) -> None:
     data[:2] = 1.0
 
 
+def external_as_a_dimension(file: h5py.File, source: Path) -> None:
+    external(file, source)
+    data = file["groups/0000/stiffness/data"]
+    data.attrs["NAME"] = np.bytes_(
+        b"This is a netCDF dimension but not a netCDF variable         5"
+    )
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -113,6 +121,7 @@ def written_in_part(file: h5py.File, source: Path) -> None:
         (virtual, "/groups/0000/stiffness/data: a virtual dataset"),
         (unwritten, "/groups/0000/stiffness/data: numbers of it were never written"),
         (written_in_part, "/groups/0000/stiffness/data: numbers of it were never written"),
+        (external_as_a_dimension, "/groups/0000/stiffness/data: .*no variable"),
     ],
 )
 def test_numbers_that_are_not_in_the_file_are_refused(tmp_path, change, message):

@@ -337,6 +337,14 @@ def test_arrays_that_are_not_what_is_said(tmp_path, write, options, message):
         updyn.read_records(path, **options)
 
 
+def test_an_attribute_called_name_says_nothing_of_a_dataset(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["force"] = VALUES[0, 0]
+        file["force"].attrs["NAME"] = "hammer"
+    found = updyn.read_records(tmp_path / "a.h5", values={"force": "force"}, rate=1.0 / STEP)
+    check(found, ["force"], [""], VALUES[:1, :1])
+
+
 @pytest.mark.parametrize("name", ["a.nc", "a.h5"])
 def test_what_xarray_wrote_of_records(tmp_path, name):
     given = updyn.read_records(put(tmp_path / "a.uff", b"".join(responses())))

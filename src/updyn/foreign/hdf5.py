@@ -17,7 +17,7 @@ from updyn.errors import FormatError
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import Other
 
-__all__ = ["Content", "load", "plain_value"]
+__all__ = ["Content", "has_no_variable", "load", "plain_value"]
 
 _DEPTH = 16
 #: What netCDF calls a dimension of which there is no variable: a dataset without numbers.
@@ -87,6 +87,8 @@ class Content:
         for name, item in self.members(group).items():
             if isinstance(item, h5py.Group):
                 members[name] = self.group(item, depth + 1)
+            elif isinstance(item, h5py.Dataset) and has_no_variable(item):
+                members[name] = Other("a dimension of which there is no variable")
             elif isinstance(item, h5py.Dataset):
                 self.check(item)
                 members[name] = _values(item)
@@ -141,8 +143,6 @@ class Content:
         FormatError
             As of `load`.
         """
-        if dataset.attrs.get("NAME", b"").startswith(_NO_VARIABLE):
-            return
         name = dataset.name
         if dataset.is_virtual:
             raise FormatError(
@@ -164,6 +164,18 @@ class Content:
         self._unpacked += more
         if self._limits is not None:
             self._limits.check(self._unpacked)
+
+
+def has_no_variable(dataset: Any) -> bool:
+    """Return whether a dataset is a dimension of netCDF alone, whose numbers are never read.
+
+    Parameters
+    ----------
+    dataset : h5py.Dataset
+        The dataset.
+    """
+    name = dataset.attrs.get("NAME", b"")
+    return isinstance(name, bytes) and name.startswith(_NO_VARIABLE)
 
 
 def _values(dataset: Any) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import h5netcdf
 import h5py
 
-from updyn.foreign.hdf5 import Content, plain_value
+from updyn.foreign.hdf5 import Content, has_no_variable, plain_value
 
 __all__ = ["load"]
 
@@ -51,7 +51,7 @@ def load(
         if said != kind and (said is not None or not set(wanted) & set(members)):
             return found
         for item in members.values():
-            if isinstance(item, h5py.Dataset):
+            if isinstance(item, h5py.Dataset) and not has_no_variable(item):
                 content.check(item)
         for name in groups:
             if isinstance(members.get(name), h5py.Group):
