@@ -27,6 +27,21 @@ def test_round_trip_is_exact(tmp_path, n_references):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_line_ends_of_windows_are_no_part_of_the_source(tmp_path):
+    path = tmp_path / "case.csv"
+    data = replace(frf(1, with_geometry=False), source="bench\nrun 3")
+    updyn.write_frf(data, path)
+    path.write_bytes(path.read_bytes().replace(b"\n", b"\r\n"))
+    assert_same_frf(updyn.read_frf(path), data)
+
+
+@pytest.mark.parametrize("said", ["1_5", "nan", "2,5", "1.5 1/s"])
+def test_a_decay_that_is_no_number_is_refused(tmp_path, said):
+    path = put(tmp_path, f"# decay: {said}\n" + HEAD + "10,1.5,-2\n")
+    with pytest.raises(FormatError, match=f"decay: '{said}'; expected a number in 1/s"):
+        updyn.read_frf(path)
+
+
 def test_geometry_is_left_out_with_a_warning(tmp_path):
     path = tmp_path / "case.csv"
     with pytest.warns(UpdynWarning, match="no place for the geometry"):

@@ -70,7 +70,7 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         raise OptionError(
             f"duplicates={duplicates!r}: in this format a column stands once; only 'raise' applies"
         )
-    text = utf8_text(path)
+    text = utf8_text(path).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)
     number, header = lines[0]
@@ -282,10 +282,12 @@ def _averages(head: dict[str, list[str]], path: str | Path) -> int | None:
 
 def _decay(head: dict[str, list[str]], path: str | Path) -> float:
     said = _one(head, "decay", path)
+    if said is None:
+        return 0.0
     try:
-        return float(said or 0.0)
-    except ValueError:
-        raise FormatError(f"decay: {said!r}; expected a number in 1/s", path) from None
+        return real_of(said)
+    except ValueError as error:
+        raise FormatError(f"decay: {said!r}; expected a number in 1/s", path) from error
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
