@@ -402,10 +402,13 @@ def test_a_table_with_a_rate(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "options", "message"),
     [
-        ("2.5,0.5,2", "2.5,0.5", {}, ":4: found '0.5 2.5 0.5'; expected 4 numbers"),
+        ("2.5,0.5,2", "2.5,0.5", {}, ":4: found '0.5,2.5,0.5'; expected 4 numbers"),
+        ("2.5,0.5,2", "2.5,,0.5,2", {}, ":4: found '0.5,2.5,,0.5,2'; expected 4 numbers"),
+        ("2.5,0.5,2", "2.5 0.5,2", {}, ":4: found '0.5,2.5 0.5,2'; expected 4 numbers"),
+        ("0.5,2.5", ",0.5,2.5", {}, ":4: found ',0.5,2.5,0.5,2'; expected 4 numbers"),
         ("2.5,0.5,2", "2.5,0.5,2,3", {}, ":4: found .*; expected 4 numbers"),
-        ("2.5", "2.5x", {}, ":4: found '0.5 2.5x 0.5 2'"),
-        ("2.5", "nan", {}, ":4: found '0.5 nan 0.5 2'"),
+        ("2.5", "2.5x", {}, ":4: found '0.5,2.5x,0.5,2'"),
+        ("2.5", "nan", {}, ":4: found '0.5,nan,0.5,2'"),
         (",3\n", ",3", {}, "the last line"),
         ("0.5,2.5", "0.6,2.5", {}, "time: times .* even steps"),
         ("time,", "tine,", {}, ":2: no column 'time' of times; did you mean 'tine'"),

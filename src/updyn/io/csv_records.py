@@ -63,11 +63,12 @@ def read_records(
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")
     names, units = _columns(header, separator, path, first)
     rows = number_rows(
-        body.replace(separator, " ").encode(),
+        body.encode(),
         "r" * len(names),
         f"{len(names)} numbers, as the header has names",
         path,
         first + 1,
+        separator=separator.encode(),
         comment=b"#",
     )
     if not len(rows):

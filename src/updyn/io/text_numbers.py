@@ -38,6 +38,7 @@ def number_rows(
     first_line: int = 1,
     *,
     commas: bool = False,
+    separator: bytes = b"",
     comment: bytes = b"",
 ) -> NDArray[np.float64]:
     """Read rows of numbers, one a line; empty lines are passed over.
@@ -56,6 +57,8 @@ def number_rows(
         Line of the file on which `body` begins.
     commas : bool
         Whether numbers may stand between commas, too, and a comma after the last.
+    separator : bytes
+        What stands between two numbers instead of blanks, once, and perhaps after the last.
     comment : bytes
         What lines of comment start with, if there are any.
 
@@ -70,7 +73,7 @@ def number_rows(
         If a line is anything else, does not end, or a number is too large; the message says which.
     """
     check_last_line(body, path, first_line)
-    end = _lines(columns, commas, comment).match(body)
+    end = _lines(columns, commas, separator, comment).match(body)
     assert end is not None  # no line at all matches, too
     if end.end() < len(body):
         raise _refused(body, end.end(), expected, path, first_line)
@@ -78,6 +81,8 @@ def number_rows(
         body = re.sub(rb"(?m)^[ \t]*" + re.escape(comment) + rb".*$", b"", body)
     if not body.strip():  # numpy reads a number from blanks
         return np.empty((0, len(columns)))
+    if separator:
+        body = body.replace(separator, b" ")
     table = np.fromstring(body.translate(_EXPONENT), sep=" ").reshape(-1, len(columns))
     wrong = np.flatnonzero(~np.isfinite(table).all(axis=1))
     if wrong.size:
@@ -162,16 +167,20 @@ def check_last_line(
         )
 
 
-def _lines(columns: str, commas: bool, comment: bytes) -> re.Pattern[bytes]:
+def _lines(columns: str, commas: bool, separator: bytes, comment: bytes) -> re.Pattern[bytes]:
     """Return a pattern of all lines up to the first that is not as described."""
+    margin = rb"[ \t]*+"
     between = _COMMA if commas else _BLANKS
+    behind = rb"(?:[ \t]*+,)?" if commas else b""
+    if separator:  # which may be a tab
+        margin = rb" *+"
+        between = margin + re.escape(separator) + margin
+        behind = rb"(?: *+" + re.escape(separator) + rb")?"
     row = between.join(_WHOLE if letter == "i" else _REAL for letter in columns)
-    if commas:
-        row += rb"(?:[ \t]*+,)?"
-    kinds = [row]
+    kinds = [row + behind]
     if comment:
         kinds.append(re.escape(comment) + rb"[^\n]*+")
-    return re.compile(rb"(?:[ \t]*+(?:" + b"|".join(kinds) + rb")?[ \t]*+\r?\n)*+")
+    return re.compile(rb"(?:" + margin + rb"(?:" + b"|".join(kinds) + rb")?[ \t]*+\r?\n)*+")
 
 
 def _start_of_row(body: bytes, number: int) -> int:
