@@ -73,6 +73,7 @@ _FIGURES = (
     "error_max",
     "error_rms",
     "error_max_updated",
+    "off_in_std",
     "rank",
     "iterations",
     "lines_solved",

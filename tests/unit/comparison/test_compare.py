@@ -15,6 +15,7 @@ from updyn.comparison.fewest import counts, errors_against
 from updyn.comparison.table import NOT_APPLICABLE
 from updyn.demos.gear_train import measure, starting_model, true_model, true_values
 from updyn.errors import DataError, DofError, OptionError, ParameterError
+from updyn.store.comparison import comparison_to_json
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.fit.methods.least_squares import LogMethod
 from updyn.updating.problem.selection import Selection
@@ -297,9 +298,10 @@ def test_distance_in_own_standard_deviations(
     found = updyn.compare(
         chain12, data, unknowns, ["maximum-likelihood", "equation-error"], truth=truth
     )
-    for row in found:
+    for row, record in zip(found, comparison_to_json(found)["rows"], strict=True):
         own = [abs(row.result.values[n] - truth[n]) / row.result.std[n] for n in truth]
         assert row.off_in_std == pytest.approx(max(own))
+        assert record["off_in_std"] == row.off_in_std
     assert found["maximum-likelihood"].off_in_std < 4
     assert found["maximum-likelihood"].error_max < 0.2 * found["equation-error"].error_max
 
