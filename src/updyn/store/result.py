@@ -322,38 +322,28 @@ class _Adequacy:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
-class _Alternatives:
-    """The other answers, as JSON text; nothing where there are none."""
+class _Records:
+    """Records of one kind, as JSON text; nothing where there are none, or the file is an old one.
 
-    def put(self, data: xr.Dataset, name: str, value: tuple[Alternative, ...]) -> None:
-        if value:
-            data[name] = ((), to_text([asdict(other) for other in value], name))
+    Parameters
+    ----------
+    kind : type
+        Their dataclass.
+    """
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Alternative, ...]:
-        if name not in data.variables:
-            return ()
-        try:
-            return _records(Alternative, Mixed().take(data, name, path))
-        except TypeError as error:
-            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+    def __init__(self, kind: Callable[..., Any]) -> None:
+        self._kind = kind
 
-
-class _Findings:
-    """The causes that were found, as JSON text; nothing where there are none."""
-
-    def put(self, data: xr.Dataset, name: str, value: tuple[Finding, ...]) -> None:
+    def put(self, data: xr.Dataset, name: str, value: tuple[Any, ...]) -> None:
         if value:
             data[name] = ((), to_text([asdict(one) for one in value], name))
 
-    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Finding, ...]:
+    def take(self, data: xr.Dataset, name: str, path: Path) -> tuple[Any, ...]:
         if name not in data.variables:
             return ()
         try:
-            return tuple(
-                Finding(**one | {key: tuple(one[key]) for key in ("channels", "also")})
-                for one in Mixed().take(data, name, path)
-            )
-        except (KeyError, TypeError) as error:
+            return _records(self._kind, Mixed().take(data, name, path))
+        except TypeError as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
@@ -374,10 +364,6 @@ class _Trust:
             )
         except (KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
-
-
-def _finding_json(found: Finding) -> dict[str, Any]:
-    return asdict(found) | {"channels": list(found.channels), "also": list(found.also)}
 
 
 def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
@@ -470,9 +456,9 @@ _RESULT: dict[str, Kept] = {
     "validation_band": Mixed(),
     "identifiability": Mixed(Identifiability),
     "adequacy": _Adequacy(),
-    "alternatives": _Alternatives(),
+    "alternatives": _Records(Alternative),
     "trust": _Trust(),
-    "findings": _Findings(),
+    "findings": _Records(Finding),
     "modes": _Modes(),
     "lines": Array("line", variable="line", unit="Hz"),
     "parameters": _Parameters(),
@@ -538,10 +524,13 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
-        ``explained_by``; ``alternatives``, other answers that fit as well: ``values`` by unknown,
-        ``odds``, ``sensor`` that would tell them apart and their ``difference`` there; ``modes``,
-        None where they were not looked for: ``rows`` with ``test``, ``start`` and ``updated``, each
-        None or ``number``, ``frequency`` in Hz, ``loss_factor``, ``change`` in % and ``mac``;
+        ``explained_by``; ``trust``, ``holds`` and ``why`` of each part of the verdict, None in old
+        records; ``findings``, the causes that were found, as of
+        `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that fit as
+        well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and their
+        ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
+        ``test``, ``start`` and ``updated``, each None or ``number``, ``frequency`` in Hz,
+        ``loss_factor``, ``change`` in % and ``mac``;
         ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
         ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``. Of
         several tests also ``tests``: ``correlation``, ``noise``, ``adequacy`` and ``modes`` by
@@ -568,7 +557,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         **plain_fields(result, "timing_s", "versions"),
         "adequacy": _adequacy_json(result.adequacy),
         "trust": None if result.trust is None else _trust_json(result.trust),
-        "findings": [_finding_json(one) for one in result.findings],
+        "findings": plain_records(result.findings),
         "alternatives": plain_records(result.alternatives),
         "modes": _modes_json(result.modes),
     }

@@ -34,8 +34,8 @@ def to_text(value: Any, what: str) -> str:
     Parameters
     ----------
     value : object
-        None, bool, int, float, complex, str, and mappings, lists, tuples, sets and number arrays of
-        these; a `ModeSet`.
+        None, bool, int, float, complex, str, arrays of numbers or texts, `Dof`, `DofSet`,
+        `ModeSet`, and mappings, lists and tuples of these.
     what : str
         Where the value belongs, for the warning.
 
