@@ -77,6 +77,20 @@ def test_inertias_count_with_the_square_of_their_speed():
     assert_allclose(model.stiffness @ turn, 0.0, atol=1e-6)
 
 
+def test_an_inertia_that_stands_still_counts_nothing():
+    """The ring of a planetary stage is held by a spring; with all parts rigid it does not turn."""
+    parts = [
+        Planetary("stage", 1, 2, 3, teeth=(20, 60), rigid=True),
+        Inertia("ring", 2, 1.0),
+        Ground("mount", 2, 1e6),
+        Ground("load", 3, 10.0),
+    ]
+    table = reflected(parts, 1)
+    assert table.ratios == pytest.approx({1: 1.0, 2: 0.0, 3: 0.25})
+    assert table.inertia == 0.0
+    assert [(p.value, p.share) for p in table.parts if p.quantity == "inertia"] == [(0.0, None)]
+
+
 def test_seen_from_the_motor_all_is_less_by_the_square_of_the_ratio():
     at_table, at_motor = reflected(TRAIN, 5), reflected(TRAIN, 1)
     assert at_table.stiffness is None

@@ -51,8 +51,8 @@ class ReflectedPart:
         Value at that node, in N m/rad or kg m2; of a stiffness `own` times `ratio` squared. None:
         there is none (one of several meshes that share a planetary stage's load).
     share : float or None
-        Of the compliance at the node, or of the inertia there; 0 to 1. None where the node is free
-        to turn.
+        Of the compliance at the node, or of the inertia there; 0 to 1. None where there is none of
+        it: the node is free to turn, or turns no inertia.
     """
 
     group: str
@@ -174,9 +174,8 @@ def _mass_row(mass: Mass, speeds: Mapping[int, float], total: float) -> Reflecte
     if len(mass.nodes) < 3:
         own = float(mass.matrix.sum())
     ratio = speeds[mass.nodes[0]]
-    return ReflectedPart(
-        mass.group, "inertia", mass.nodes, own, "kg m2", ratio, value, value / total
-    )
+    share = value / total if total else None
+    return ReflectedPart(mass.group, "inertia", mass.nodes, own, "kg m2", ratio, value, share)
 
 
 def _spring_row(
