@@ -32,6 +32,7 @@ from updyn.elements.checks import (
     parts_of_table,
     poisson_ratio,
     positive,
+    reals,
 )
 from updyn.errors import ModelError
 from updyn.geometry import Geometry
@@ -476,8 +477,8 @@ def _read_nodes(
     length: float, places: Iterable[tuple[str, float]], nodes: ArrayLike
 ) -> NDArray[np.float64]:
     try:
-        x = np.array(nodes, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        x = reals(nodes)
+    except ValueError as error:
         raise ModelError(f"beam: nodes are not numbers ({error})", key=("nodes",)) from error
     tolerance = _SAME * length
     if x.ndim != 1 or len(x) < 2 or not np.isfinite(x).all() or (np.diff(x) <= tolerance).any():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,7 @@ __all__ = [
     "positive",
     "positive_or_none",
     "read_rows",
+    "reals",
     "six",
     "store",
     "vector",
@@ -120,7 +121,7 @@ def pair(what: str, name: str, value: Any) -> tuple[float, float]:
     return positive(what, name, value[0]), positive(what, name, value[1])
 
 
-def is_whole(value: Any) -> bool:
+def is_whole(value: Any) -> TypeGuard[int]:
     """Return whether a value is a whole number; True and False are not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
@@ -189,11 +190,25 @@ def node_number(what: str, name: str, given: Any) -> int:
     return int(given)
 
 
+def reals(given: Any) -> NDArray[np.float64]:
+    """Return a new array of numbers; texts, truth values and complex numbers are none.
+
+    Raises
+    ------
+    ValueError
+        If one is there, or rows differ in length.
+    """
+    array = np.asarray(given)
+    if array.dtype.kind not in "iuf":
+        raise ValueError(f"found {array.dtype}")
+    return array.astype(np.float64)
+
+
 def floats(what: str, name: str, given: Any) -> NDArray[np.float64]:
     """Return an array of finite numbers."""
     try:
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = reals(given)
+    except ValueError as error:
         raise ModelError(f"{what}: {name} {given!r}; expected numbers", key=(name,)) from error
     if not np.isfinite(array).all():
         raise ModelError(f"{what}: {name} {given!r}; expected finite numbers", key=(name,))

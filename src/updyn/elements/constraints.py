@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import node_number, store
+from updyn.elements.checks import node_number, store, vector
 from updyn.errors import ModelError, suggest
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
@@ -344,15 +344,8 @@ def about_axis(dof: str | Dof, node: int, axis: ArrayLike) -> Equation:
 
 
 def _combined(dof: str | Dof, node: int, axis: ArrayLike, names: tuple[str, ...]) -> Equation:
-    try:
-        vector = np.asarray(axis, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"axis of {dof}: {axis!r}; expected three numbers") from error
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise ModelError(
-            f"axis of {dof}: {axis!r}; expected three finite numbers that are not all 0"
-        )
-    unit = vector / np.linalg.norm(vector)
+    along = vector(f"equation of {dof}", "axis", axis)
+    unit = along / np.linalg.norm(along)
     terms = {}
     for name, component in zip(names, unit.tolist(), strict=True):
         if component != 0.0:

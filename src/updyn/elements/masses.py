@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof
+from updyn.elements.checks import is_whole, positive
 from updyn.errors import DofError, ModelError, suggest
 from updyn.group import Group
 from updyn.model import Model
@@ -39,7 +40,7 @@ def add_masses(model: Model, masses: Mapping[str, float], name: str = "added mas
     """
     if name in model.groups:
         raise ModelError(f"the model has a group {name!r} already")
-    values = [_positive(f"mass at {dof}", mass) for dof, mass in masses.items()]
+    values = [positive(f"DOF {dof}", "mass", mass) for dof, mass in masses.items()]
     at = model.dofs.match(masses, "DOF of a mass").index
     return _with_group(model, name, at, np.array(values))
 
@@ -75,7 +76,7 @@ def add_sensor_masses(model: Model, masses: Mapping[Any, float]) -> Model:
     loaded = model
     for key, mass in masses.items():
         name = sensor_group(key)
-        value = _positive(f"mass of sensor {key}", mass)
+        value = positive(f"sensor {key}", "mass", mass)
         if name in model.groups:
             raise ModelError(f"sensor {key}: there is a group {name!r} already (rename it)")
         if name in loaded.groups:
@@ -104,15 +105,8 @@ def sensor_group(key: str | int | Dof) -> str:
     return f"sensor {_node(key)}"
 
 
-def _positive(what: str, mass: Any) -> float:
-    is_number = isinstance(mass, int | float | np.floating) and not isinstance(mass, bool)
-    if not (is_number and 0.0 < mass < np.inf):
-        raise ModelError(f"{what}: {mass!r}; expected a number above 0")
-    return float(mass)
-
-
 def _node(key: str | int | Dof) -> int:
-    if isinstance(key, int | np.integer) and not isinstance(key, bool):
+    if is_whole(key):
         return int(key)
     if isinstance(key, str) and key.lstrip("-").isdecimal():
         return int(key)

@@ -87,8 +87,8 @@ def test_axes_are_made_of_length_one() -> None:
         == Equation("9:X", {"3:Y": 0.6, "3:Z": 0.8}).terms
     )
     assert about_axis("9:RZ", 3, [-2.0, 0, 0]).terms == Equation("9:RZ", {"3:RX": -1.0}).terms
-    for bad in ([0, 0, 0], [1, 2], [np.nan, 0, 1], "x"):
-        with pytest.raises(ModelError, match="axis of 9:RZ"):
+    for bad in ([0, 0, 0], [1, 2], [np.nan, 0, 1], "x", ["1", "0", "0"], [True, False, False]):
+        with pytest.raises(ModelError, match="equation of 9:RZ: axis"):
             about_axis("9:RZ", 3, bad)
 
 

@@ -96,7 +96,7 @@ def test_an_axis_turned_round_turns_the_sense():
             DRIVE,
             {102: (2, (0, 0, 0))},
             ModelError,
-            "expected three finite numbers that are not all 0",
+            "expected three numbers that are not all 0",
         ),
         (DRIVE, {102: (9, AXIS)}, DofError, "9:RX"),
         (

@@ -45,8 +45,8 @@ def test_a_mass_acts_in_all_translations_of_its_node():
     ("masses", "kind", "text"),
     [
         ({}, ModelError, "sensor masses: expected a mapping"),
-        ({"1:X": 0.0}, ModelError, "mass of sensor 1:X: 0.0; expected a number above 0"),
-        ({"1:X": "heavy"}, ModelError, "mass of sensor 1:X: 'heavy'; expected a number above 0"),
+        ({"1:X": 0.0}, ModelError, "sensor 1:X: mass 0.0; expected a number above 0"),
+        ({"1:X": "heavy"}, ModelError, "sensor 1:X: mass 'heavy'; expected a finite number"),
         (
             {"1:X": 0.1, 1: 0.1},
             ModelError,

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet, whole_numbers
-from updyn.elements.checks import check_keys, from_row, parts_of_table, read_rows
+from updyn.elements.checks import check_keys, from_row, parts_of_table, read_rows, reals
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
@@ -232,8 +232,8 @@ def _read_nodes(given: Mapping[int, ArrayLike] | ArrayLike | Geometry) -> _Nodes
 
 def _positions(given: Any) -> NDArray[np.float64]:
     try:
-        xyz = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        xyz = reals(given)
+    except ValueError as error:
         raise ModelError(f"structure: expected three numbers for each node ({error})") from error
     if xyz.ndim != 2 or xyz.shape[1] != 3:
         raise ModelError(
