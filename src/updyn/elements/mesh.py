@@ -251,6 +251,9 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
         numbers = np.arange(1, len(xyz) + 1)
     if len(numbers) != len(xyz):
         raise FormatError(f"found {len(numbers)} node numbers for {len(xyz)} positions", path)
+    found_numbers, times = np.unique(numbers, return_counts=True)
+    if (times > 1).any():
+        raise FormatError(f"node {found_numbers[np.argmax(times > 1)]} stands twice", path)
     groups, ungrouped = _groups(path, found, numbers)
     sets = {}
     for name, members in found.point_sets.items():

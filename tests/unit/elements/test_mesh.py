@@ -295,6 +295,12 @@ def test_node_numbers_that_are_none_are_refused(tmp_path, old, new):
         read_mesh(written(tmp_path, MSH.replace(old, new)), unit="m")
 
 
+def test_a_node_number_that_stands_twice_is_refused(tmp_path):
+    text = INP.replace(" 108, 0., 1., 1.\n", " 108, 0., 1., 1.\n 108, 0., 1., 1.5\n")
+    with pytest.raises(FormatError, match="node 108 stands twice"):
+        read_mesh(written(tmp_path, text, "deck.inp"), unit="m")
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
