@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.errors import FormatError, JobError, OptionError, UpdynWarning
 from updyn.io.ansys.attributes import read_attributes
 from updyn.io.ansys.emat import ElementFile
 
@@ -445,3 +445,26 @@ def test_a_job(folder, archive, tmp_path):
     prepared = prepare(load_job(tmp_path / "job.toml"))
     assert prepared.parameters.names == ["material 1.stiffness", "material 2.stiffness"]
     assert abs(prepared.model.stiffness - model.stiffness).max() == 0.0
+
+
+def test_a_job_says_before_the_fit_what_its_deck_has_no_properties_of(folder, archive, tmp_path):
+    """Its elements name material 2; no MP or MPDATA says what that is."""
+    from updyn.job import load_job, prepare
+
+    for name in ("beam.emat", "beam.full"):
+        shutil.copy(folder / name, tmp_path / name)
+    shutil.copy(archive, tmp_path / "beam.cdb")
+    model = updyn.read_model(tmp_path / "beam.emat", unit="in")
+    updyn.write_frf(updyn.response(model, [900.0], ["22:X"], ["22:X"]), tmp_path / "test.npz")
+    job = (
+        '[model]\nfile = "beam.emat"\nunit = "in"\n[test]\nfile = "test.npz"\n'
+        '[[parameter]]\ngroups = ["material *"]\nquantity = "stiffness"\n'
+        '[output]\nproperties = "new.inp"\n'
+    )
+    (tmp_path / "job.toml").write_text(job)
+    with pytest.raises(JobError, match=r"has no properties of 'material 2'.*MP") as caught:
+        prepare(load_job(tmp_path / "job.toml"))
+    assert caught.value.line == 10
+    (tmp_path / "job.toml").write_text(job.replace("material *", "material 1"))
+    prepare(load_job(tmp_path / "job.toml"))
+    assert not (tmp_path / "new.inp").exists()

@@ -44,6 +44,8 @@ EBLOCK,19,SOLID,         3,         3
          1         1         1         1         0         0         0         0        20         0         3         1         2         3         4         5         6         7         8
          9        10        11        12        13        14        15        16        17        18        19        20
         -1
+MP,EX,6,2.0e9,,-1e3
+TB,ELASTIC,10,1,2
 FINISH
 """
 
@@ -204,14 +206,29 @@ def test_the_deck_that_the_program_wrote(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"material 9": {"stiffness": 1.1}}, "has no 'material 9'; did you mean"),
-        ({"steel": {"stiffness": 1.1}}, r"has no 'steel' \(by component"),
-        ({"real 3": {"stiffness": 1.1}}, "has no 'real 3'"),
+        (
+            {"material 9": {"stiffness": 1.1}},
+            "no properties of 'material 9' .MP, MPDATA; R, RLBLOCK.; did you mean",
+        ),
+        ({"steel": {"stiffness": 1.1}}, r"has no properties of 'steel' \(by component"),
+        ({"real 3": {"stiffness": 1.1}}, "has no properties of 'real 3'"),
         (
             {"material 3": {"stiffness": 1.1}},
             r"arm.cdb:14: EX of material 3 is 'E_RUBBER'; expected a number",
         ),
         ({"material 4": {"mass": 1.1}}, r"arm.cdb:16: material 4 has no DENS to change; it has EX"),
+        (
+            {"material 6": {"stiffness": 1.1}},
+            "arm.cdb:33: EX of material 6 is ''; expected a number",
+        ),
+        (
+            {"material 10": {"stiffness": 1.1}},
+            r"arm.cdb:34: material 10 has a table \(TB\)",
+        ),
+        (
+            {"material 10": {"mass": 1.1}},
+            r"arm.cdb:34: material 10 has no DENS to change; it has a table \(TB\) only",
+        ),
         ({"material 2": {"viscous": 1.1}}, "material 2 has no ALPD or BETD"),
         ({"material 5": {"stiffness": 1.1}}, r"arm.cdb:17: material 5 has a table \(TB\)"),
         ({"real 7": {"mass": 1.1}}, r"arm.cdb:19: real 7: COMBIN14 has no mass"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,8 +27,7 @@ from updyn.errors import (
     suggest,
 )
 from updyn.frf import FRF
-from updyn.io import read_frf, read_geometry, read_model, read_modes
-from updyn.io.formats import find_format
+from updyn.io import read_frf, read_geometry, read_model, read_modes, write_properties
 from updyn.job.configuration import configured, damped
 from updyn.job.files import existing_file
 from updyn.job.folder import RESERVED, outputs
@@ -76,7 +76,6 @@ def prepare(job: Job) -> Prepared:
     """
     with job.located():
         model = damped(job, _model(job))
-        _check_properties(job)
     data: list[FRF | ModeSet] = []
     for part in job.parts:
         with part.located():
@@ -88,6 +87,7 @@ def prepare(job: Job) -> Prepared:
     with job.located():
         frfs = [test.data for test in tests if isinstance(test.data, FRF)]
         parameters = unknowns_of(job, model, frfs)
+        _check_properties(job, parameters)
         prepared = Prepared(job, tuple(tests), parameters)
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
@@ -165,8 +165,8 @@ def _model(job: Job) -> Model:
         return read_model(path, format=table.format, **table.keys)
 
 
-def _check_properties(job: Job) -> None:
-    """Check that the properties of the model's source can be written."""
+def _check_properties(job: Job, parameters: ParameterSet) -> None:
+    """Check that the properties of the model's source can be written, by writing them once."""
     name = job.output.properties
     if name is None:
         return
@@ -179,7 +179,10 @@ def _check_properties(job: Job) -> None:
             raise OptionError(
                 f"output.properties = {name!r}: expected the name of a file of its own"
             )
-        find_format(job.beside(job.model.file), "write_properties", job.model.format)
+        deck = job.beside(job.model.file)
+        changes = parameters.changes(parameters.upper)
+        with tempfile.TemporaryDirectory(prefix="updyn-properties-") as folder:
+            write_properties(changes, deck, Path(folder) / name, format=job.model.format)
 
 
 def measurement(job: Job) -> FRF:

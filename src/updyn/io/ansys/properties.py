@@ -65,7 +65,8 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     """
     deck = _commands(deck)
     found = read_deck(deck)
-    materials = {f"material {number}": number for number in sorted(found.materials)}
+    numbers = sorted({*found.materials, *found.tables})
+    materials = {f"material {number}": number for number in numbers}
     reals = {f"real {number}": number for number in sorted(found.reals)}
     blocks: list[str] = []
     for name, change in changes.items():
@@ -74,13 +75,11 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
         elif name in reals:
             lines = _real(found, reals[name], change, name)
         else:
-            hint = ""
+            hint = "MP, MPDATA; R, RLBLOCK"
             if re.fullmatch(r"(material|real) (\d+)", name) is None:
-                hint = (
-                    " (by component, type or section there is no one property: group by material)"
-                )
+                hint = "by component, type or section there is no one property: group by material"
             near = suggest(name, [*materials, *reals])
-            raise FormatError(f"the deck has no {name!r}{hint}; {near}", deck)
+            raise FormatError(f"the deck has no properties of {name!r} ({hint}); {near}", deck)
         blocks += ["!", f"! {name}: {_described(change)}", *lines]
     heading = [
         f"! New properties for {deck.name}: {', '.join(changes)}.",
@@ -130,7 +129,7 @@ def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
 def _material(deck: Deck, number: int, change: Mapping[str, float], name: str) -> list[str]:
     """Return the commands for a material."""
     _check(name, change, deck.path)
-    has = deck.materials[number]
+    has = deck.materials.get(number, {})
     stiffness = change.get("stiffness", 1.0)
     mass = change.get("mass", 1.0)
     viscous = change.get("viscous", 1.0)
@@ -161,11 +160,10 @@ def _needed(
     deck: Deck, number: int, has: Mapping[str, Property], asked: bool, there: object, label: str
 ) -> None:
     if asked and not there:
-        line = next(iter(has.values())).line
+        lines = [found.line for found in has.values()] or [deck.tables[number]]
+        held = ", ".join(sorted(has)) or "a table (TB) only"
         raise FormatError(
-            f"material {number} has no {label} to change; it has {', '.join(sorted(has))}",
-            deck.path,
-            line,
+            f"material {number} has no {label} to change; it has {held}", deck.path, lines[0]
         )
 
 
@@ -329,8 +327,6 @@ class Deck:
         Element routine by type number.
     users : dict of int to set of int
         Type numbers of the elements (EBLOCK) of each real constant set.
-    keys : dict of (int, int) to int
-        KEYOPT by type number and key.
     release : float or None
         Release of the program that wrote the deck, 19.4 or 2019.2; None where it does not say.
     """
@@ -341,7 +337,6 @@ class Deck:
     tables: dict[int, int] = field(default_factory=dict)
     types: dict[int, int] = field(default_factory=dict)
     users: dict[int, set[int]] = field(default_factory=dict)
-    keys: dict[tuple[int, int], int] = field(default_factory=dict)
     release: float | None = None
 
     def number(self, text: str, line: int, what: str) -> float:
@@ -424,11 +419,10 @@ class _Reading:
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
         first = _whole(_at(fields, 0))
-        second = _whole(_at(fields, 1))
-        third = _whole(_at(fields, 2))
         if name == "MP":
             label = _at(fields, 0).upper()[:4]
-            self._material(label, _at(fields, 1) or "1", list(filter(None, fields[2:])), (), line)
+            values = _without_end(fields[2:])
+            self._material(label, _at(fields, 1) or "1", values, (), line)
         elif short == "MPTE" and name.startswith("MPTEMP"):
             self._temperatures(fields)
         elif short == "MPDA":
@@ -440,9 +434,6 @@ class _Reading:
         elif name == "ET" and first is not None:
             routine = re.search(r"(\d+)$", _at(fields, 1))
             self.deck.types[first] = (_whole(routine[1]) or 0) if routine else 0
-        elif short == "KEYO":
-            if first is not None and second is not None and third is not None:
-                self.deck.keys[first, second] = third
         elif name == "R" and first is not None:
             self.deck.reals[first] = RealSet(tuple(fields[1:7]), line)
             self.last_real = first
@@ -470,7 +461,7 @@ class _Reading:
         label = _at(fields, 0).upper()[:4]
         number = _at(fields, 1) or "1"
         start = _whole(_at(fields, 2)) or 1
-        values = list(filter(None, fields[3:]))
+        values = _without_end(fields[3:])
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
         if start > 1 and old is not None and len(old.values) == start - 1:
             values = [*old.values, *values]
@@ -577,6 +568,14 @@ def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
 def _at(fields: Sequence[str], i: int) -> str:
     """Return a field, empty where there is none."""
     return fields[i] if i < len(fields) else ""
+
+
+def _without_end(fields: Sequence[str]) -> list[str]:
+    """Return fields without the blank ones at the end; one in between is a number left out."""
+    out = list(fields)
+    while out and not out[-1]:
+        out.pop()
+    return out
 
 
 def _whole(text: str) -> int | None:
