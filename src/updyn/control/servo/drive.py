@@ -542,9 +542,8 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
     """Return the largest distance of a zero of the response from a locked-rotor frequency."""
     if not pairs:
         return 0.0
-    still = model.with_damping({name: {"loss_factor": 0.0} for name in model.groups})
     groups = {}
-    for name, g in still.groups.items():
+    for name, g in model.groups.items():
         if g.stiffness is not None or g.mass is not None:
             groups[name] = Group(g.stiffness, g.mass)
     bare = Model(groups, model.dofs)

@@ -31,6 +31,8 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
+#: Velocity loop, position loop, and the loop broken at the torque.
+_Loops = tuple[Judged, Judged | None, Judged | None]
 
 
 def servo(
@@ -123,7 +125,9 @@ def servo(
     wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
     cascade = Cascade(nominal, controller, wiring)
     judged = _judged(cascade)
-    members = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
+    inertia = inertia_of(nominal, torque, velocity)
+    family = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
+    members = [judgements for _, judgements in family]
     lines = _lines(freq, judged, members)
     loops = []
     for k, name in enumerate(("velocity", "position", "torque")):
@@ -138,10 +142,7 @@ def servo(
         over_time = timed(cascade, outer, step, disturbance_step, wind, duration)
     steps: tuple[StepResponse | None, ...] = ()
     if family_steps and step is not None:
-        steps = tuple(
-            _step_of(Cascade(p, controller, wiring), m[1] or m[0], step, duration)
-            for p, m in zip(others, members, strict=True)
-        )
+        steps = tuple(_step_of(own, m[1] or m[0], step, duration) for own, m in family)
     return Servo(
         controller=controller,
         torque=torque,
@@ -149,7 +150,7 @@ def servo(
         position=wiring.position,
         disturbance=disturbance,
         pointing=pointing,
-        plant=_facts(nominal, len(others), inertia := inertia_of(nominal, torque, velocity)),
+        plant=_facts(nominal, len(others), inertia),
         velocity_loop=loops[0],
         position_loop=loops[1] if len(loops) > 1 else None,
         torque_loop=loops[2] if len(loops) > 2 else None,
@@ -164,7 +165,7 @@ def servo(
         notes=(*_notes(nominal, loops[:2], outer, inertia), *over_time.notes),
         family_steps=steps,
         sampled=None if sampled is None else _sampled(sampled, controller, wiring, judged),
-        robust=_robust(cascade, judged, [Cascade(p, controller, wiring) for p in others]),
+        robust=_robust(cascade, judged, [own for own, _ in family]),
     )
 
 
@@ -200,13 +201,12 @@ def _sampled(
 def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     if isinstance(given, Plant):
         return given, ()
-
     if not isinstance(given, PlantFamily):
         raise OptionError(f"servo: expected a Plant or a PlantFamily, found {type(given).__name__}")
     return given.nominal, given.members
 
 
-def _judged(cascade: Cascade) -> tuple[Judged, Judged | None, Judged | None]:
+def _judged(cascade: Cascade) -> _Loops:
     """Return velocity loop, position loop, and the loop broken at the torque."""
     inner, outer = judge_all(cascade)
     return inner, outer, None if outer is None else judge_torque(cascade, outer)
@@ -223,9 +223,11 @@ def _step_of(
 
 def _member(
     number: int, plant: Plant, controller: Controller, wiring: Wiring
-) -> tuple[Judged, Judged | None, Judged | None]:
+) -> tuple[Cascade, _Loops]:
+    """Return the controller on a member of the family, and its loops."""
     try:
-        return _judged(Cascade(plant, controller, wiring))
+        cascade = Cascade(plant, controller, wiring)
+        return cascade, _judged(cascade)
     except UpdynError as error:
         raise type(error)(f"member {number} of the family: {error}") from error
 
