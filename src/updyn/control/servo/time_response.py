@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -427,7 +427,10 @@ def timed(
         return Timed(reference, notes=tuple(notes))
     disturbed = gusts = None
     if disturbance_step is not None:
-        disturbed = _disturbance_step(cascade, system, disturbance_step, duration)
+        names, places = _disturbance_names(cascade), (_POINTING, _DISTURBANCE)
+        disturbed = _step(
+            cascade, system, "disturbance", names, places, disturbance_step, None, duration
+        )
     if wind is not None:
         gusts = _wind(cascade, judged, system, wind)
     return Timed(reference, disturbed, gusts, tuple(notes))
@@ -448,32 +451,36 @@ def _reference_step(
             " give a low_pass"
         )
         return None
-    wiring = cascade.wiring
-    name = wiring.velocity
+    name = cascade.wiring.velocity
     if outer:
-        name = wiring.position or name
+        name = cascade.wiring.position or name
     unit = _unit(cascade, name, not outer)
-    time, outputs, slopes = _record(cascade, system, _POSITION, at, size, rate, duration)
-    final = size * final_value(system, _POSITION, at)
-    figures = step_figures(time, outputs[:, _POSITION], slopes[:, _POSITION], final, True)
-    time, value, torque = _thinned(time, outputs[:, _POSITION], outputs[:, _TORQUE])
-    return StepResponse(
-        of="reference",
-        size=float(size),
-        input=name,
-        input_unit=unit,
-        output=name,
-        output_unit=unit,
-        time=time,
-        value=value,
-        torque=torque,
-        final=final,
-        rise_time=figures.rise_time,
-        overshoot=figures.overshoot,
-        settling_time=figures.settling_time,
-        peak=figures.peak,
-        peak_time=figures.peak_time,
-    )
+    names = (name, unit, name, unit)
+    return _step(cascade, system, "reference", names, (_POSITION, at), size, rate, duration)
+
+
+def _step(
+    cascade: Cascade,
+    system: StateSpace,
+    of: str,
+    names: tuple[str, str, str, str],
+    places: tuple[int, int],
+    size: float,
+    rate: int | None,
+    duration: float | None,
+) -> StepResponse:
+    """Return the response to a step.
+
+    `names` are input, its unit, output, its unit; `places` are those of output and input in
+    `Cascade.closed`.
+    """
+    row, at = places
+    time, outputs, slopes = _record(cascade, system, row, at, size, rate, duration)
+    final = size * final_value(system, row, at)
+    is_reference = of == "reference"
+    figures = step_figures(time, outputs[:, row], slopes[:, row], final, is_reference)
+    time, value, torque = _thinned(time, outputs[:, row], outputs[:, _TORQUE])
+    return StepResponse(of, float(size), *names, time, value, torque, final, **asdict(figures))
 
 
 def _record(
@@ -516,33 +523,6 @@ def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _R
     return time[keep], value[keep], torque[keep]
 
 
-def _disturbance_step(
-    cascade: Cascade, system: StateSpace, size: float, duration: float | None
-) -> StepResponse:
-    name, unit, output, output_unit = _disturbance_names(cascade)
-    time, outputs, slopes = _record(cascade, system, _POINTING, _DISTURBANCE, size, None, duration)
-    final = size * final_value(system, _POINTING, _DISTURBANCE)
-    figures = step_figures(time, outputs[:, _POINTING], slopes[:, _POINTING], final, False)
-    time, value, torque = _thinned(time, outputs[:, _POINTING], outputs[:, _TORQUE])
-    return StepResponse(
-        of="disturbance",
-        size=float(size),
-        input=name,
-        input_unit=unit,
-        output=output,
-        output_unit=output_unit,
-        time=time,
-        value=value,
-        torque=torque,
-        final=final,
-        rise_time=None,
-        overshoot=None,
-        settling_time=figures.settling_time,
-        peak=figures.peak,
-        peak_time=figures.peak_time,
-    )
-
-
 def _wind(
     cascade: Cascade, judged: Judged, system: StateSpace, wind: Wind | tuple[ArrayLike, ArrayLike]
 ) -> WindResponse:
@@ -568,12 +548,10 @@ def _wind(
     u = np.zeros((len(time), 4))
     u[:, _DISTURBANCE] = torque - first
     error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
-    name, unit, output, output_unit = _disturbance_names(cascade)
+    names = _disturbance_names(cascade)
     rms = float(np.sqrt(np.mean(error**2)))
     peak, mean = float(np.abs(error).max()), float(error.mean())
-    return WindResponse(
-        name, unit, output, output_unit, time, torque, error, rms, peak, mean, expected, facts
-    )
+    return WindResponse(*names, time, torque, error, rms, peak, mean, expected, facts)
 
 
 def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
@@ -626,6 +604,7 @@ def _unit(cascade: Cascade, name: str, velocity: bool) -> str:
 
 
 def _disturbance_names(cascade: Cascade) -> tuple[str, str, str, str]:
+    """Return input, its unit, pointing, its unit."""
     wiring, plant = cascade.wiring, cascade.plant
     assert wiring.disturbance is not None
     unit = plant.input_units[plant.inputs.index(wiring.disturbance)]
