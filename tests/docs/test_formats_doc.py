@@ -110,8 +110,9 @@ def test_the_geometry_table_is_read(tmp_path: Path) -> None:
 def test_the_matrix_market_model_is_read(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text(block("mtx", "toml"), encoding="utf-8")
     (tmp_path / "dofs.csv").write_text("dof\n1:X\n1:Y\n", encoding="utf-8")
-    (tmp_path / "nodes.csv").write_text("node,x,y,z\n1,0,0,0\n2,1,0,0\n", encoding="utf-8")
+    (tmp_path / "nodes.csv").write_text("node,x,y,z\n1,0,0,0\n2,1,0,0\n3,0,1,0\n", encoding="utf-8")
     (tmp_path / "lines.csv").write_text("from,to\n1,2\n", encoding="utf-8")
+    (tmp_path / "faces.csv").write_text("a,b,c,d\n1,2,3,3\n", encoding="utf-8")
     for name, diagonal in (("K", [3.0, 5.0]), ("M", [1.0, 2.0])):
         scipy.io.mmwrite(tmp_path / f"{name}_housing.mtx", np.diag(diagonal))
     model = read_model(tmp_path / "case.toml")
@@ -123,6 +124,7 @@ def test_the_matrix_market_model_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(model.groups["housing"].stiffness.toarray(), np.diag([3.0, 5.0]))
     assert model.geometry is not None
     np.testing.assert_array_equal(model.geometry.lines, [[1, 2]])
+    np.testing.assert_array_equal(model.geometry.faces, [[1, 2, 3, 3]])
     with pytest.raises(FormatError, match="one matrix alone is not a model"):
         read_model(tmp_path / "K_housing.mtx")
 

@@ -17,6 +17,7 @@ def geometry() -> Geometry:
         [[0.0, 0.1, THIRD], [1e-300, -2.5, 1e17], [1, 2, 3]],
         [[1, 7], [7, -3]],
         [turned] * 3,
+        [[1, 7, -3, -3]],
     )
 
 
@@ -58,7 +59,7 @@ def assert_same_geometry(found: Geometry | None, expected: Geometry | None) -> N
     assert (found is None) == (expected is None)
     if expected is None:
         return
-    for name in ("nodes", "xyz", "lines", "axes"):
+    for name in ("nodes", "xyz", "lines", "axes", "faces"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), strict=True)
 
 

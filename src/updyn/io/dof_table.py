@@ -2,8 +2,9 @@
 
 DOFs: header ``dof``, one label a line (``12:Z``), or header ``node,direction`` (``12,Z``). Nodes:
 header ``node,x,y,z`` in m, and for nodes with their own directions nine more columns
-``xx,xy,xz,yx,...,zz``. Lines to draw: header ``from,to``, node numbers. Empty lines and lines that
-start with ``#`` are passed over.
+``xx,xy,xz,yx,...,zz``. Lines to draw: header ``from,to``, node numbers; faces: header ``a,b,c,d``,
+the nodes around each, the last of a triangle twice. Empty lines and lines that start with ``#`` are
+passed over.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
@@ -20,11 +22,19 @@ from updyn.io.items import placed, utf8_text
 from updyn.io.lengths import length
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
-__all__ = ["read_dofs", "read_geometry", "write_dofs", "write_geometry", "write_lines"]
+__all__ = [
+    "read_dofs",
+    "read_geometry",
+    "write_dofs",
+    "write_faces",
+    "write_geometry",
+    "write_lines",
+]
 
 _POINT = ("node", "x", "y", "z")
 _AXES = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 _LINE = ("from", "to")
+_FACE = ("a", "b", "c", "d")
 _COMMENT = re.compile(rb"(?:#.*)?")
 
 
@@ -59,16 +69,20 @@ def write_dofs(dofs: DofSet, path: str | Path) -> None:
 
 
 def read_geometry(
-    path: str | Path, lines_path: str | Path | None = None, *, unit: str = "m"
+    path: str | Path,
+    lines_path: str | Path | None = None,
+    faces_path: str | Path | None = None,
+    *,
+    unit: str = "m",
 ) -> Geometry:
-    """Read node positions, and lines to draw where there is a table of them.
+    """Read node positions, and lines and faces to draw where there are tables of them.
 
     Parameters
     ----------
     path : path
         The table of positions.
-    lines_path : path, optional
-        That of lines.
+    lines_path, faces_path : path, optional
+        Those of lines and of faces.
     unit : {"m", "cm", "mm", "in", "ft"}
         Unit of length of the positions.
 
@@ -89,14 +103,10 @@ def read_geometry(
     axes = None
     if len(header) > len(_POINT):
         axes = numbers[:, 3:].reshape(-1, 3, 3)
-    pairs: list[list[int]] = []
-    if lines_path is not None:
-        _, lines = _table(lines_path, (_LINE,), has_numbers=True)
-        for line, cells in lines:
-            pairs.append([_whole(cell, lines_path, line) for cell in cells])
+    lines = _node_rows(lines_path, _LINE)
+    faces = _node_rows(faces_path, _FACE)
     with placed(path):
-        joined = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-        return Geometry(nodes, numbers[:, :3] * scale, joined, axes)
+        return Geometry(nodes, numbers[:, :3] * scale, lines, axes, faces)
 
 
 def write_geometry(geometry: Geometry, path: str | Path) -> None:
@@ -114,8 +124,28 @@ def write_geometry(geometry: Geometry, path: str | Path) -> None:
 
 def write_lines(geometry: Geometry, path: str | Path) -> None:
     """Write the lines to draw."""
-    body = [f"{a},{b}" for a, b in geometry.lines.tolist()]
-    Path(path).write_text("\n".join([",".join(_LINE), *body]) + "\n", encoding="utf-8")
+    _write_node_rows(geometry.lines, _LINE, path)
+
+
+def write_faces(geometry: Geometry, path: str | Path) -> None:
+    """Write the faces to draw."""
+    _write_node_rows(geometry.faces, _FACE, path)
+
+
+def _node_rows(path: str | Path | None, header: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the node numbers of a table, shape (m, len(header)); none where there is no table."""
+    rows: list[list[int]] = []
+    if path is not None:
+        for line, cells in _table(path, (header,), has_numbers=True)[1]:
+            rows.append([_whole(cell, path, line) for cell in cells])
+    return np.array(rows, dtype=np.int64).reshape(-1, len(header))
+
+
+def _write_node_rows(rows: NDArray[np.int64], header: tuple[str, ...], path: str | Path) -> None:
+    lines = [",".join(header)]
+    for row in rows.tolist():
+        lines.append(",".join(map(str, row)))
+    Path(path).write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def _table(

@@ -7,7 +7,8 @@
 
     [geometry]                        # optional
     nodes = "nodes.csv"
-    lines = "lines.csv"               # optional
+    lines = "lines.csv"               # optional, as are
+    faces = "faces.csv"
 
     [[group]]
     name = "housing"

@@ -17,7 +17,14 @@ from updyn.dofs import DofSet
 from updyn.errors import FormatError, suggest
 from updyn.geometry import Geometry
 from updyn.io.atomic import atomic_path
-from updyn.io.dof_table import read_dofs, read_geometry, write_dofs, write_geometry, write_lines
+from updyn.io.dof_table import (
+    read_dofs,
+    read_geometry,
+    write_dofs,
+    write_faces,
+    write_geometry,
+    write_lines,
+)
 from updyn.io.items import is_file, nearest, placed, utf8_text
 from updyn.io.toml_text import parse_toml
 from updyn.model import Model
@@ -27,7 +34,7 @@ __all__ = ["GENERAL", "ModelTable", "write_tables"]
 #: Keys of every such file.
 GENERAL = ("title", "dofs", "geometry", "group")
 _JOB = ("model", "test", "parameter")  # tables of a job file, the other kind of TOML file
-_GEOMETRY = ("nodes", "lines")
+_DRAWN = ("lines", "faces")
 
 
 class ModelTable:
@@ -106,13 +113,13 @@ class ModelTable:
             return None
         if not isinstance(table, dict) or "nodes" not in table:
             raise FormatError(
-                "[geometry] needs nodes = 'nodes.csv', and may have lines",
+                "[geometry] needs nodes = 'nodes.csv', and may have lines and faces",
                 self.path,
                 self.line("geometry"),
             )
-        self.only_known(table, _GEOMETRY, "geometry")
-        lines = self.file(table, "lines", "geometry") if "lines" in table else None
-        return read_geometry(self.file(table, "nodes", "geometry"), lines)
+        self.only_known(table, ("nodes", *_DRAWN), "geometry")
+        drawn = [self.file(table, key, "geometry") if key in table else None for key in _DRAWN]
+        return read_geometry(self.file(table, "nodes", "geometry"), *drawn)
 
     def group_name(self, parts: Mapping[str, Any], number: int) -> str:
         """Return the name of the `number`-th group, counted from 0.
@@ -184,7 +191,7 @@ class ModelTable:
 
 
 def write_tables(model: Model, path: Path) -> Any:
-    """Write the tables of DOFs, nodes and lines beside a TOML file, and begin that file.
+    """Write the tables of DOFs, nodes, lines and faces beside a TOML file, and begin that file.
 
     Parameters
     ----------
@@ -192,7 +199,7 @@ def write_tables(model: Model, path: Path) -> Any:
         The model.
     path : Path
         The TOML file, or one of the same stem: the tables are called ``case_dofs.csv``,
-        ``case_nodes.csv`` and ``case_lines.csv``.
+        ``case_nodes.csv``, ``case_lines.csv`` and ``case_faces.csv``.
 
     Returns
     -------
@@ -216,10 +223,11 @@ def write_tables(model: Model, path: Path) -> Any:
     table["nodes"] = nodes.name
     with atomic_path(nodes) as temporary:
         write_geometry(geometry, temporary)
-    if len(geometry.lines):
-        lines = path.with_name(f"{path.stem}_lines.csv")
-        table["lines"] = lines.name
-        with atomic_path(lines) as temporary:
-            write_lines(geometry, temporary)
+    for key, write in zip(_DRAWN, (write_lines, write_faces), strict=True):
+        if len(getattr(geometry, key)):
+            drawn = path.with_name(f"{path.stem}_{key}.csv")
+            table[key] = drawn.name
+            with atomic_path(drawn) as temporary:
+                write(geometry, temporary)
     entry["geometry"] = table
     return entry
