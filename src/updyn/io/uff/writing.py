@@ -56,7 +56,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     Warns
     -----
     UpdynWarning
-        If there is a variance or a number of averages: the format has no place for them.
+        If there is a variance, a number of averages, or a face of the geometry: the format has no
+        place for them.
     """
     if frf.decay:
         raise FormatError(
@@ -65,6 +66,8 @@ def write_frf(frf: FRF, path: str | Path) -> None:
             path,
         )
     lacking = [name for name in ("variance", "averages") if getattr(frf, name) is not None]
+    if frf.geometry is not None and len(frf.geometry.faces):
+        lacking.append("faces")
     if lacking:
         warnings.warn(
             f"{path}: universal files have no place for {' and '.join(lacking)}; written without",
