@@ -363,14 +363,15 @@ def _groups(
     place = np.full(used.shape, -1, dtype=np.int32)
     place[used] = number
     loss = _loss_factors(elements)
+    by_name: dict[str, list[Element]] = {}
+    for element in elements:
+        by_name.setdefault(element.name, []).append(element)
     groups: dict[str, Group] = {}
-    for name in dict.fromkeys(element.name for element in elements):
+    for name, own in by_name.items():
         K = _Sum(n)
         M = _Sum(n)
         C = _Sum(n)
-        for element in elements:
-            if element.name != name:
-                continue
+        for element in own:
             for at, found in _batches(element, table):
                 rows = place[at[:, :, None], np.array(element.directions)].reshape(len(at), -1)
                 K.add(found.K, rows)
@@ -420,6 +421,7 @@ class _Sum:
     def __init__(self, n: int) -> None:
         self.n = n
         self.pending: list[tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]] = []
+        self.waiting = 0  # entries of these
         self.merged: list[tuple[int, Any]] = []  # number of batches, and their sum
 
     def add(self, A: NDArray[np.float64] | None, at: NDArray[np.int32]) -> None:
@@ -436,7 +438,8 @@ class _Sum:
         columns = columns[keep]
         values[rows == columns] *= 0.5
         self.pending.append((values, rows, columns))
-        if sum(len(values) for values, _, _ in self.pending) > _PENDING:
+        self.waiting += len(values)
+        if self.waiting > _PENDING:
             self._merge()
 
     def _merge(self) -> None:
@@ -444,6 +447,7 @@ class _Sum:
             return
         values, rows, columns = (np.concatenate(some) for some in zip(*self.pending, strict=True))
         self.pending = []
+        self.waiting = 0
         entries = sp.coo_array((values, (rows, columns)), shape=(self.n, self.n))
         weight = 1
         matrix = sp.csr_array(entries)
