@@ -194,6 +194,13 @@ def test_a_head_without_records_is_refused(tmp_path):
 
 
 # -- one head for several packets ---------------------------------------------------------------
+def test_a_record_without_samples_is_refused(tmp_path):
+    text = written().replace("Samples\t3\t3", "Samples\t0\t0")
+    text = text[: text.index("X_Value")] + text[text.index("X_Value") :].partition("\n")[0] + "\n"
+    with pytest.raises(FormatError, match=r":7: Samples says 0, found 0 rows"):
+        read(tmp_path, text)
+
+
 def appended(x: str, rows: list[str], headings: str = "No") -> str:
     head = HEAD.format(name="Tab", decimal=".", x=x)
     head = head.replace("X_Columns", f"Multi_Headings\t{headings}\nX_Columns")

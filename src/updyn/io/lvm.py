@@ -249,7 +249,8 @@ def _packets(
     width = n + with_x
     table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
     count = samples[0]
-    if len(table) != count and (head.has_headings or not len(table) or count < 1):
+    is_other = len(table) != count and (head.has_headings or not len(table))
+    if count < 1 or is_other:
         hint = ""
         if len(table) > count:
             hint = "; packets without a head of their own need Multi_Headings No"
