@@ -215,6 +215,9 @@ def test_what_cannot_be_used():
     other = updyn.sampled(plant.channel("speed", "motor"), DT)
     with pytest.raises(OptionError, match="no output 'angle'"):
         quick(plant, NOTCHED, sampled=other, **BOTH)
+    wrong = replace(updyn.sampled(plant, DT), quantities=("accelerance",) * len(plant.outputs))
+    with pytest.raises(OptionError, match="output 'speed' is an acceleration"):
+        quick(plant, NOTCHED, sampled=wrong, **BOTH)
 
 
 # -- the error of the plant --------------------------------------------------------------------------------

@@ -24,14 +24,12 @@ from updyn.control.servo.state_space import StateSpace, Transfer, delay_approxim
 from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
 
-__all__ = ["TO_VELOCITY", "Controller", "Notch", "inertia_of", "require_continuous"]
+__all__ = ["Controller", "Notch", "inertia_of", "require_continuous", "to_velocity"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
-#: Powers of s that make a velocity of an output.
-TO_VELOCITY = {"receptance": 1, "mobility": 0, "accelerance": -1}
 #: Poles nearer to 0 than this share of the lowest oscillation are as good as at 0; smaller ones
 #: oscillate by rounding.
 _AT_REST = 1e-3
@@ -458,6 +456,32 @@ def require_continuous(plant: Plant) -> None:
         )
 
 
+def to_velocity(plant: Plant, output: str, what: str = "velocity") -> int:
+    """Return the power of s that makes a velocity of an output: 1 of a displacement, else 0.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    output : str
+        Name of the output.
+    what : str
+        What is made of it, for the message.
+
+    Raises
+    ------
+    OptionError
+        If it is an acceleration.
+    """
+    quantity = plant.quantities[plant.outputs.index(output)]
+    if quantity == "accelerance":
+        raise OptionError(
+            f"output {output!r} is an acceleration; a {what} has to come from a displacement or a"
+            " velocity: make the plant with quantity='receptance' or 'mobility' for it"
+        )
+    return int(quantity == "receptance")
+
+
 def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
     """Return the rigid-body inertia of a plant between a torque and a velocity.
 
@@ -477,16 +501,15 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
     float or None
         In kg m2 (kg), negative where a positive torque turns the output the negative way; None
         where nothing turns freely.
+
+    Raises
+    ------
+    OptionError
+        If the plant is sampled, lacks one of them, or the output is an acceleration.
     """
     require_continuous(plant)
     channel = plant.channel(velocity, torque)
-    (quantity,) = channel.quantities
-    if quantity == "accelerance":
-        raise OptionError(
-            f"output {velocity!r} is an acceleration; a velocity has to come from a displacement or"
-            " a velocity: make the plant with quantity='receptance' or 'mobility' for it"
-        )
-    power = TO_VELOCITY[quantity]
+    power = to_velocity(channel, velocity)
     transfer = Transfer.of(StateSpace(channel.A, channel.B, channel.C, channel.D))
     best, share = None, _DOMINANT
     for radius in _radii(plant.poles):

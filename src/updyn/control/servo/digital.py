@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
-from updyn.control.servo.controller import TO_VELOCITY, Controller
+from updyn.control.servo.controller import Controller, to_velocity
 from updyn.control.servo.loops import Wiring
 from updyn.control.servo.stability import Judged, count_drifting, count_growing, margins_of
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
@@ -78,7 +78,7 @@ class SampledCascade:
     Raises
     ------
     OptionError
-        If the plant is not sampled, or lacks a port.
+        If the plant is not sampled, lacks a port, or one is an acceleration.
     """
 
     def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
@@ -99,14 +99,13 @@ class SampledCascade:
         self.has_position = controller.kv is not None
         self.notes = _left_out(controller, plant)
         self._controller = _converted(controller, plant.dt)
-        rows = [
-            plant.outputs.index(n or wiring.velocity) for n in (wiring.velocity, wiring.position)
-        ]
+        outputs = (wiring.velocity, wiring.position or wiring.velocity)
+        rows = [plant.outputs.index(name) for name in outputs]
         column = plant.inputs.index(wiring.torque)
         self._system = StateSpace(
             plant.A, plant.B[:, [column]], plant.C[rows], plant.D[np.ix_(rows, [column])]
         )
-        powers = np.array([TO_VELOCITY[plant.quantities[row]] for row in rows])
+        powers = np.array([to_velocity(plant, name) for name in outputs])
         powers[1] = powers[1] - 1 if self.has_position else 0
         self._readers = tuple(_reader(int(power), plant.dt) for power in powers)
         self._transfers = tuple(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.control.plant import Plant
-from updyn.control.servo.controller import TO_VELOCITY, Controller, require_continuous
+from updyn.control.servo.controller import Controller, require_continuous, to_velocity
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError, suggest
 
@@ -82,12 +82,8 @@ class Wiring:
             place = position or velocity
         out = cls(torque, velocity, place, pointing or place or velocity, disturbance)
         for name, what in ((velocity, "velocity"), (place, "position"), (out.pointing, "pointing")):
-            if name is not None and plant.quantities[plant.outputs.index(name)] == "accelerance":
-                raise OptionError(
-                    f"output {name!r} is an acceleration; a {what} has to come from a displacement"
-                    " or a velocity: make the plant with quantity='receptance' or 'mobility'"
-                    " for it"
-                )
+            if name is not None:
+                to_velocity(plant, name, what)
         return out
 
 
@@ -115,15 +111,13 @@ class Cascade:
         inputs = [plant.inputs.index(wiring.torque)]
         if wiring.disturbance is not None:
             inputs.append(plant.inputs.index(wiring.disturbance))
-        rows = [
-            plant.outputs.index(n or wiring.velocity)
-            for n in (wiring.velocity, wiring.position, wiring.pointing)
-        ]
+        outputs = (wiring.velocity, wiring.position or wiring.velocity, wiring.pointing)
+        rows = [plant.outputs.index(name) for name in outputs]
         self._system = StateSpace(
             plant.A, plant.B[:, inputs], plant.C[rows], plant.D[np.ix_(rows, inputs)]
         )
         self._transfer = Transfer.of(self._system)
-        powers = np.array([TO_VELOCITY[plant.quantities[row]] for row in rows])
+        powers = np.array([to_velocity(plant, name) for name in outputs])
         points_at_velocity = wiring.position is None and wiring.pointing == wiring.velocity
         #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without
         #: a position loop).
