@@ -161,6 +161,32 @@ def test_later_definitions_count(deck):
     assert ("R", "7", "15.0") in out
 
 
+def test_constants_that_are_modified_count(deck):
+    """RMODIF from a place on; a blank leaves what stands there."""
+    deck.write_text(DECK + "/PREP7\nRMODIF,7,1,2.0e6\nRMODIF,8,2,3.0,,0.2\nRMODIF,7,4,0.5\n")
+    out = commands(
+        written({"real 7": {"stiffness": 1.5, "viscous": 2.0}, "real 8": {"mass": 10.0}}, deck)
+    )
+    assert out[0] == ("R", "7", "3000000.0", "40.0", "", "0.5")
+    assert numbers(out[1][2:]) == pytest.approx([25.0, 30.0, 25.0, 2.0, 1.0, 1.0], rel=1e-15)
+
+
+@pytest.mark.parametrize("command", ["RMODIF,7,1000000000000,1.0", "MPDATA,EX,2,-3,1.0"])
+def test_places_that_are_none_are_refused(deck, command):
+    deck.write_text(DECK + command + "\n")
+    with pytest.raises(FormatError, match=r"arm\.cdb:36: numbers from place -?\d+ on; expected 1"):
+        read_deck(deck)
+
+
+def test_a_table_that_is_modified_counts(deck):
+    """MPDATA from the second place on; a place that is skipped has no number."""
+    deck.write_text(DECK + "MPTEMP\nMPTEMP,1,20.0,120.0,220.0\nMPDATA,EX,2,2,6.0e10,5.0e10\n")
+    out = commands(written({"material 2": {"stiffness": 0.5}}, deck))
+    at = out.index(("MPTEMP",))
+    assert numbers(out[at + 1][2:]) == [20.0, 120.0, 220.0]
+    assert numbers(out[at + 2][4:]) == [3.5e10, 3.0e10, 2.5e10]
+
+
 def test_of_an_update(deck):
     """The values of a result, as they are."""
     import numpy as np

@@ -40,6 +40,8 @@ _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
 }
 _NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
+#: Largest number of constants of a set and of values over temperature; none is as long.
+_MOST_NUMBERS = 1000
 #: First release with DMPS, 2020 R1; those before it are counted by years, or as 15.0 to 19.5.
 _WITH_DMPS = 2020
 _LAST_BEFORE_YEARS = 20
@@ -437,6 +439,10 @@ class _Reading:
         elif name == "R" and first is not None:
             self.deck.reals[first] = RealSet(tuple(fields[1:7]), line)
             self.last_real = first
+        elif short == "RMOD" and first is not None and first in self.deck.reals:
+            old = self.deck.reals[first]
+            start = self._place(_at(fields, 1), line)
+            self.deck.reals[first] = RealSet(_overlaid(old.values, start, fields[2:8]), old.line)
         elif short == "RMOR" and self.last_real is not None:
             old = self.deck.reals[self.last_real]
             filled = old.values + ("",) * (-len(old.values) % 6)
@@ -460,14 +466,25 @@ class _Reading:
             fields = fields[2:]
         label = _at(fields, 0).upper()[:4]
         number = _at(fields, 1) or "1"
-        start = _whole(_at(fields, 2)) or 1
+        start = self._place(_at(fields, 2), line)
         values = _without_end(fields[3:])
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
-        if start > 1 and old is not None and len(old.values) == start - 1:
-            values = [*old.values, *values]
+        if start > 1:
+            values = list(_overlaid(() if old is None else old.values, start, values))
         places = range(1, len(values) + 1)
         temperatures = tuple(self.temperatures.get(place, "0.0") for place in places)
         self._material(label, number, values, temperatures, line)
+
+    def _place(self, text: str, line: int) -> int:
+        """Return the place of the first number in a set or a table; 1 where none is said."""
+        place = _whole(text) or 1
+        if not 1 <= place <= _MOST_NUMBERS:
+            raise FormatError(
+                f"numbers from place {place} on; expected 1 to {_MOST_NUMBERS}",
+                self.deck.path,
+                line,
+            )
+        return place
 
     def _material(
         self, label: str, number: str, values: list[str], temperatures: tuple[str, ...], line: int
@@ -576,6 +593,15 @@ def _without_end(fields: Sequence[str]) -> list[str]:
     while out and not out[-1]:
         out.pop()
     return out
+
+
+def _overlaid(old: Sequence[str], start: int, new: Sequence[str]) -> tuple[str, ...]:
+    """Return numbers with others from a place on, counted from 1; blank ones change nothing."""
+    kept = _without_end(new)
+    out = [*old, *[""] * (start - 1 + len(kept) - len(old))]
+    for place, value in enumerate(kept, start - 1):
+        out[place] = value or out[place]
+    return tuple(out)
 
 
 def _whole(text: str) -> int | None:
