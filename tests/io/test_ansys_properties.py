@@ -265,7 +265,7 @@ def test_the_deck_that_the_program_wrote(tmp_path):
         ({"material 1": {"stiffness": 0.0}}, "stiffness 0.0; expected a finite number above 0"),
         (
             {"material 1": {"loss_factor": -0.1}},
-            "loss_factor -0.1; expected a finite number at least 0",
+            "loss_factor -0.1; expected a finite number of at least 0",
         ),
     ],
 )

@@ -381,7 +381,7 @@ def test_damping_of_the_whole_deck_stays_where_it_is(tmp_path):
         ),
         (
             {"alu": {"loss_factor": -0.1}},
-            r"group 'alu': loss_factor -0.1; expected a finite number at least 0",
+            r"group 'alu': loss_factor -0.1; expected a finite number of at least 0",
         ),
         (
             {"alu": {"viscous": 2.0}},

@@ -461,6 +461,7 @@ def test_what_is_written(deck, tmp_path):
             r"wing.bdf:1: group PELAS 1 has no viscous damping to change",
         ),
         ({"PELAS 1": {"stifness": 2.0}}, r"group 'PELAS 1': no quantity 'stifness'"),
+        ({"PELAS 1": {"stiffness": -2.0}}, r"stiffness -2.0; expected a finite number above 0"),
     ],
 )
 def test_what_cannot_be_written(deck, tmp_path, changes, message):

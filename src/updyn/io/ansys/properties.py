@@ -19,6 +19,7 @@ from pathlib import Path
 from updyn.errors import FormatError, suggest
 from updyn.io.ansys.attributes import beside
 from updyn.io.atomic import atomic_path
+from updyn.io.changes import check_changes
 from updyn.io.items import unreadable
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
@@ -30,7 +31,6 @@ __all__ = [
     "write_properties",
 ]
 
-_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
 _MODULI = ("EX", "EY", "EZ", "GXY", "GYZ", "GXZ")
 #: Places of real constants, counted from 1, by element routine (Ansys Element Reference).
 _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
@@ -63,9 +63,11 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     Raises
     ------
     FormatError
-        If the deck has no such material or real constant set, or has no number there to change.
+        If the deck has no such material or real constant set, or has no number there to change, or
+        a change is none.
     """
     deck = _commands(deck)
+    check_changes(changes, deck)
     found = read_deck(deck)
     numbers = sorted({*found.materials, *found.tables})
     materials = {f"material {number}": number for number in numbers}
@@ -73,9 +75,9 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     blocks: list[str] = []
     for name, change in changes.items():
         if name in materials:
-            lines = _material(found, materials[name], change, name)
+            lines = _material(found, materials[name], change)
         elif name in reals:
-            lines = _real(found, reals[name], change, name)
+            lines = _real(found, reals[name], change)
         else:
             hint = "MP, MPDATA; R, RLBLOCK"
             if re.fullmatch(r"(material|real) (\d+)", name) is None:
@@ -113,24 +115,9 @@ def _commands(deck: Path) -> Path:
     return found
 
 
-def _check(name: str, change: Mapping[str, float], deck: Path) -> None:
-    for quantity, value in change.items():
-        if quantity not in _QUANTITIES:
-            raise FormatError(
-                f"group {name!r}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
-            )
-        least = quantity in ("viscous", "loss_factor")
-        if not (0 < value < float("inf") or (least and value == 0)):
-            wanted = "at least 0" if least else "above 0"
-            raise FormatError(
-                f"group {name!r}: {quantity} {value!r}; expected a finite number {wanted}", deck
-            )
-
-
 # -- materials ----------------------------------------------------------------------------------
-def _material(deck: Deck, number: int, change: Mapping[str, float], name: str) -> list[str]:
+def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
     """Return the commands for a material."""
-    _check(name, change, deck.path)
     has = deck.materials.get(number, {})
     stiffness = change.get("stiffness", 1.0)
     mass = change.get("mass", 1.0)
@@ -210,9 +197,8 @@ def _has_dmps(deck: Deck) -> bool:
 
 
 # -- real constants -----------------------------------------------------------------------------
-def _real(deck: Deck, number: int, change: Mapping[str, float], name: str) -> list[str]:
+def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
     """Return the commands for a set of real constants."""
-    _check(name, change, deck.path)
     old = deck.reals[number]
     routine = _routine(deck, number, old)
     element = _NAMES[routine]

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
+from updyn.io.changes import check_changes
 from updyn.io.keyword_deck.cards import Card, short_number
 from updyn.io.keyword_deck.structure import Property
 
 __all__ = ["write_changes"]
-
-_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
 
 
 def write_changes(
@@ -46,6 +45,7 @@ def write_changes(
     FormatError
         If a group or a quantity is not there, or a number is not usable.
     """
+    check_changes(changes, deck)
     lines: list[str] = []
     changed = []
     for name, change in changes.items():
@@ -53,7 +53,7 @@ def write_changes(
         if part is None:
             near = suggest(name, [p.name for p in parts.values()])
             raise FormatError(f"the deck has no material, spring or mass {name!r}; {near}", deck)
-        _check(part, change, deck, own_rayleigh)
+        _check(part, change, own_rayleigh)
         changed.append(part.name)
         lines += _block(part, change, _changed(part, change, own_rayleigh))
     heading = [
@@ -69,19 +69,10 @@ def write_changes(
         temporary.write_text("\n".join([*heading, *lines, ""]), encoding="utf-8")
 
 
-def _check(part: Property, change: Mapping[str, float], deck: Path, own_rayleigh: bool) -> None:
+def _check(part: Property, change: Mapping[str, float], own_rayleigh: bool) -> None:
+    """Refuse changes of what a part does not have."""
     where = f"group {part.name!r}"
     for quantity, value in change.items():
-        if quantity not in _QUANTITIES:
-            raise FormatError(
-                f"{where}: no quantity {quantity!r}; {suggest(quantity, _QUANTITIES)}", deck
-            )
-        lowest_is_zero = quantity in ("loss_factor", "viscous")
-        if not (0 < value < float("inf") or (lowest_is_zero and value == 0)):
-            wanted = "at least 0" if lowest_is_zero else "above 0"
-            raise FormatError(
-                f"{where}: {quantity} {value!r}; expected a finite number {wanted}", deck
-            )
         if quantity in ("stiffness", "mass") and value != 1.0 and not part.values(quantity):
             lacks = quantity
             if part.kind == "material":

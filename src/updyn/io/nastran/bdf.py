@@ -194,9 +194,9 @@ def write_properties(
     Raises
     ------
     FormatError
-        If there is no such group or it has nothing of what is to change.
+        If there is no such group, it has nothing of what is to change, or a change is none.
     ModelError
-        If a quantity is not known, or a loss factor is below what PARAM,G gives to all.
+        If a loss factor is below what PARAM,G gives to all.
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)

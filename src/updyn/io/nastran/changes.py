@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from updyn.errors import ModelError
+from updyn.io.changes import check_changes
 from updyn.io.nastran.cards import Card, text_of
 from updyn.io.nastran.deck import Deck, Values, materials_of, values
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 
 _WIDTH = 16
-_QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +65,11 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     Raises
     ------
     FormatError
-        If there is no such group, or it has nothing of what is to change.
+        If there is no such group, it has nothing of what is to change, or a change is none.
     ModelError
-        If a quantity is not known or a loss factor is below what PARAM,G gives to all.
+        If a loss factor is below what PARAM,G gives to all.
     """
+    check_changes(changes, deck.path)
     users = _users(deck)
     out = Revision()
     next_number = max(deck.materials, default=0) + 1
@@ -144,12 +145,6 @@ def _users(deck: Deck) -> dict[int, set[str]]:
 
 
 def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
-    for quantity in change:
-        if quantity not in _QUANTITIES:
-            raise ModelError(
-                f"group {name!r}: no quantity {quantity!r} in a deck; expected stiffness, mass,"
-                " viscous or loss_factor"
-            )
     stiffness = float(change.get("stiffness", 1.0))
     mass = float(change.get("mass", 1.0))
     viscous = float(change.get("viscous", 1.0))
