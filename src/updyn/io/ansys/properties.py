@@ -24,7 +24,7 @@ from updyn.io.items import unreadable
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = [
-    "Deck",
+    "AnsysDeck",
     "Property",
     "RealSet",
     "read_deck",
@@ -116,7 +116,7 @@ def _commands(deck: Path) -> Path:
 
 
 # -- materials ----------------------------------------------------------------------------------
-def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+def _material(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list[str]:
     """Return the commands for a material."""
     has = deck.materials.get(number, {})
     stiffness = change.get("stiffness", 1.0)
@@ -146,7 +146,12 @@ def _material(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]
 
 
 def _needed(
-    deck: Deck, number: int, has: Mapping[str, Property], asked: bool, there: object, label: str
+    deck: AnsysDeck,
+    number: int,
+    has: Mapping[str, Property],
+    asked: bool,
+    there: object,
+    label: str,
 ) -> None:
     if asked and not there:
         lines = [found.line for found in has.values()] or [deck.tables[number]]
@@ -156,7 +161,7 @@ def _needed(
         )
 
 
-def _written(deck: Deck, number: int, label: str, old: Property, factor: float) -> list[str]:
+def _written(deck: AnsysDeck, number: int, label: str, old: Property, factor: float) -> list[str]:
     what = f"{label} of material {number}"
     before = [deck.number(v, old.line, what) for v in old.values]
     values = [repr(v * factor) for v in before]
@@ -172,7 +177,9 @@ def _written(deck: Deck, number: int, label: str, old: Property, factor: float) 
     return out
 
 
-def _loss_factor(deck: Deck, number: int, has: Mapping[str, Property], gamma: float) -> list[str]:
+def _loss_factor(
+    deck: AnsysDeck, number: int, has: Mapping[str, Property], gamma: float
+) -> list[str]:
     out = []
     for name in ("DMPR", "DMPS"):
         if name in has:
@@ -186,7 +193,7 @@ def _loss_factor(deck: Deck, number: int, has: Mapping[str, Property], gamma: fl
     return [*out, f"MP,DMPS,{number},{gamma * 1.0!r}"]
 
 
-def _has_dmps(deck: Deck) -> bool:
+def _has_dmps(deck: AnsysDeck) -> bool:
     """Return whether the release of the deck has structural damping by the label DMPS."""
     if any("DMPS" in has for has in deck.materials.values()):
         return True
@@ -197,7 +204,7 @@ def _has_dmps(deck: Deck) -> bool:
 
 
 # -- real constants -----------------------------------------------------------------------------
-def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
+def _real(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list[str]:
     """Return the commands for a set of real constants."""
     old = deck.reals[number]
     routine = _routine(deck, number, old)
@@ -237,7 +244,7 @@ def _real(deck: Deck, number: int, change: Mapping[str, float]) -> list[str]:
     return out
 
 
-def _routine(deck: Deck, number: int, old: RealSet) -> int:
+def _routine(deck: AnsysDeck, number: int, old: RealSet) -> int:
     """Return the routine of the elements that use a set, or the only one of the deck."""
     users = deck.users.get(number)
     routines = {deck.types.get(t, 0) for t in users or deck.types}
@@ -298,7 +305,7 @@ class RealSet:
 
 
 @dataclass(slots=True)
-class Deck:
+class AnsysDeck:
     """The properties and elements of a deck.
 
     Parameters
@@ -346,7 +353,7 @@ class Deck:
             ) from error
 
 
-def read_deck(path: str | Path) -> Deck:
+def read_deck(path: str | Path) -> AnsysDeck:
     """Read the properties of a deck.
 
     Parameters
@@ -360,7 +367,7 @@ def read_deck(path: str | Path) -> Deck:
         If it is not text, its last line does not end or a block is not complete.
     """
     path = Path(path)
-    deck = Deck(path)
+    deck = AnsysDeck(path)
     state = _Reading(deck)
     try:
         text = path.read_text(encoding="latin-1")
@@ -379,7 +386,7 @@ def read_deck(path: str | Path) -> Deck:
 class _Reading:
     """The state of reading a deck: the table of temperatures and the last set of constants."""
 
-    def __init__(self, deck: Deck) -> None:
+    def __init__(self, deck: AnsysDeck) -> None:
         self.deck = deck
         self.temperatures: dict[int, str] = {}
         self.last_real: int | None = None

@@ -24,7 +24,7 @@ from updyn.io.items import placed
 from updyn.io.keyword_deck.cards import Card, Row, number, read_cards, whole
 from updyn.io.keyword_deck.changes import write_changes
 from updyn.io.keyword_deck.structure import (
-    Deck,
+    KeywordDeck,
     Property,
     drawn,
     heading_of,
@@ -155,7 +155,7 @@ def read_model(
 
 def read_parts(
     path: Path, cards: Sequence[Card]
-) -> tuple[list[Card], list[str], Deck, dict[str, Property]]:
+) -> tuple[list[Card], list[str], KeywordDeck, dict[str, Property]]:
     """Return the cards of the model, the lines of the storing step, the structure and its groups.
 
     Groups are by name in capitals.
@@ -258,14 +258,14 @@ class Rotations:
     unnamed: tuple[int, ...]
     path: Path
 
-    def renamed(self, dofs: DofSet, deck: Deck) -> DofSet:
+    def renamed(self, dofs: DofSet, deck: KeywordDeck) -> DofSet:
         """Return the degrees of freedom with rotations as those of the reference nodes.
 
         Parameters
         ----------
         dofs : DofSet
             As ``ccx`` names them, all along X, Y and Z.
-        deck : Deck
+        deck : KeywordDeck
             The structure.
 
         Returns

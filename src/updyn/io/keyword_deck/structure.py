@@ -20,8 +20,8 @@ from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
 from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
 __all__ = [
-    "Deck",
     "Elements",
+    "KeywordDeck",
     "Property",
     "Section",
     "drawn",
@@ -95,7 +95,7 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Deck:
+class KeywordDeck:
     """A structure as a deck describes it. Names are in capitals; lengths are the deck's own.
 
     Parameters
@@ -150,7 +150,7 @@ def heading_of(model: Sequence[Card]) -> str:
     return ""
 
 
-def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
+def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
     """Read nodes, elements, sets and solid sections.
 
     Parameters
@@ -162,7 +162,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
 
     Returns
     -------
-    Deck
+    KeywordDeck
         What they say.
 
     Raises
@@ -196,7 +196,7 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
             sections.append(Section(elset, card.need("MATERIAL").upper(), card))
     if not numbers:
         raise FormatError("the deck has no *NODE", path)
-    deck = Deck(
+    deck = KeywordDeck(
         path,
         np.concatenate(numbers),
         np.concatenate(places),
@@ -210,12 +210,12 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> Deck:
     return deck
 
 
-def drawn(deck: Deck) -> list[tuple[Shape, NDArray[np.int64]]]:
+def drawn(deck: KeywordDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
     """Return the solids by shape.
 
     Parameters
     ----------
-    deck : Deck
+    deck : KeywordDeck
         The structure.
 
     Returns
@@ -347,7 +347,7 @@ def _add(
 
 
 # -- checks -------------------------------------------------------------------------------------
-def _check_nodes(deck: Deck) -> None:
+def _check_nodes(deck: KeywordDeck) -> None:
     twice = _twice(deck.nodes)
     if twice is not None:
         raise FormatError(f"*NODE: node {twice} stands twice", deck.path)
@@ -381,7 +381,7 @@ def _row_of(card: Card, element: int) -> Row | None:
     return None
 
 
-def _check_sections(deck: Deck) -> None:
+def _check_sections(deck: KeywordDeck) -> None:
     members: list[NDArray[np.int64]] = []
     for section in deck.sections:
         if section.elset not in deck.elsets:

@@ -31,7 +31,7 @@ from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
 from updyn.io.nastran.deck import (
     ELEMENTS,
     TIES,
-    Deck,
+    NastranDeck,
     end_of,
     geometry_of,
     materials_of,
@@ -246,7 +246,7 @@ def write_deck(
         temporary.write_text(text, encoding="latin-1")
 
 
-def _touched(deck: Deck, revision: Revision) -> list[list[Card]]:
+def _touched(deck: NastranDeck, revision: Revision) -> list[list[Card]]:
     """Return the cards that change, each with those on the same lines (two PELAS, for instance)."""
     touched: dict[tuple[Line, ...], list[Card]] = {old.lines: [] for old in revision.replaced}
     for card in deck.cards:
@@ -278,7 +278,7 @@ class _Runs:
     The matrices are those of the grids and scalar points of the deck.
     """
 
-    def __init__(self, deck: Deck, program: Program, folder: Path) -> None:
+    def __init__(self, deck: NastranDeck, program: Program, folder: Path) -> None:
         self._deck = deck
         self._program = program
         self._folder = folder
@@ -298,7 +298,7 @@ class _Runs:
         return _own(self._deck, found)
 
 
-def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
+def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
     """Return the cards of one group, with its stiffness and mass scaled, on all grids."""
     change = {}
     if _is_stiff(deck, name):
@@ -326,7 +326,7 @@ def _alone(deck: Deck, name: str, factor: float = 2.0) -> list[Card]:
     return [*cards, Card("CELAS2", fields, chosen.lines)]
 
 
-def _damping(deck: Deck, name: str, total: Matrices, runs: _Runs) -> Matrix:
+def _damping(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) -> Matrix:
     """Return the viscous matrix of a group, shape (N, N)."""
     card = deck.group(name)
     if card.name == "PBUSH":
@@ -351,7 +351,7 @@ def _damping(deck: Deck, name: str, total: Matrices, runs: _Runs) -> Matrix:
     return sp.csr_array(damping)
 
 
-def _damping_of_pbush(deck: Deck, name: str, runs: _Runs) -> Matrix:
+def _damping_of_pbush(deck: NastranDeck, name: str, runs: _Runs) -> Matrix:
     """Return the viscous matrix of a bushing: its stiffness matrix with B in place of K."""
     bush = deck.group(name)
     fields = values(bush)
@@ -371,7 +371,7 @@ def _damping_of_pbush(deck: Deck, name: str, runs: _Runs) -> Matrix:
     return runs.alone(cards).stiffness
 
 
-def _own(deck: Deck, found: Matrices) -> Matrices:
+def _own(deck: NastranDeck, found: Matrices) -> Matrices:
     """Return matrices without the DOFs of grids that only the run had: they are held, or apart."""
     mine = np.isin(found.dofs.nodes, [*deck.grids, *deck.points])
     keep = np.flatnonzero(mine)
@@ -386,12 +386,12 @@ def _own(deck: Deck, found: Matrices) -> Matrices:
     )
 
 
-def _is_stiff(deck: Deck, name: str) -> bool:
+def _is_stiff(deck: NastranDeck, name: str) -> bool:
     card = deck.group(name)
     return bool(values(card).stiffness or materials_of(card))
 
 
-def _title(deck: Deck) -> str:
+def _title(deck: NastranDeck) -> str:
     for line in deck.case:
         key, _, rest = line.text.partition("=")
         if key.strip().upper() == "TITLE":
@@ -399,7 +399,7 @@ def _title(deck: Deck) -> str:
     return ""
 
 
-def _materials(deck: Deck) -> list[tuple[str, float | None, float | None]]:
+def _materials(deck: NastranDeck) -> list[tuple[str, float | None, float | None]]:
     """Return name, modulus and density (as a mass) of the isotropic materials that groups use."""
     used: set[int] = set()
     for card in deck.groups.values():
@@ -414,7 +414,7 @@ def _materials(deck: Deck) -> list[tuple[str, float | None, float | None]]:
     return found
 
 
-def _check_masses(deck: Deck, massless: list[str]) -> None:
+def _check_masses(deck: NastranDeck, massless: list[str]) -> None:
     for name in massless:
         if name not in deck.groups:
             raise FormatError(
@@ -429,7 +429,9 @@ def _check_masses(deck: Deck, massless: list[str]) -> None:
             )
 
 
-def _constraints(deck: Deck, found: Matrices, scale: float) -> tuple[list[str], list[Equation]]:
+def _constraints(
+    deck: NastranDeck, found: Matrices, scale: float
+) -> tuple[list[str], list[Equation]]:
     """Return the DOFs that are held, and the equations of those that are tied."""
     labels = found.dofs.labels
     held = [labels[i] for i in found.held]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from updyn.errors import ModelError
 from updyn.io.changes import check_changes
 from updyn.io.nastran.cards import Card, text_of
-from updyn.io.nastran.deck import Deck, Values, materials_of, values
+from updyn.io.nastran.deck import NastranDeck, Values, materials_of, values
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 
@@ -45,12 +45,12 @@ class _Asked:
     loss: float | None
 
 
-def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
+def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     """Return the cards that change.
 
     Parameters
     ----------
-    deck : Deck
+    deck : NastranDeck
         The deck.
     changes : mapping of str to mapping of str to float
         By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what the deck has,
@@ -99,7 +99,7 @@ def revise(deck: Deck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
     return out
 
 
-def loss_factor_of(deck: Deck, name: str) -> float:
+def loss_factor_of(deck: NastranDeck, name: str) -> float:
     """Return the structural loss factor of a group: GE of its card or its materials, plus PARAM,G.
 
     Raises
@@ -124,7 +124,7 @@ def loss_factor_of(deck: Deck, name: str) -> float:
     return sum(found) + deck.parameter("G", 0.0)
 
 
-def has_mass(deck: Deck, name: str) -> bool:
+def has_mass(deck: NastranDeck, name: str) -> bool:
     """Return whether a density, a mass or a non-structural mass of the group is not zero."""
     card = deck.group(name)
     for holder in (card, *deck.materials_of(card)):
@@ -133,7 +133,7 @@ def has_mass(deck: Deck, name: str) -> bool:
     return False
 
 
-def _users(deck: Deck) -> dict[int, set[str]]:
+def _users(deck: NastranDeck) -> dict[int, set[str]]:
     """Return the cards that name each material, by number."""
     out: dict[int, set[str]] = {number: set() for number in deck.materials}
     # A property that no element uses still names its material, which must not change under it.
@@ -144,7 +144,7 @@ def _users(deck: Deck) -> dict[int, set[str]]:
     return out
 
 
-def _asked(deck: Deck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
+def _asked(deck: NastranDeck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
     stiffness = float(change.get("stiffness", 1.0))
     mass = float(change.get("mass", 1.0))
     viscous = float(change.get("viscous", 1.0))

@@ -40,8 +40,8 @@ __all__ = [
     "OWN",
     "PROPERTIES",
     "TIES",
-    "Deck",
     "Element",
+    "NastranDeck",
     "Values",
     "end_of",
     "geometry_of",
@@ -263,7 +263,7 @@ _DOUBLE = {"PELAS": 4, "PDAMP": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
 
 
 @dataclass(frozen=True)  # no slots, for the cached properties
-class Deck:
+class NastranDeck:
     """A deck whose cards fit together.
 
     Parameters
@@ -402,7 +402,7 @@ class Deck:
         return int(number)
 
 
-def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
+def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDeck:
     """Read a deck and check that its cards fit together.
 
     Parameters
@@ -415,7 +415,7 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
 
     Returns
     -------
-    Deck
+    NastranDeck
         Its cards.
 
     Raises
@@ -439,12 +439,12 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> Deck:
             )
         if card.name not in LOADS and card.name not in left_out:
             cards += _single(card)
-    deck = Deck(path, tuple(case), tuple(cards))
+    deck = NastranDeck(path, tuple(case), tuple(cards))
     _check(deck)
     return deck
 
 
-def read_points(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
+def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
     """Read the cards of a deck that say where points stand, and its elements.
 
     All others are left out, known or not, but for those that are called nearly as a card of points.
@@ -458,7 +458,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
 
     Returns
     -------
-    Deck
+    NastranDeck
         These cards; there need be no properties and materials.
 
     Raises
@@ -486,7 +486,7 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> Deck:
     return points_of(path, cards, case)
 
 
-def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> Deck:
+def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> NastranDeck:
     """Return a deck of cards that say where points stand, and of elements.
 
     Parameters
@@ -500,14 +500,14 @@ def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> D
 
     Returns
     -------
-    Deck
+    NastranDeck
 
     Raises
     ------
     FormatError
         If there is no grid, or an element is at one that is not there.
     """
-    deck = Deck(path, tuple(case), tuple(cards))
+    deck = NastranDeck(path, tuple(case), tuple(cards))
     _check_points(deck)
     for card in deck.elements:
         _check_grids(deck, card)
@@ -561,14 +561,14 @@ def _near(number: int, known: Mapping[int, Card]) -> str:
     return f"nearest: {_list(best)}" if best else "there is none"
 
 
-def _check_points(deck: Deck) -> None:
+def _check_points(deck: NastranDeck) -> None:
     if not deck.grids and not deck.points:
         raise FormatError(
             "no GRID card: not a deck, or bulk data that belongs to another file", deck.path
         )
 
 
-def _check_grids(deck: Deck, element: Card) -> None:
+def _check_grids(deck: NastranDeck, element: Card) -> None:
     for node in deck.nodes_of(element):
         if node and node not in deck.grids and node not in deck.points:
             raise element.error(
@@ -576,7 +576,7 @@ def _check_grids(deck: Deck, element: Card) -> None:
             )
 
 
-def _check(deck: Deck) -> None:
+def _check(deck: NastranDeck) -> None:
     _check_points(deck)
     places = deck.grids | deck.points
     for card in deck.elements:
@@ -598,7 +598,7 @@ def _check(deck: Deck) -> None:
                 )
 
 
-def _check_property(deck: Deck, element: Card) -> None:
+def _check_property(deck: NastranDeck, element: Card) -> None:
     kinds = ELEMENTS[element.name].properties
     if not kinds:
         return
@@ -705,7 +705,7 @@ _BASIC = _System("R", np.zeros(3), np.eye(3))
 class _Systems:
     """The systems and grids of a deck, each computed when it is first needed."""
 
-    def __init__(self, deck: Deck) -> None:
+    def __init__(self, deck: NastranDeck) -> None:
         self._deck = deck
         self._cards: dict[int, Card] = {}
         for card in deck.named(*SYSTEMS):
@@ -772,7 +772,7 @@ class _Systems:
         return _System(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
-def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
+def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
     """Return positions (m, basic system), directions of displacement, edges and faces.
 
     Raises
@@ -798,7 +798,7 @@ def geometry_of(deck: Deck, unit: str = "m") -> Geometry:
         return Geometry(nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
 
 
-def _drawn(deck: Deck) -> list[tuple[Shape, NDArray[np.int64]]]:
+def _drawn(deck: NastranDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
     """Return the elements by shape, with the grids at their corners."""
     found: dict[Shape, list[list[int]]] = {}
     for card in deck.elements:

@@ -40,7 +40,7 @@ from updyn.io.consistent_units import system
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import placed
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
-from updyn.io.nastran.deck import Deck, geometry_of, read_deck
+from updyn.io.nastran.deck import NastranDeck, geometry_of, read_deck
 from updyn.io.nastran.dmig import DMIGMatrix, read_dmig, write_dmig
 from updyn.io.nastran.op2_file import OP2File, g_set, matrix_of, refuse_element_blocks
 from updyn.io.nastran.op4 import OP4Matrix, read_op4, select, write_op4
@@ -183,7 +183,7 @@ class _Files:
         return None
 
 
-def _dofs_of(deck: Deck) -> DofSet:
+def _dofs_of(deck: NastranDeck) -> DofSet:
     nodes = np.array(sorted([*deck.grids, *deck.points]))
     axes = np.tile(np.arange(6), (len(nodes), 1))
     is_point = np.isin(nodes, list(deck.points))

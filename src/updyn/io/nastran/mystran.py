@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
 from updyn.io.nastran.cards import Card, real, text_of
-from updyn.io.nastran.deck import Deck
+from updyn.io.nastran.deck import NastranDeck
 
 __all__ = [
     "Matrices",
@@ -56,14 +56,14 @@ _PARAMETERS = (
 )  # fmt: skip
 
 
-def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
+def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     """Return cards in the form that MYSTRAN reads.
 
     MYSTRAN has no springs with one end: the other is put on a grid of its own that is held.
 
     Parameters
     ----------
-    deck : Deck
+    deck : NastranDeck
         The deck, for its grids.
     cards : iterable of Card
         Its cards, perhaps with new values.
@@ -104,7 +104,7 @@ def adapted(deck: Deck, cards: Iterable[Card]) -> list[Card]:
     return out
 
 
-def _spring(deck: Deck, card: Card, number: int) -> tuple[Card, Card | None]:
+def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | None]:
     """Return a spring or mass, and the grid that its free end is put on, if it has one."""
     one, two = _ENDS[card.name]
     if card.text(one[0]) in ("", "0"):
@@ -139,7 +139,7 @@ def _bar(card: Card) -> Card:
     return Card("RBE2", fields, card.lines)
 
 
-def _ground(deck: Deck, card: Card, node: int, number: int) -> Card:
+def _ground(deck: NastranDeck, card: Card, node: int, number: int) -> Card:
     """Return a held grid at the position and in the displacement system of a given one."""
     if node not in deck.grids:
         return Card("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.nastran.cards import Card, Line
-from updyn.io.nastran.deck import ELEMENTS, Deck, points_of
+from updyn.io.nastran.deck import ELEMENTS, NastranDeck, points_of
 from updyn.io.nastran.op2_file import OP2File
 
 __all__ = ["deck_of"]
@@ -96,7 +96,7 @@ _ENTRIES: Mapping[_Key, _Entry] = {
 _PASSED: frozenset[_Key] = frozenset({(5201, 52, 11)})
 
 
-def deck_of(file: OP2File) -> Deck:
+def deck_of(file: OP2File) -> NastranDeck:
     """Return the grids, coordinate systems and elements of an OUTPUT2 file.
 
     Parameters
@@ -106,7 +106,7 @@ def deck_of(file: OP2File) -> Deck:
 
     Returns
     -------
-    Deck
+    NastranDeck
         Without properties and materials. What stands twice in the same words, as the boundaries of
         superelements do, is there once.
 
