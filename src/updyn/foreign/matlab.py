@@ -343,10 +343,10 @@ def _is_array(members: dict[str, Any]) -> bool:
 def _fields(struct: Any) -> list[str]:
     """Return the names of the fields in MATLAB's order, which HDF5 itself does not keep."""
     names = list(struct)
-    told = struct.attrs.get("MATLAB_fields")
-    if told is None:
+    stated = struct.attrs.get("MATLAB_fields")
+    if stated is None:
         return names
-    ordered = ["".join(letter.decode("ascii") for letter in field) for field in told]
+    ordered = ["".join(letter.decode("ascii") for letter in field) for field in stated]
     return ordered if sorted(ordered) == sorted(names) else names
 
 

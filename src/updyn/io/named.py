@@ -474,9 +474,6 @@ def _geometry_items(geometry: Geometry | None) -> dict[str, Any]:
     return items
 
 
-_LETTERS = ("K", "M", "C")
-
-
 def with_groups(items: Items, path: str | Path) -> Items:
     """Return the items with parts as ``groups`` and labels as ``dofs``.
 
@@ -501,10 +498,10 @@ def with_groups(items: Items, path: str | Path) -> Items:
         out["dofs"] = table + np.array([0, 1])
     if isinstance(out.get("groups"), list):
         out["groups"] = _from_array(out["groups"], path)
-    split = [key for key in _LETTERS if isinstance(out.get(key), Mapping)]
+    split = [key for key in _MATRICES if isinstance(out.get(key), Mapping)]
     if not split:
         return out
-    for other in ("groups", *_LETTERS):
+    for other in ("groups", *_MATRICES):
         if other in out and other not in split:
             raise FormatError(
                 f"{split[0]} is a struct, with a matrix for each part, and {other} is not", path

@@ -183,7 +183,7 @@ def _listed(items: Sequence[str], a_line: int) -> list[str]:
 
 def _comment(text: str) -> str:
     """Return a text that neither ends a comment nor begins another."""
-    return _OTHER.sub("_", text.replace("*/", "__").replace("/*", "__"))
+    return _OTHER.sub("_", text)  # the asterisk is none of the plain letters
 
 
 def _string(text: str) -> str:

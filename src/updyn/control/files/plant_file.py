@@ -7,12 +7,11 @@ Adding a format is one new module in this folder, with ``write_plant(plant, path
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from updyn.control.plant import Plant
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.formats import Format, load
-from updyn.io.items import existing, guarded
+from updyn.io.items import existing, guarded, unreadable
 
 __all__ = ["PLANT_FORMATS", "plant_format", "read_plant", "write_plant"]
 
@@ -142,12 +141,13 @@ def plant_format(path: Path, verb: str, name: str | None = None) -> Format:
     )
 
 
-def _start(path: Path) -> Any:
+def _start(path: Path) -> bytes:
+    """Return the first bytes of a file, without blanks before them."""
     try:
         with path.open("rb") as file:
             start = file.read(64).lstrip()
     except OSError as error:
-        raise FormatError(f"cannot be read: {error.strerror}", path) from error
+        raise unreadable(path, error) from error
     if not start:
         raise FormatError("the file is empty", path)
     return start

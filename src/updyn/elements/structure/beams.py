@@ -240,7 +240,7 @@ class Beam(Element):
         elif not self.section.is_round:
             raise ModelError(
                 f"{what}: an orientation (a vector in its local xy plane) is needed,"
-                " as Iyy and Izz differ"
+                " as its bending planes differ"
             )
 
     @property
