@@ -7,7 +7,7 @@ here, and such decks are refused.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -133,8 +133,8 @@ class Mesh:
         Raises
         ------
         FormatError
-            If a group has no material, a material no group, a cell two of them, or a kind of cell
-            is not known.
+            If a group has no material or one although it is left out, a material no group, a cell
+            two of them, or a kind of cell is not known.
         ModelError
             If a field is missing or unknown, or a value out of range.
         """
@@ -147,10 +147,15 @@ class Mesh:
                 out += _elements(self.path, name, kind, cells, given)
         return out
 
-    def _check_names(self, materials: Iterable[str], omitted: Iterable[str]) -> None:
+    def _check_names(self, materials: Collection[str], omitted: Collection[str]) -> None:
         for name in materials:
             if name not in self.groups:
                 raise self._unknown(name)
+            if name in omitted:
+                raise FormatError(
+                    f"group {name!r} has a material and is left out; expected one of both",
+                    self.path,
+                )
         for name in omitted:
             if name not in self.groups and name not in self.node_sets:
                 raise self._unknown(name)

@@ -246,6 +246,12 @@ def test_a_cell_in_two_groups_is_an_error(tmp_path):
     assert list(model.groups) == ["lower", "upper"]
 
 
+def test_a_group_with_a_material_cannot_be_left_out(tmp_path):
+    path = written(tmp_path, INP, "deck.inp")
+    with pytest.raises(FormatError, match="group 'upper' has a material and is left out"):
+        structure_from_mesh(path, {"lower": STEEL, "upper": STEEL}, unit="m", leave_out=["upper"])
+
+
 def test_cells_in_no_group_are_an_error_unless_said(tmp_path):
     text = (
         INP.replace(", ELSET=lower", "").replace(", ELSET=upper", "") + "*ELSET, ELSET=lower\n 1\n"
