@@ -299,6 +299,15 @@ def test_units_are_converted_to_si(path, response, reference, factor):
     np.testing.assert_allclose(found.values[:, 0, 0], factor * Y, rtol=1e-7)
 
 
+def test_units_of_mm_and_newton(path):
+    """Code 10, which is of later revisions of the format: 1 mm/s^2 per N is 0.001 m/s^2 per N."""
+    data = uff.binary58(Y, (1, 3), (1, 3), units=("Hz", "mm/s^2", "N"))
+    found = read(path, uff.units(10, 1000.0, 1.0), data)
+    np.testing.assert_allclose(found.values[:, 0, 0], 1e-3 * Y, rtol=1e-15)
+    with pytest.raises(FormatError, match=r"units code 10 goes with factors 1000 .* and 1 \(force"):
+        read(path, uff.units(10, 1000.0, 1000.0), data)
+
+
 @pytest.mark.parametrize(
     ("above", "below"), [("g", "N"), ("(g)/N", "NONE"), ("mm/s^2", "N"), ("m/s^2", "lbf")]
 )

@@ -40,7 +40,9 @@ _UNITS = {
     6: (100.0, 100.0),
     7: (39.3700787402, 0.224808943),
     8: (1000.0, 0.101971621),
+    10: (1000.0, 1.0),
 }
+_USER_DEFINED = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,8 +313,8 @@ class Collector:
                 line,
             )
         expected = _UNITS.get(code)
-        if expected is None and code != 9:
-            raise FormatError(f"dataset 164: units code {code}; expected 1 to 9", self.path, line)
+        if expected is None and code != _USER_DEFINED:
+            raise FormatError(f"dataset 164: units code {code}; expected 1 to 10", self.path, line)
         if expected is not None and not np.allclose((length, force), expected, rtol=1e-3, atol=0):
             raise FormatError(
                 f"dataset 164: units code {code} goes with factors {expected[0]:g} (length) and"
