@@ -15,6 +15,8 @@ does not have, is there in any case.
   long it was: there the bounds of the data through it, its decay being unknown, too, count where
   they are larger; `--strict`: they do not.
 - false: other faults named.
+- s; fit, s: how long the look before any fit and the fit of the faulty data took (the fit in
+  processor time), medians.
 
 Faults that all unknowns together can imitate are seeded where the masses are known (a common
 factor), and one stiffness (a scaled frequency axis); `--free`: all the same. A fault counts as
@@ -595,7 +597,9 @@ def drawn(task: Draw) -> dict[str, object] | None:
     if not task.fits:
         return out
     if task.faulty:
+        begun = time.process_time()
         result = updyn.update(start, seeded.faulty, sought)
+        out["fit_s"] = time.process_time() - begun
         out["after"] = names(beside_known(bench, seeded, result.findings), seeded)
         out["status"] = result.status
     repairable = out["before"] and seeded.kind and found[0].written
@@ -677,7 +681,14 @@ def row(name: str, fault: str, draws: list[dict[str, object]]) -> str:
     doubted = sum(one.get("status") == "not-credible" for one in draws)
     false = sum(int(one["false"]) for one in draws)
     seconds = np.median([one["seconds"] for one in draws])
-    return f"| {name} | {fault} | {' | '.join(columns)} | {false} | {doubted} | {seconds:.2f} |"
+    fits = [one["fit_s"] for one in draws if "fit_s" in one]
+    columns += [
+        f"{false}",
+        f"{doubted}",
+        f"{seconds:.2f}",
+        f"{np.median(fits):.1f}" if fits else "-",
+    ]
+    return f"| {name} | {fault} | {' | '.join(columns)} |"
 
 
 def main() -> None:
@@ -694,8 +705,8 @@ def main() -> None:
         return
     kept = Kept(given.out, drawn)
     print(
-        "| structure | fault | before | after | repaired | other findings | not credible | s |\n"
-        "|---|---|---|---|---|---|---|---|"
+        "| structure | fault | before | after | repaired | other findings | not credible | s |"
+        " fit, s |\n|---|---|---|---|---|---|---|---|---|"
     )
     for name in given.structures.split(","):
         for fault in given.faults.split(","):
