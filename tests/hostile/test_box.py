@@ -18,14 +18,19 @@ import updyn
 from places import DATA
 from updyn.elements.mesh import read_mesh
 from updyn.errors import FormatError
-from updyn.foreign import box, limits
+from updyn.foreign import box, limits, processes
 from updyn.foreign.plain import Sparse, decode, encode
 
 HOSTILE = DATA / "hostile"
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
+@pytest.fixture(params=["fork", "new process"])
+def path(tmp_path: Path, request, monkeypatch) -> Path:
+    """A file, read in each of the two kinds of child processes."""
+    if request.param == "new process":
+        monkeypatch.setattr(processes, "_CAN_FORK", False)
+    elif not processes._CAN_FORK:
+        pytest.skip("no fork here")
     found = tmp_path / "a file.x"
     found.write_bytes(b"content")
     return found

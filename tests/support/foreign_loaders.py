@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,25 @@ def stop(path: str) -> None:
 
 def refuse(path: str) -> None:
     raise FormatError("line of nonsense", path, 7, key=("x", 2))
+
+
+_seen: list[str] = []
+
+
+def remember(path: str, name: str) -> list[str]:
+    """Return all names that this process has been given so far."""
+    _seen.append(name)
+    return _seen
+
+
+def processes(path: str) -> list[int]:
+    """Return the numbers of this process and of its parent process."""
+    return [os.getpid(), os.getppid()]
+
+
+def inherited(path: str) -> list[str]:
+    """Return what a process inherits."""
+    return [str(Path.cwd()), os.environ.get("UPDYN_TEST", ""), sys.path[-1]]
 
 
 def talk(path: str) -> str:

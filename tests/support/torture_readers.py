@@ -23,7 +23,6 @@ import scipy.sparse as sp
 
 import uff_samples as uff
 import updyn
-from forked import forked_readers
 from mutants import bytes_mutant, text_mutant
 from native_samples import MARK
 from torture import EQUAL, LESS, OTHER, REFUSED, Outcome, Torture
@@ -108,7 +107,7 @@ def _cut(name: str, seed: int, folder: Path) -> Outcome:
 def _read(one: Sample, raw: bytes, folder: Path, *, may_change: bool) -> Outcome:
     for name, content in one.files.items():
         (folder / name).write_bytes(raw if name == one.damaged else content)
-    with warnings.catch_warnings(), forked_readers():
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             found = content_of(one.read(folder))
@@ -133,8 +132,7 @@ def _whole(one: Sample, folder: Path) -> Content:
     if id(one) not in _WHOLE:
         for name, content in one.files.items():
             (folder / name).write_bytes(content)
-        with forked_readers():
-            _WHOLE[id(one)] = content_of(one.read(folder))
+        _WHOLE[id(one)] = content_of(one.read(folder))
     return _WHOLE[id(one)]
 
 

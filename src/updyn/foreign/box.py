@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -17,21 +14,14 @@ from updyn.errors import FormatError, InputError, damaged, reason_of
 from updyn.foreign.child import OUT_OF_MEMORY, READY
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import decode
+from updyn.foreign.processes import START, start
 from updyn.registry import load_object
 
 __all__ = ["UNSOUND", "load", "load_here"]
 
-_CODE = (
-    "import json, sys; request = json.loads(sys.argv[1]); sys.path[:] = request['modules'];"
-    " from updyn.foreign.child import answer; answer(request)"
-)
-#: Seconds for the child process to start and to import what it needs, on a busy machine.
-_START = 120.0
 _BLOCK = 2**20  # bytes
 #: What `decode` raises for an answer that is damaged.
 UNSOUND = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
-#: Threads of BLAS take address space, and nothing is computed.
-_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def load(
@@ -76,7 +66,6 @@ def load(
     others = list(map(str, beside))
     limits = limits_of(path, others)
     request = {
-        "modules": list(map(str, sys.path)),
         "load": function,
         "path": str(path),
         "beside": others,
@@ -129,18 +118,11 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
             is_ready.set()
         is_ready.set()
 
-    with subprocess.Popen(
-        [sys.executable, "-P", "-c", _CODE, json.dumps(request)],
-        bufsize=0,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=os.environ | _THREADS,
-    ) as process:
+    with start(request) as process:
         receiver = threading.Thread(target=receive, args=(process.stdout,), daemon=True)
         receiver.start()
         try:
-            is_ready.wait(_START)
+            is_ready.wait(START)
             receiver.join(limits.seconds)
             # Its end shows whether it was sound: memory that is corrupt may let it answer first.
             status = process.wait(limits.seconds if not receiver.is_alive() else 0)

@@ -1,36 +1,84 @@
-"""What the child process does: take limits on, load one file, send the answer."""
+"""What child processes do: take limits on, load one file, send the answer; or fork to do that."""
 
 from __future__ import annotations
 
 import contextlib
+import gc
+import json
 import os
+import signal
+import socket
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from updyn.errors import InputError, reason_of
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import encode
 from updyn.registry import load_object
 
-__all__ = ["OUT_OF_MEMORY", "READY", "answer"]
+__all__ = ["OUT_OF_MEMORY", "READY", "STATUS", "answer", "serve"]
 
 #: What the child sends first, once all that the reading needs is imported.
 READY = b"."
 OUT_OF_MEMORY = "MemoryError"
+#: How the fork server sends how a process ended, as `struct` has it.
+STATUS = "<i"
+_IDLE = 60.0  # seconds without a request after which the fork server ends
 
 
-def answer(request: Mapping[str, Any]) -> None:
-    """Load a file and write the answer to where standard output went.
+def serve() -> None:
+    """Serve as a fork server: answer each request in a process forked for it.
+
+    Standard input is a socket. Each line of it is a request of `answer`, a JSON text. What is sent
+    back is one byte with the descriptor from which the answer comes, and, when that process has
+    ended, how it did, as `STATUS`.
+    """
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    control = socket.socket(fileno=0)
+    control.settimeout(_IDLE)
+    with contextlib.suppress(TimeoutError):
+        for line in control.makefile("rb"):
+            request = json.loads(line)
+            with contextlib.suppress(Exception):  # the fork meets it again, and sends it
+                load_object(request["load"])
+            gc.freeze()
+            received, sent = os.pipe()
+            pid = os.fork()
+            if pid == 0:
+                _end_with(request, sent)
+            os.close(sent)
+            socket.send_fds(control, [b"."], [received])
+            os.close(received)
+            _, status = os.waitpid(pid, 0)
+            control.sendall(struct.pack(STATUS, os.waitstatus_to_exitcode(status)))
+
+
+def _end_with(request: Mapping[str, Any], descriptor: int) -> NoReturn:
+    """Answer a request and end the process."""
+    status = 1
+    try:
+        answer(request, descriptor)
+        gc.collect()  # what the reader made is freed: where memory is corrupt, that may show
+        status = 0
+    finally:
+        os._exit(status)  # to take all modules down would take longer than to read
+
+
+def answer(request: Mapping[str, Any], descriptor: int) -> None:
+    """Load a file and write the answer.
 
     Parameters
     ----------
     request : mapping
         ``load``, a text ``"module:function"``; ``path``; ``beside``, files that are read with it;
         ``arguments``, more arguments of the function.
+    descriptor : int
+        Where to.
     """
     path = request["path"]
-    with os.fdopen(os.dup(1), "wb") as out:
+    with os.fdopen(os.dup(descriptor), "wb") as out:
         _silence()
         found = _attempt(lambda: load_object(request["load"]))
         out.write(READY)
@@ -44,9 +92,9 @@ def answer(request: Mapping[str, Any]) -> None:
 
 
 def _silence() -> None:
-    """Drop what readers print, in Python or in C."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
+    """Drop what readers print, in Python or in C, and give them nothing to read."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for stream in (0, 1, 2):
         os.dup2(nowhere, stream)
 
 

@@ -1,0 +1,207 @@
+"""Processes that read one file each: forks of a server that holds all imports, else new ones.
+
+Starting Python and importing a library takes far longer than reading a file. On Linux a fork
+server, `updyn.foreign.child.serve`, does that once; it reads no file itself, but forks one process
+a request, which ends with its answer. So no reading can reach the next one.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import json
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from updyn.foreign.child import STATUS
+
+__all__ = ["START", "Forked", "start"]
+
+_NEW = "from updyn.foreign.child import answer; answer(json.loads(sys.argv[2]), 1)"
+_SERVER = "from updyn.foreign.child import serve; serve()"
+#: Seconds for a process to start and to import what it needs, on a busy machine.
+START = 120.0
+#: Threads of BLAS take address space, and nothing is computed; with threads no process can fork.
+_THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+#: Elsewhere libraries of the system do not survive a fork, or there is none.
+_CAN_FORK = sys.platform == "linux"
+
+
+def start(request: Mapping[str, Any]) -> subprocess.Popen[bytes] | Forked:
+    """Start a process that answers a request as `updyn.foreign.child.answer` does.
+
+    Parameters
+    ----------
+    request : mapping
+        Of that function.
+
+    Returns
+    -------
+    Popen or Forked
+        The process; the answer comes from its ``stdout``.
+    """
+    text = json.dumps(request)
+    for server in _servers() if _CAN_FORK else ():
+        forked = server.fork(text)
+        if forked is not None:
+            return forked
+    return _python(_NEW, text, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+
+
+def _python(code: str, *arguments: str, **options: Any) -> subprocess.Popen[bytes]:
+    """Start Python with the module path of this process."""
+    prepared = f"import json, sys; sys.path[:] = json.loads(sys.argv[1]); {code}"
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", prepared, json.dumps(list(map(str, sys.path))), *arguments],
+        bufsize=0,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | _THREADS,
+        **options,
+    )
+
+
+# -- the fork server ------------------------------------------------------------------------------
+class _Server:
+    """A fork server, which serves one request at a time.
+
+    Parameters
+    ----------
+    origin : tuple
+        What a new process inherits from this one; see `_origin`.
+    """
+
+    def __init__(self, origin: tuple[Any, ...]) -> None:
+        self.origin = origin
+        self.control, theirs = socket.socketpair()
+        with theirs:
+            # A group of its own: killed with its fork, and out of reach of Ctrl-C.
+            self.process = _python(
+                _SERVER, stdin=theirs, stdout=subprocess.DEVNULL, process_group=0
+            )
+
+    def fork(self, request: str) -> Forked | None:
+        """Return a process that answers a request, or None where the server has ended."""
+        forked = None
+        self.control.settimeout(START)
+        try:
+            with contextlib.suppress(OSError):  # idle for long, or the time is over
+                self.control.sendall(request.encode() + b"\n")
+                _, descriptors, *_ = socket.recv_fds(self.control, 1, 1)
+                forked = Forked(self, descriptors[0]) if descriptors else None
+        finally:
+            if forked is None:
+                self.end()
+        return forked
+
+    def status(self, timeout: float | None) -> int:
+        """Return how its fork ended."""
+        self.control.settimeout(timeout)
+        try:
+            (status,) = struct.unpack(STATUS, self.control.recv(struct.calcsize(STATUS)))
+        except (TimeoutError, BlockingIOError) as error:
+            raise subprocess.TimeoutExpired("reader", timeout or 0.0) from error
+        except (OSError, struct.error):  # it has been killed itself
+            return -signal.SIGKILL
+        return int(status)
+
+    def end(self) -> None:
+        """End it, and its fork."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        self.control.close()
+
+
+class Forked:
+    """A process forked by a server, with what of `subprocess.Popen` is used of it.
+
+    Parameters
+    ----------
+    server : _Server
+        The server; it serves again once this process has ended by itself.
+    descriptor : int
+        Where its answer comes from.
+    """
+
+    def __init__(self, server: _Server, descriptor: int) -> None:
+        self._server = server
+        self._status: int | None = None
+        self.stdout = os.fdopen(descriptor, "rb", buffering=0)
+
+    def __enter__(self) -> Forked:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.kill()
+        self.stdout.close()
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return how the process ended.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Time to wait for that, in s.
+
+        Raises
+        ------
+        subprocess.TimeoutExpired
+            If it has not ended by then.
+        """
+        if self._status is None:
+            self._status = self._server.status(timeout)
+            _idle.append(self._server)
+        return self._status
+
+    def kill(self) -> None:
+        """End the process, and the server with it."""
+        if self._status is None:
+            self._status = -signal.SIGKILL
+            self._server.end()
+
+
+# -- servers that wait ----------------------------------------------------------------------------
+_idle: list[_Server] = []
+
+
+def _servers() -> Iterator[_Server]:
+    """Yield servers that can stand for a new process: those that wait, then a new one."""
+    origin = _origin()
+    with contextlib.suppress(IndexError):  # none, or another thread took the last one
+        while server := _idle.pop():
+            if server.origin == origin:
+                yield server
+            else:
+                server.end()
+    yield _Server(origin)
+
+
+def _origin() -> tuple[Any, ...]:
+    """Return what a process inherits: environment, working folder and module path."""
+    folder = Path().stat()
+    return dict(os.environ), (folder.st_dev, folder.st_ino), tuple(map(str, sys.path))
+
+
+@atexit.register
+def _end_all() -> None:
+    while _idle:
+        _idle.pop().end()
+
+
+def _forget() -> None:
+    """Leave the servers to the process of which this one is a fork."""
+    for server in _idle:
+        server.control.close()
+        server.process.returncode = 0
+    _idle.clear()
+
+
+if _CAN_FORK:
+    os.register_at_fork(after_in_child=_forget)
