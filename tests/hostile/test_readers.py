@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import mutants
 import torture
 import torture_ends
 from mutants import bytes_mutant, text_mutant
@@ -49,6 +50,15 @@ def test_mutants_come_from_their_seed_alone():
         found = [mutant(raw, np.random.default_rng(seed)) for seed in range(60)]
         assert found == [mutant(raw, np.random.default_rng(seed)) for seed in range(60)]
         assert len(set(found)) > 50
+
+
+def test_parts_of_parts_many_times_do_not_fill_the_memory():
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        raw = bytes(2**16)
+        for _ in range(4):
+            raw = mutants._part_many_times(raw, random)
+        assert len(raw) <= mutants.LARGEST
 
 
 def test_every_end_of_a_trial_is_counted_and_the_next_one_goes_on(monkeypatch):

@@ -24,6 +24,8 @@ WORDS = (
     b"", b"*", b"#", b"%", b"$", b"-1", b"\x00", b"\xff\xfe", b"\x1b[31m", b"[" * 2000, b"{" * 300,
     b'"', b"'", b"../../etc/passwd", b"n" * 300, b"n" * 9000, b"None", b"inf", b"\xe2\x80\xa8", b"=",
 )  # fmt: skip
+#: Bytes of a mutant: a part many times, four times over, would make 1 GB of a small file.
+LARGEST = 2**24
 SIZES = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**64 - 1)
 
 
@@ -130,7 +132,8 @@ def _cut(raw: bytes, random: Random) -> bytes:
 
 def _part_many_times(raw: bytes, random: Random) -> bytes:
     a, b = sorted(random.integers(0, len(raw) + 1, 2))
-    return raw[:b] + raw[a:b] * int(random.integers(1, 40)) + raw[b:]
+    most = max(LARGEST - len(raw), 0) // max(b - a, 1)
+    return raw[:b] + raw[a:b] * min(int(random.integers(1, 40)), most) + raw[b:]
 
 
 _Fault = Callable[[bytes, Random], bytes]
