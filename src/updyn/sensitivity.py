@@ -30,11 +30,6 @@ _Complex = NDArray[np.complex128]
 _FACTOR, _LOSS, _RATE = range(3)
 _NUMBER = {"loss_factor": _LOSS, "mass_damping": _RATE, "stiffness_damping": _RATE}
 
-#: Multiplications in a product that BLAS does in one thread (OpenBLAS: up to 2^15). Its threads
-#: would wait for the cores on which those of the sparse solver still spin, which takes longer than
-#: all else beside the solve.
-_ALONE = 2**15
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
@@ -346,12 +341,7 @@ def contract(
 
 def _product(V: _Complex, U: _Complex) -> _Complex:
     """Return V^T U line by line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
-    v, u = V.transpose(1, 2, 0), U.transpose(1, 0, 2)
-    step = max(1, _ALONE // (v.shape[1] * u.shape[2]))
-    out = v[..., :step] @ u[:, :step]
-    for first in range(step, len(V), step):
-        out += v[..., first : first + step] @ u[:, first : first + step]
-    return out
+    return np.matmul(V.transpose(1, 2, 0), U.transpose(1, 0, 2))
 
 
 def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[int]]:

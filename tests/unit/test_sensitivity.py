@@ -111,24 +111,6 @@ def test_gear_train_singular_values_against_sixty_digits(
     assert found[exact > 1e-3] == pytest.approx(exact[exact > 1e-3], rel=1e-10)
 
 
-@pytest.mark.parametrize("tier", ["dense", "sparse"])
-def test_products_in_pieces(gear_train, tier, monkeypatch):
-    """Rows of a group taken one, and a few, at a time."""
-    solver = LineSolver.choose(AffineSystem.compile(gear_train), tier)
-    at = Unknowns.find(solver.system, everything(gear_train))
-    freq, rows, columns = np.array([1.0, 3.0]), np.arange(4), np.array([1])
-
-    def slopes():
-        return sensitivity.receptance(
-            solver, at, everything(gear_train).start, freq, rows, columns
-        )[1]
-
-    whole = slopes()
-    for largest in (1, 20):
-        monkeypatch.setattr(sensitivity, "_ALONE", largest)
-        assert slopes() == pytest.approx(whole, rel=1e-12, abs=1e-14 * np.abs(whole).max())
-
-
 def test_free_free_chain_with_massless_dof():
     """A spring pair with a massless middle: dH/dkappa of the first spring against the series formula."""
     k1, k2, m1, m2 = 500.0, 800.0, 2.0, 3.0
