@@ -14,6 +14,7 @@ Everything raised because of what a user supplied derives from `UpdynError`::
     │   ├── OptionError       an option, a method or a keyword
     │   └── JobError          the job file: says file and line
     ├── SolverError           a line that cannot be solved: an undamped resonance, a singular model
+    ├── StoppedError          the caller stopped work that has no result before its end
     └── EngineError           the processes or the cluster that do the work are lost
 
 `UpdynWarning` marks what a user should know and may accept.
@@ -44,6 +45,7 @@ __all__ = [
     "OptionError",
     "ParameterError",
     "SolverError",
+    "StoppedError",
     "ToleranceError",
     "UpdynError",
     "UpdynWarning",
@@ -143,6 +145,10 @@ class JobError(_FileError):
 
 class SolverError(UpdynError):
     """A line cannot be solved."""
+
+
+class StoppedError(UpdynError):
+    """The caller stopped work that has no result before its end."""
 
 
 class EngineError(UpdynError):

@@ -21,7 +21,7 @@ from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.frf import FRF, ROUNDING
 from updyn.modal import ModeSet
 from updyn.model import Model
-from updyn.updating.fit.checkpoint import Checkpoint, fingerprint
+from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
 from updyn.updating.fit.monitor import JUDGE, Monitor, Progress
@@ -176,12 +176,12 @@ def run(
         if reducing:
             all_data = list(map(Part.with_data, parts, measured))
             reduced = Reducing(Problem.of(all_data), options.accuracy)
-        if options.checkpoint is not None:
-            key = fingerprint(whole, [t.data for t in tests], _decisive(tests, used[0], options))
-            session.memory = Checkpoint(Path(options.checkpoint), key, resume=options.resume)
-            ending.callback(session.memory.close)
-        elif options.resume:
-            raise OptionError("resume: name the checkpoint to go on from")
+
+        def head() -> dict[str, Any]:
+            return fingerprint(whole, [t.data for t in tests], _decisive(tests, used[0], options))
+
+        keeping = kept_in_file(session, options.checkpoint, head, resume=options.resume)
+        ending.enter_context(keeping)
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
         looked = CausesOfRun(whole, splits, noises, monitor)

@@ -15,8 +15,8 @@ import os
 import secrets
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from hashlib import blake2b
 from io import FileIO
 from pathlib import Path
@@ -29,9 +29,9 @@ from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.session import Record, digest
+from updyn.updating.problem.session import Record, Session, digest
 
-__all__ = ["Checkpoint", "fingerprint"]
+__all__ = ["Checkpoint", "fingerprint", "kept_in_file"]
 
 _MAGIC = b"updyn journal 1\n"
 _KEY = _SUM = 16
@@ -179,6 +179,45 @@ class Checkpoint:
                 f"checkpoint {str(self.path)!r} is of another run: {differing}; without resume the"
                 " run begins anew and replaces it"
             )
+
+
+@contextmanager
+def kept_in_file(
+    session: Session,
+    path: str | Path | None,
+    head: Callable[[], Mapping[str, Any]],
+    *,
+    resume: bool,
+) -> Iterator[None]:
+    """Let a session keep its evaluations in a checkpoint; without a path leave it as it is.
+
+    Parameters
+    ----------
+    session : Session
+        Of the run.
+    path : path, optional
+        The file.
+    head : callable
+        Returns the `fingerprint` of the run.
+    resume : bool
+        Whether to go on with the run of the file.
+
+    Raises
+    ------
+    OptionError, FormatError
+        As `Checkpoint`; if there is no path to resume from.
+    """
+    if path is None:
+        if resume:
+            raise OptionError("resume: name the checkpoint to go on from", key=("resume",))
+        yield
+        return
+    checkpoint = Checkpoint(Path(path), head(), resume=resume)
+    session.memory = checkpoint
+    try:
+        yield
+    finally:
+        checkpoint.close()
 
 
 def fingerprint(

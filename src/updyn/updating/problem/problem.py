@@ -24,6 +24,7 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.session import Record, Session, digest
 
 __all__ = [
+    "SPREAD",
     "Block",
     "Part",
     "Problem",
@@ -41,7 +42,7 @@ R = TypeVar("R")
 _BLOCK_BYTES = 6 * 2**20
 #: Operations of one evaluation from which spreading its lines pays, and from which it is long to
 #: wait for; some tenth of a second and some ten seconds.
-_SPREAD, _LONG = 5e8, 5e10
+SPREAD, _LONG = 5e8, 5e10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,7 +242,7 @@ class Part:
     @property
     def spreads(self) -> bool:
         """Whether lines are distributed over workers; else whole descents are."""
-        return self.work > _SPREAD
+        return self.work > SPREAD
 
     @property
     def is_long(self) -> bool:

@@ -55,7 +55,7 @@ def data(chain12_frf, add_noise):
 def in_blocks(monkeypatch):
     """Blocks of a few lines, and lines worth spreading."""
     monkeypatch.setattr(problem_module, "_BLOCK_BYTES", 16 * (12 * 12 + 12 * 10 + 12 * 25) * 7)
-    monkeypatch.setattr(problem_module, "_SPREAD", 0.0)
+    monkeypatch.setattr(problem_module, "SPREAD", 0.0)
 
 
 def built(chain12, data, unknowns, **session):
