@@ -41,17 +41,21 @@ class Expected:
         Its responses and references.
     part : Part
         As of an update with the expected data.
+    each : ndarray of float, shape (n_f, n, n)
+        Scaled information of each line at the start of the unknowns.
     """
 
     choice: Choice
     layout: Candidates
     part: Part
+    each: _Real
 
     @classmethod
     def of(cls, choice: Choice) -> Expected:
         """Compute the data that are expected of a layout."""
         layout = choice.planning.candidates.only(choice.rows, choice.columns)
-        return cls(choice, layout, _measured(layout))
+        part = _measured(layout)
+        return cls(choice, layout, part, _of_each_line(part, choice.planning.information.scale))
 
     @property
     def variance(self) -> _Real:
@@ -106,43 +110,44 @@ class Expected:
 
     def parts_of_band(self) -> tuple[BandWorth, ...]:
         """Return what each part of the band adds to the others, at the start of the unknowns."""
-        each = self._of_each_line()
-        total = each.sum(axis=0) + self.choice.planning.information.before
+        total = self.each.sum(axis=0) + self.choice.planning.information.before
         edges = np.linspace(*self.choice.band, _PARTS + 1)
         which = np.searchsorted(edges, self.layout.freq, side="right") - 1
         which = np.clip(which, 0, _PARTS - 1)
         out = []
         for i in range(_PARTS):
-            others = total - each[which == i].sum(axis=0)
+            others = total - self.each[which == i].sum(axis=0)
             gain = self.choice.gain(total[None], others[None])
             out.append(BandWorth(float(edges[i]), float(edges[i + 1]), gain))
         return tuple(out)
 
     def doubled(self) -> dict[str, float]:
         """Return the gains of twice the lines and of twice the averages."""
-        before = self.choice.planning.information.before
-        own = self._of_each_line().sum(axis=0)
-        now = (own + before)[None]
+        information = self.choice.planning.information
+        own = self.each.sum(axis=0)
+        now = (own + information.before)[None]
         out = {}
         freq = self.layout.freq
         if len(freq) > 1:
             between = self.layout.at_lines(0.5 * (freq[1:] + freq[:-1]))
-            also = Expected(self.choice, between, _measured(between))._of_each_line()
+            also = _of_each_line(_measured(between), information.scale)
             out["lines"] = self.choice.gain(now + also.sum(axis=0), now)
         out["averages"] = self.choice.gain(now + own, now)
         return out
 
-    def _of_each_line(self) -> _Real:
-        """Return the scaled information of each line at the start, shape (n_f, n, n)."""
-        scale = self.choice.planning.information.scale
-        out = []
-        for block in self.part.blocks(self.part.coordinates.home):
-            assert block.dH is not None
-            weight = np.sqrt(2.0 / self.variance[block.lines])
-            J = (block.dH * weight).reshape(self.part.n, len(block.H), -1)
-            J /= scale[:, None, None]
-            out.append(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
-        return np.concatenate(out)
+
+def _of_each_line(part: Part, scale: _Real) -> _Real:
+    """Return the scaled information of each line at the start, shape (n_f, n, n)."""
+    assert part.frf.variance is not None
+    out = []
+    for block in part.blocks(part.coordinates.home):
+        part.session.check()
+        assert block.dH is not None
+        weight = np.sqrt(2.0 / part.frf.variance[block.lines])
+        J = (block.dH * weight).reshape(part.n, len(block.H), -1)
+        J /= scale[:, None, None]
+        out.append(np.einsum("pfm,qfm->fpq", J, J.conj(), optimize=True).real)
+    return np.concatenate(out)
 
 
 def _measured(layout: Candidates) -> Part:

@@ -13,7 +13,9 @@ Identification, 2nd ed. 2012, section 9.11, for circular complex noise.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +30,25 @@ from updyn.sensitivity import contract
 from updyn.updating.problem.noise.known import Stated, two_part, unit_kinds
 from updyn.updating.problem.optimal_design import initial
 from updyn.updating.problem.parameters import ParameterSet
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import SPREAD, Part
+from updyn.updating.problem.session import Record, Session
 
-__all__ = ["Candidates", "PairInformation", "check_size"]
+__all__ = ["Candidates", "PairInformation", "Stage", "check_size"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+#: A point of the unknowns and some of the lines: what is worked on at a time, here or elsewhere.
+_Item: TypeAlias = "tuple[_Real, slice]"
+#: Names a stage of the work, as a context.
+Stage: TypeAlias = Callable[[str], AbstractContextManager[object]]
 
 #: Bytes that the information of all pairs may take.
 _MOST_BYTES = 2**30
-#: Bytes of the derivatives that are worked on at a time.
+#: Bytes of the derivatives, and of the forces that they come from, that are worked on at a time.
 _CHUNK_BYTES = 32 * 2**20
-#: Channels below this share of the loudest of their unit are rounding, and say nothing.
+#: Pieces that the lines of a point are distributed in.
+_PIECES = 16
+#: Channels below this share of the loudest of their unit are rounding.
 _ROUNDING = 1e-9
 
 
@@ -52,16 +61,19 @@ class Candidates:
     model : Model
         The structure.
     part : Part
-        Model and unknowns compiled; its data are placeholders.
+        Model and unknowns compiled; its data are placeholders. Its session does the work.
     responses, references : DofSet
         Candidates, n_i and n_j of them.
     noise : Stated
         Expected noise.
     level : ndarray of float, shape (n_i, n_j)
         The rms of all candidate channels of the same unit, at the start of the unknowns: the floor
-        of the noise is a share of it. Infinite for channels that are rounding.
+        of the noise is a share of it. Infinite for channels that are too weak.
     reduced : FieldSolver or None
         A reduced model that gives the fields for unit forces on the candidates; None: the model.
+    error : float
+        Channels below this share of the loudest of their unit say nothing: they are rounding, or
+        the error of the reduced model.
     """
 
     model: Model
@@ -71,6 +83,7 @@ class Candidates:
     noise: Stated
     level: _Real
     reduced: FieldSolver | None = None
+    error: float = _ROUNDING
 
     @classmethod
     def compile(
@@ -82,6 +95,7 @@ class Candidates:
         freq: _Real,
         quantity: str,
         noise: Stated,
+        session: Session | None = None,
     ) -> Candidates:
         """Compile a model for its candidates; the level of the noise is not known yet.
 
@@ -92,7 +106,7 @@ class Candidates:
         """
         nothing = np.zeros((len(freq), 1, 1), dtype=np.complex128)
         data = FRF(freq, nothing, responses[:1], references[:1], quantity)
-        part = Part.build(model, data, parameters)
+        part = Part.build(model, data, parameters, session=session)
         level = np.zeros((len(responses), len(references)))
         return cls(model, part, responses, references, noise, level)
 
@@ -102,8 +116,8 @@ class Candidates:
         Parameters
         ----------
         among : Candidates, optional
-            A sample with channels of every unit, whose rms it is; no channel is then taken as
-            rounding. By default these candidates themselves.
+            A sample with channels of every unit, whose rms it is; no channel is then left out as
+            too weak. By default these candidates themselves.
 
         Raises
         ------
@@ -117,12 +131,26 @@ class Candidates:
         for kind in np.unique(kinds):
             level[kinds == kind] = np.sqrt(squared[of_kind == kind].mean())
         level = np.maximum(level, np.finfo(float).tiny ** 0.25)
-        if among is None:
-            loudest = np.zeros(kinds.shape)
-            for kind in np.unique(kinds):
-                loudest[kinds == kind] = squared[kinds == kind].max()
-            level[squared <= _ROUNDING**2 * loudest] = np.inf
-        return replace(self, level=level)
+        found = replace(self, level=level)
+        return found._without_weak(squared) if among is None else found
+
+    def without_weak(self) -> Candidates:
+        """Return the candidates with an infinite level of the noise in channels that are too weak.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at a line.
+        """
+        return self._without_weak(_squared(self))
+
+    def _without_weak(self, squared: _Real) -> Candidates:
+        kinds = unit_kinds(self.responses, self.references)
+        loudest = np.zeros(kinds.shape)
+        for kind in np.unique(kinds):
+            loudest[kinds == kind] = squared[kinds == kind].max()
+        weak = squared <= self.error**2 * loudest
+        return replace(self, level=np.where(weak, np.inf, self.level))
 
     @property
     def solver(self) -> FieldSolver:
@@ -153,6 +181,42 @@ class Candidates:
         responses, references = self.responses[list(rows)], self.references[list(columns)]
         return replace(self, responses=responses, references=references, level=self.level[at])
 
+    @property
+    def spreads(self) -> bool:
+        """Whether lines are distributed over workers."""
+        n_values = len(self.freq) * len(self.responses) * len(self.references)
+        return self.part.work + 4.0 * n_values * self.part.n**2 > SPREAD
+
+    def over_lines(self, function: Callable[[Candidates, _Item], _Real], x: _Real) -> _Real:
+        """Return the sum of a function over all lines, worked on by the session in pieces.
+
+        Parameters
+        ----------
+        function : callable
+            Of a module. Takes the candidates, and the point with a piece of the lines.
+        x : ndarray of float, shape (n,)
+            The point.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        session, n_lines = self.part.session, len(self.freq)
+        session.check()
+        items = [(x, lines) for lines in line_blocks(n_lines, -(-n_lines // _PIECES))]
+        pieces = session.map(function, self, items, spread=self.spreads, long=True)
+        total = np.zeros(())
+        for (_, lines), piece in zip(items, pieces, strict=True):
+            total = total + piece
+            session.lines_solved += lines.stop - lines.start
+        return total
+
+    def key(self, kind: str, x: _Real) -> list[object]:
+        """Return what a sum over lines at a point follows from, within a run."""
+        labels = [*self.responses.labels, "/", *self.references.labels]
+        return [kind, *labels, self.freq, self.level, self.solver.label, x]
+
     def variance(self, H: _Complex) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j), of a model's H of that shape."""
         return two_part(self.noise.relative, self.noise.floor, H, self.level)
@@ -160,18 +224,25 @@ class Candidates:
 
 def _squared(candidates: Candidates) -> _Real:
     """Return the mean of |H|^2 over the lines at the start of the unknowns, shape (n_i, n_j)."""
+    return candidates.over_lines(_squared_at, candidates.part.coordinates.home)
+
+
+def _squared_at(candidates: Candidates, item: _Item) -> _Real:
+    """Return the share of some lines in the mean of |H|^2, shape (n_i, n_j)."""
+    x, piece = item
     solver, dofs = candidates.solver, candidates.model.dofs
     read = dofs.match(candidates.responses).index
     loaded = dofs.match(candidates.references).index
     turned = len(read) < len(loaded)  # H is symmetric: forces stand where there are fewer DOFs
     if turned:
         read, loaded = loaded, read
-    state, freq = candidates.part.state(candidates.part.coordinates.home), candidates.freq
+    state, freq = candidates.part.state(x), candidates.freq[piece]
     squared = np.zeros((len(read), len(loaded)))
     for lines in line_blocks(len(freq), solver.block_size(len(loaded))):
+        candidates.part.session.check()
         omega = 2.0 * np.pi * freq[lines]
         X = solver.solve(solver.system.coefficients(state, omega), loaded, freq[lines])
-        power = omega ** (2 * QUANTITIES[candidates.quantity]) / len(freq)
+        power = omega ** (2 * QUANTITIES[candidates.quantity]) / len(candidates.freq)
         squared += np.einsum("ifj,f->ij", np.abs(solver.at(X, read)) ** 2, power)
     return squared.T if turned else squared
 
@@ -197,16 +268,18 @@ class _Block:
     H: _Complex
 
 
-def _blocks(candidates: Candidates, x: _Real) -> Iterator[_Block]:
+def _blocks(candidates: Candidates, item: _Item) -> Iterator[_Block]:
     """Yield the fields block by block of lines; each line is factorised once."""
+    x, piece = item
     solver = candidates.solver
     dofs = candidates.model.dofs
     rows = dofs.match(candidates.responses).index
     columns = dofs.match(candidates.references).index
     loads, place = np.unique(np.concatenate([rows, columns]), return_inverse=True)
     state = candidates.part.state(x)
-    for lines in line_blocks(len(candidates.freq), solver.block_size(len(loads))):
-        freq = candidates.freq[lines]
+    some = candidates.freq[piece]
+    for lines in line_blocks(len(some), solver.block_size(len(loads))):
+        freq = some[lines]
         omega = 2.0 * np.pi * freq
         X = solver.solve(solver.system.coefficients(state, omega), loads, freq)
         U = X[:, :, place[len(rows) :]]
@@ -240,7 +313,7 @@ class PairInformation:
         cls,
         candidates: Candidates,
         points: Sequence[_Real],
-        say: Callable[[str], object] = str,
+        stage: Stage = nullcontext,
     ) -> PairInformation:
         """Compute the information of every pair.
 
@@ -250,8 +323,8 @@ class PairInformation:
             Model and candidates.
         points : sequence of ndarray of float, shape (n,)
             Where, in the optimiser's coordinates.
-        say : callable
-            Called with a text before each point.
+        stage : callable
+            Names the work at each point.
 
         Raises
         ------
@@ -259,6 +332,8 @@ class PairInformation:
             If there are too many pairs for the memory; the message says how many there may be.
         SolverError
             If the model cannot be solved at a line.
+        Stopped
+            If the user wants to stop.
         """
         n = candidates.part.n
         shape = (len(candidates.responses), len(candidates.references), len(points))
@@ -267,8 +342,8 @@ class PairInformation:
         low, high = candidates.freq[[0, -1]]
         about = f"{shape[0]} x {shape[1]} pairs, {low:g} to {high:g} Hz"
         for at, x in enumerate(points):
-            say(f"information of {about}: start {at + 1} of {len(points)}")
-            _add(candidates, x, packed[:, :, at])
+            with stage(f"information of {about}: start {at + 1} of {len(points)}"):
+                packed[:, :, at] = _information(candidates, x)
         weight = candidates.part.coordinates.prior[1]
         lower = np.tril_indices(n)
         diagonal = packed[:, :, 0, lower[0] == lower[1]].sum(axis=(0, 1)) + weight**2
@@ -361,23 +436,42 @@ def check_size(candidates: Candidates, n_points: int) -> None:
     raise OptionError(text, key=("reference_candidates",))
 
 
+def _information(candidates: Candidates, x: _Real) -> _Real:
+    """Return the information of each pair at a point, shape (n_i, n_j, n (n + 1) / 2)."""
+
+    def compute() -> Record:
+        packed = candidates.over_lines(_information_at, x)
+        if candidates.responses == candidates.references:
+            upper = np.triu_indices(len(packed), 1)
+            packed[upper] = packed[upper[::-1]]
+        return (packed,)
+
+    return candidates.part.session.recall(candidates.key("information", x), compute)[0]
+
+
 @alone
-def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
-    """Add the information at one point to that of each pair, shape (n_i, n_j, n (n + 1) / 2)."""
+def _information_at(candidates: Candidates, item: _Item) -> _Real:
+    """Return the information of each pair at some lines, shape (n_i, n_j, n (n + 1) / 2).
+
+    By reciprocity, pairs of the same candidates are computed once: those below the diagonal.
+    """
+    x, _ = item
     part = candidates.part
     system, unknowns, values = candidates.solver.system, part.unknowns, part.values(x)
     state, lower = part.state(x), np.tril_indices(part.n)
     by_coordinate = part.coordinates.slope(x)[unknowns.owner]
     n_i, n_j = len(candidates.responses), len(candidates.references)
-    # By reciprocity, pairs of the same candidates are computed once.
     is_square = candidates.responses == candidates.references
-    for block in _blocks(candidates, x):
+    packed = np.zeros((n_i, n_j, len(lower[0])))
+    n_forces = sum(len(system.terms[t].rows) for t in np.unique(unknowns.at))
+    for block in _blocks(candidates, item):
         omega = 2.0 * np.pi * block.freq
         factor = omega ** QUANTITIES[candidates.quantity]
         slopes = unknowns.slopes(system, state, values, omega) * by_coordinate[:, None] * factor
         weight = np.sqrt(2.0 / candidates.variance(block.H))
-        step = max(1, _CHUNK_BYTES // (16 * part.n * len(omega) * n_i))
+        step = max(1, _CHUNK_BYTES // (16 * len(omega) * (part.n * n_i + n_forces)))
         for first in range(0, n_j, step):
+            part.session.check()
             some = slice(first, first + step)
             seen = slice(first, None) if is_square else slice(None)
             # The sign of the derivatives does not matter.
@@ -386,6 +480,4 @@ def _add(candidates: Candidates, x: _Real, packed: _Real) -> None:
             rows = np.ascontiguousarray(J.transpose(2, 3, 0, 1)).view(np.float64)
             gram = rows @ rows.transpose(0, 1, 3, 2)
             packed[seen, some] += gram[..., lower[0], lower[1]]
-    if is_square:
-        upper = np.triu_indices(n_i, 1)
-        packed[upper] = packed[upper[::-1]]
+    return packed

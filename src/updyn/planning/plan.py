@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from updyn.dofs import Dof, DofSet
-from updyn.errors import key_path
+from updyn.dofs import Dof
+from updyn.engines import Engine, opened_engine
+from updyn.errors import StoppedError, key_path
 from updyn.model import Model
 from updyn.planning.candidates import check_count, find_candidates
 from updyn.planning.choice import Choice
-from updyn.planning.criteria import CRITERIA, Planning
+from updyn.planning.criteria import CRITERIA, Criterion, Planning
 from updyn.planning.expected import Expected
-from updyn.planning.information import Candidates, PairInformation, check_size
+from updyn.planning.information import Candidates, PairInformation, Stage, check_size
 from updyn.planning.options import (
     Band,
     Draws,
@@ -25,10 +29,17 @@ from updyn.planning.options import (
     find_noise,
     find_wanted,
 )
-from updyn.planning.result import BandWorth, Plan
-from updyn.planning.screening import is_many, screened
+from updyn.planning.result import BandWorth, Plan, Rival
+from updyn.planning.screening import is_many, screened, where_reduced
+from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
+from updyn.updating.fit.monitor import Monitor, Progress
 from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.selection import Selection
+from updyn.updating.problem.session import Session, Stopped, digest
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 __all__ = ["LINES", "ROBUST", "plan"]
 
@@ -56,7 +67,10 @@ def plan(
     off: float = 0.2,
     seed: int = 0,
     compare: bool = False,
-    say: Callable[[str], object] | None = None,
+    engine: int | Client | Engine | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
 ) -> Plan:
     """Choose sensors and forces out of candidates, before a test, for the unknowns of a model.
 
@@ -102,8 +116,18 @@ def plan(
         Of the draws.
     compare : bool
         Whether to choose by the other criteria as well, and to state how much worse they are.
-    say : callable, optional
-        Called with a text before each long step: one for each start in each band.
+    engine : None, int, dask.distributed Client or Engine
+        Where lines are worked on, as for `updyn.update`; the plan does not depend on it.
+    callback : callable, optional
+        Called with a `Progress` before each long step and between blocks of lines; returning True
+        stops the work, which then raises `updyn.errors.StoppedError`.
+    checkpoint : path, optional
+        File that receives what is found at each start as soon as it is known (read `resume`). It
+        stays; remove it once the plan is safe.
+    resume : bool
+        Go on with the work that `checkpoint` holds, however it ended: with the same plan, to the
+        last bit. Everything has to be as it was but `engine` and `compare`. Where the file is not
+        there, the work begins anew, with a warning.
 
     Returns
     -------
@@ -114,15 +138,18 @@ def plan(
     ------
     InputError
         If a candidate is not in the model, there are fewer candidates than are to be chosen, an
-        option is not usable, or the layout leaves unknowns undetermined; the message names them.
+        option is not usable, the layout leaves unknowns undetermined, or the checkpoint to resume
+        is of other work; the message names them.
     SolverError
         If the model cannot be solved at a line.
+    StoppedError
+        If the callback asks to stop: there is no plan before the end.
 
     Notes
     -----
-    Of more than 40,000 pairs of a sensor and a force (200 of each), those candidates are kept that
-    a reduced model shows to tell most at a few lines, and the layout is chosen among them; the
-    result says so.
+    Models above 600 DOFs are reduced for the choice, with a certified error. Of more than 40,000
+    pairs of a sensor and a force (200 of each), those candidates are kept that a reduced model
+    shows to tell most at a few lines, and the layout is chosen among them; the result says so.
 
     Each line is factorised once for all candidates. Noise that is independent between channels
     makes the Fisher information of a layout a sum over its pairs; log det of it is maximised by
@@ -155,44 +182,153 @@ def plan(
     wanted = find_wanted(interest, unknowns)
     start = chosen.start_of(model)
 
-    found: list[Choice] = []
-    for one in find_bands(band):
-        freq = find_lines(lines, one)
-        sought = Candidates.compile(
-            start, unknowns, responses, references, freq, quantity, expected
+    bands = find_bands(band)
+    freqs = [find_lines(lines, one) for one in bands]
+    task = _Task(criterion, rule, wanted, (n_sensors, n_references), draws)
+
+    with ExitStack() as ending:
+        session = Session(ending.enter_context(opened_engine(engine)))
+        among: list[Candidates] = []
+        for freq in freqs:
+            about = (responses, references, freq, quantity, expected, session)
+            among.append(Candidates.compile(start, unknowns, *about))
+        ending.enter_context(
+            kept_in_file(session, checkpoint, lambda: _head(among, task), resume=resume)
         )
-        points = draws.points(sought.part.coordinates)
-        if rule.by_information and is_many(sought):
-            sought = screened(sought, points, rule, wanted, (n_sensors, n_references), say or str)
+        try:
+            found = [task.choose(*each, callback) for each in zip(bands, among, strict=True)]
+            return task.plan(found, among[0], callback, compare=compare)
+        except Stopped:
+            if isinstance(session.memory, Checkpoint):
+                session.memory.keep()
+            text = "stopped before all starts were known, so that nothing is chosen"
+            raise StoppedError(text) from None
+
+
+_Callback = Callable[[Progress], "bool | None"]
+
+
+def _head(among: Sequence[Candidates], task: _Task) -> dict[str, Any]:
+    """Return what identifies the work, for its checkpoint."""
+    first = among[0]
+    stated = {
+        "candidates": first.responses.labels,
+        "reference_candidates": first.references.labels,
+        "lines": [digest([one.freq]).hex() for one in among],
+        "quantity": first.quantity,
+        "noise": (first.noise.relative, first.noise.floor),
+        "criterion": task.criterion,
+        "interest": task.wanted,
+        "n_sensors": task.counts[0],
+        "n_references": task.counts[1],
+        "draws": task.draws,
+    }
+    return fingerprint(Problem.of([first.part]), [], stated)
+
+
+def _stages(candidates: Candidates, callback: _Callback | None) -> Stage:
+    """Return what names the stages of the work in a band, and shows them to the caller."""
+    monitor = Monitor(Problem.of([candidates.part]), callback)
+
+    @contextmanager
+    def stage(name: str) -> Iterator[None]:
+        with monitor.stage(name):
+            candidates.part.session.check()
+            yield
+
+    return stage
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is to be chosen.
+
+    Attributes
+    ----------
+    criterion : str
+        Name of the criterion.
+    rule : Criterion
+        It.
+    wanted : tuple of int
+        Unknowns that count.
+    counts : (int, int)
+        How many responses and references.
+    draws : Draws
+        Of the start of the unknowns.
+    """
+
+    criterion: str
+    rule: Criterion
+    wanted: tuple[int, ...]
+    counts: tuple[int, int]
+    draws: Draws
+
+    def choose(self, band: Band, candidates: Candidates, callback: _Callback | None) -> Choice:
+        """Choose a layout in a band."""
+        stage = _stages(candidates, callback)
+        points = self.draws.points(candidates.part.coordinates)
+        pairs = f"{len(candidates.responses)} x {len(candidates.references)} pairs"
+        if self.rule.by_information and is_many(candidates):
+            with stage(f"screening of {pairs}"):
+                candidates = screened(candidates, points, self.rule, self.wanted, self.counts)
         else:
-            check_size(sought, len(points))
-            sought = sought.levelled()
-        information = PairInformation.compute(sought, points, say or str)
-        planning = Planning(sought, information, wanted)
-        with key_path("criterion"):
-            layout = rule.choose(planning, n_sensors, n_references)
-        found.append(Choice.ordered(one, planning, layout, rule))
-    best = min(found, key=lambda choice: choice.radius)
-    bands = [BandWorth(*choice.band, choice.radius / best.radius - 1.0) for choice in found]
-    return replace(
-        _expected(best, criterion),
-        bands=tuple(bands) if len(bands) > 1 else (),
-        rivals=tuple(best.rivals(criterion)) if compare else (),
-        draws=robust,
-        off=off,
-        seed=seed,
-        screened=_left_out(best, responses, references),
-    )
+            check_size(candidates, len(points))
+            with stage(f"level of {pairs}"):
+                candidates = where_reduced(candidates, points).levelled()
+        information = PairInformation.compute(candidates, points, stage)
+        planning = Planning(candidates, information, self.wanted)
+        with stage("layout"), key_path("criterion"):
+            layout = self.rule.choose(planning, *self.counts)
+            return Choice.ordered(band, planning, layout, self.rule)
+
+    def plan(
+        self,
+        found: Sequence[Choice],
+        among: Candidates,
+        callback: _Callback | None,
+        *,
+        compare: bool,
+    ) -> Plan:
+        """Return the plan for the best of several bands.
+
+        Parameters
+        ----------
+        found : sequence of Choice
+            The layout in each band.
+        among : Candidates
+            All there were.
+        callback : callable, optional
+            As for `plan`.
+        compare : bool
+            Whether to choose by the other criteria as well.
+        """
+        best = min(found, key=lambda choice: choice.radius)
+        stage = _stages(best.planning.candidates, callback)
+        bands = [BandWorth(*one.band, one.radius / best.radius - 1.0) for one in found]
+        rivals: list[Rival] = []
+        if compare:
+            with stage("comparison with other criteria"):
+                rivals = list(best.rivals(self.criterion))
+        with stage("expectation of the layout"):
+            return replace(
+                _expected(best, self.criterion),
+                bands=tuple(bands) if len(bands) > 1 else (),
+                rivals=tuple(rivals),
+                draws=self.draws.robust,
+                off=self.draws.off,
+                seed=self.draws.seed,
+                screened=_left_out(best.planning.candidates, among),
+            )
 
 
-def _left_out(choice: Choice, responses: DofSet, references: DofSet) -> str:
+def _left_out(kept: Candidates, among: Candidates) -> str:
     """Return how many candidates were left out before the choice, in words; empty if none."""
-    kept = choice.planning.candidates
-    if len(kept.responses) == len(responses) and len(kept.references) == len(references):
+    of = len(among.responses), len(among.references)
+    if (len(kept.responses), len(kept.references)) == of:
         return ""
     return (
-        f"chosen among {len(kept.responses)} of {len(responses)} candidate sensors and"
-        f" {len(kept.references)} of {len(references)} candidate forces, those that tell most by a"
+        f"chosen among {len(kept.responses)} of {of[0]} candidate sensors and"
+        f" {len(kept.references)} of {of[1]} candidate forces, those that tell most by a"
         " reduced model"
     )
 

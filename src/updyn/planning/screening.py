@@ -1,31 +1,31 @@
-"""Screening of very many candidates, of which few are worth the full computation.
+"""Reduced models for the choice, and screening of very many candidates.
 
 The information of all pairs grows with the product of the candidates. Of very many those are kept
 that tell most of the unknowns at some lines by a reduced model: first references, as if a sample of
 all responses were measured, then responses for these references: those of the layouts that greedy
 choice reaches from some of the references. One half of all others that are kept are the next best
 in greedy choice (they complement each other), the other half the best by themselves.
-Among those kept a layout is then chosen as among few, in a reduced model whose error is certified
+Among those kept a layout is then chosen as among few: in a reduced model whose error is certified
 at every point of the unknowns, where the model is not small.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Across, Reduction
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.information import Candidates, PairInformation
 from updyn.updating.problem.optimal_design import DesignScore, greedy
+from updyn.updating.problem.session import Record
 
-__all__ = ["is_many", "screened"]
+__all__ = ["is_many", "screened", "where_reduced"]
 
 _Real = NDArray[np.float64]
 
@@ -61,9 +61,8 @@ def screened(
     rule: Criterion,
     wanted: tuple[int, ...],
     counts: tuple[int, int],
-    say: Callable[[str], object],
 ) -> Candidates:
-    """Return the candidates that tell most, with the level of the noise.
+    """Return the candidates that tell most, with the level of the noise, in a reduced model.
 
     Parameters
     ----------
@@ -77,18 +76,17 @@ def screened(
         Unknowns that count.
     counts : (int, int)
         How many responses and references are to be chosen.
-    say : callable
-        Called with a text first.
 
     Raises
     ------
     SolverError
         If the model cannot be solved.
+    Stopped
+        If the user wants to stop.
     """
-    n_i, n_j = len(candidates.responses), len(candidates.references)
-    say(f"screening of {n_i} x {n_j} pairs")
     solver = _around(candidates, points).solver()
-    rows, columns = np.arange(n_i), np.arange(n_j)
+    rows = np.arange(len(candidates.responses))
+    columns = np.arange(len(candidates.references))
     some_rows, some_columns = _sample(candidates.responses), _sample(candidates.references)
     rough = replace(candidates, reduced=solver)
     rough = rough.levelled(rough.only(rows, some_columns))
@@ -107,8 +105,8 @@ def screened(
     score = rule.score(Planning(looked, information, wanted))
     rows = _responses(information, counts, kept[0], score)
 
-    chosen = rough.only(rows, columns)
-    return replace(chosen, reduced=_certified(chosen, points))
+    chosen = where_reduced(replace(rough.only(rows, columns), reduced=None), points)
+    return chosen if chosen.reduced is None else chosen.without_weak()
 
 
 def _responses(
@@ -150,6 +148,7 @@ def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
         (float(freq[0]), float(freq[-1])),
         part.solver.backend,
         _ACCURACY,
+        poll=part.session.check,
     )
     states = [part.state(x) for x in points]
     often = -(-_STATES // len(states))
@@ -157,18 +156,43 @@ def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
     return reduction
 
 
-def _certified(candidates: Candidates, points: Sequence[_Real]) -> FieldSolver | None:
-    """Return a reduced model that holds at all points; None where the model itself has to do."""
+def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates:
+    """Return the candidates in a reduced model that holds at all points, if there is one.
+
+    Parameters
+    ----------
+    candidates : Candidates
+        In the model itself, which has to do where it is small.
+    points : sequence of ndarray of float, shape (n,)
+        Points of the unknowns.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved.
+    Stopped
+        If the user wants to stop.
+    """
     part = candidates.part
     if part.solver.system.n <= _DOFS:
-        return None
+        return candidates
     reduction = _around(candidates, points)
     reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
-    lines = _even(candidates.freq, _CERTIFIED)
-    for x in points:
-        if reduction.certify(part.state(x), lines).error > _MOST_ERROR:
-            return None
-    return reduction.solver()
+    error = max(_error(candidates, reduction, x) for x in points)
+    if error > _MOST_ERROR:
+        return candidates
+    return replace(candidates, reduced=reduction.solver(), error=error)
+
+
+def _error(candidates: Candidates, reduction: Reduction, x: _Real) -> float:
+    """Return the certified error of a reduced model at a point, relative to each line's largest."""
+    part, lines = candidates.part, _even(candidates.freq, _CERTIFIED)
+
+    def compute() -> Record:
+        part.session.check()
+        return (np.array(reduction.certify(part.state(x), lines).error),)
+
+    return float(part.session.recall(candidates.key("error", x), compute)[0])
 
 
 def _even(freq: _Real, count: int) -> _Real:

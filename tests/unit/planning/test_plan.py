@@ -434,10 +434,17 @@ def test_too_many_pairs_are_refused_before_the_work(model, unknowns, monkeypatch
         updyn.plan(model, unknowns, None, 3, 1, BAND, robust=4)
 
 
-def test_each_start_is_said(model, unknowns):
-    said = []
-    updyn.plan(model, unknowns, None, 2, 1, BAND, robust=1, lines=10, say=said.append)
-    assert said == [f"information of 12 x 12 pairs, 1 to 40 Hz: start {i} of 2" for i in (1, 2)]
+def test_each_start_is_shown(model, unknowns):
+    shown = []
+    updyn.plan(
+        model, unknowns, None, 2, 1, BAND, robust=1, lines=10,
+        callback=lambda progress: shown.append((progress.stage, progress.n_lines)),
+    )  # fmt: skip
+    stages = list(dict.fromkeys(stage for stage, _ in shown))
+    about = "information of 12 x 12 pairs, 1 to 40 Hz"
+    starts = [f"{about}: start {i} of 2" for i in (1, 2)]
+    assert stages == ["level of 12 x 12 pairs", *starts, "layout", "expectation of the layout"]
+    assert {n_lines for _, n_lines in shown} == {10}
 
 
 def test_summary_shows_all_of_it(model, unknowns):
