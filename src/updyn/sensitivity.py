@@ -341,7 +341,7 @@ def contract(
 
 def _product(V: _Complex, U: _Complex) -> _Complex:
     """Return V^T U line by line, shape (n_f, n_v, n_u), for fields (n, n_f, columns)."""
-    return np.matmul(V.transpose(1, 2, 0), U.transpose(1, 0, 2))
+    return np.asarray(V.transpose(1, 2, 0) @ U.transpose(1, 0, 2))
 
 
 def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[int]]:

@@ -23,7 +23,7 @@ from updyn.cli.terminal import (
     print_text,
     stderr,
 )
-from updyn.errors import InputError, OptionError
+from updyn.errors import InputError, OptionError, StoppedError
 from updyn.progress import Stage
 
 if TYPE_CHECKING:
@@ -517,11 +517,21 @@ def modes(job: Path, /, *, out: Path | None = None) -> int:
     return DONE
 
 
-def plan(job: Path, /, *, out: Path | None = None) -> int:
+def plan(
+    job: Path,
+    /,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    engine: str | None = None,
+    resume: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
     """Choose sensors and forces before a test; write plan.html and plan.json to DIR.
 
     The table [plan] of the job says how many, out of which candidates, and in which band. [test]
-    may be left out.
+    may be left out. Ctrl-C ends the plan after the lines that are being solved; nothing is chosen
+    then, and --resume goes on from there.
 
     Parameters
     ----------
@@ -529,14 +539,32 @@ def plan(job: Path, /, *, out: Path | None = None) -> int:
         The job file (TOML).
     out
         Folder DIR; by default the job's name with -plan, beside it.
+    workers
+        Processes on this machine to spread the work over; the plan does not depend on it.
+    cluster
+        Address of a Dask scheduler to spread the work over its workers instead.
+    engine
+        Engine of another package, by the text that it is registered for.
+    resume
+        Continue the plan in that folder that was stopped or interrupted; the result is the same as
+        that of an uninterrupted one. Where nothing was saved, it begins anew and says so.
     """
     from updyn.job import load_job
     from updyn.job.folder import default_out
-    from updyn.job.planning import plan_job
+    from updyn.job.planning import plan_job, stages
 
     loaded = load_job(job, before_test=True)
     folder = out or default_out(loaded, "plan")
-    made = plan_job(loaded, folder, say=lambda text: print_note(text, "dim"))
+    stopping = "Stopping after these lines; updyn plan --resume goes on from there."
+    try:
+        with (
+            open_engine(workers, cluster, engine) as opened,
+            show_progress(stderr(), stages(loaded), stopping) as display,
+        ):
+            made = plan_job(loaded, folder, display, engine=opened, resume=resume)
+    except StoppedError as stopped:
+        print_text(f"plan: {stopped}\nTo go on from here: updyn plan JOB.toml --resume")
+        return STOPPED
     print_text(made.summary())
     print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")
     return DONE

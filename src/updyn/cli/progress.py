@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ProgressDisplay", "show_progress"]
 
-_STOPPING = (
-    "Stopping after this step; the results so far will be written. Ctrl-C again to leave at once."
-)
+#: What a run does that is asked to stop.
+_STOPPING = "Stopping after this step; the results so far will be written."
+_AGAIN = "Ctrl-C again to leave at once."
 _LEAVING = "Leaving at once."
 #: How long the answer to a Ctrl-C waits for its handler, in s.
 _ANSWER = 0.2
@@ -36,10 +36,15 @@ class ProgressDisplay(ProgressBar):
         Where to write, usually stderr.
     stages : sequence of Stage
         Of the run, as far as they are known.
+    stopping : str
+        What the work does that is asked to stop, in a sentence.
     """
 
-    def __init__(self, console: Console, stages: Sequence[Stage] = ()) -> None:
+    def __init__(
+        self, console: Console, stages: Sequence[Stage] = (), stopping: str = _STOPPING
+    ) -> None:
         super().__init__(console, stages)
+        self._stopping = f"{stopping} {_AGAIN}"
         self.stopping = False
         self._answered = 0
         self._handled = threading.Event()
@@ -68,7 +73,7 @@ class ProgressDisplay(ProgressBar):
         if self._answered == 1:
             # A second signal after the answer is then a second call of the handler.
             self._handled.wait(_ANSWER)
-            print_note(_STOPPING, "yellow", self.console)
+            print_note(self._stopping, "yellow", self.console)
         elif self._answered == 2:
             print_note(_LEAVING, "yellow", self.console)
             self._last_resort.begin(number)
@@ -79,7 +84,9 @@ class ProgressDisplay(ProgressBar):
 
 
 @contextmanager
-def show_progress(console: Console, stages: Sequence[Stage] = ()) -> Iterator[ProgressDisplay]:
+def show_progress(
+    console: Console, stages: Sequence[Stage] = (), stopping: str = _STOPPING
+) -> Iterator[ProgressDisplay]:
     """Return a display as a context: Ctrl-C asks the run to stop, a second one ends it.
 
     Parameters
@@ -88,12 +95,14 @@ def show_progress(console: Console, stages: Sequence[Stage] = ()) -> Iterator[Pr
         Where to write.
     stages : sequence of Stage
         Of the run, as far as they are known.
+    stopping : str
+        What the work does that is asked to stop, in a sentence.
 
     Yields
     ------
     ProgressDisplay
     """
-    display = ProgressDisplay(console, stages)
+    display = ProgressDisplay(console, stages, stopping)
     with display.drawn():
         try:
             with watched(display.interrupt, display.answer):

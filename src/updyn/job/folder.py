@@ -22,6 +22,7 @@ from updyn.updating.fit.methods import options_of
 __all__ = [
     "HEADER",
     "JOURNAL",
+    "PLAN_JOURNAL",
     "RESERVED",
     "check_out",
     "default_out",
@@ -35,8 +36,10 @@ __all__ = [
 
 #: File of a run that has not finished, with every evaluation; see `updyn.updating.fit.checkpoint`.
 JOURNAL = "run.journal"
+#: The same of a plan, with what is known of each of its starts.
+PLAN_JOURNAL = "plan.journal"
 #: Files of a folder that no output may be named after.
-RESERVED = (MANIFEST, JOURNAL, LOCK, PLAN)
+RESERVED = (MANIFEST, JOURNAL, PLAN_JOURNAL, LOCK, PLAN)
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
 _MOVE = "move them away, or choose another --out"
@@ -168,20 +171,22 @@ def _inputs(job: Job) -> dict[Path, str]:
 
 # -- the journal -----------------------------------------------------------------------------------
 @contextmanager
-def run_journal(out: Path) -> Iterator[Path]:
+def run_journal(out: Path, name: str = JOURNAL) -> Iterator[Path]:
     """Return the journal of a run as a context, which removes it where the input is refused.
 
     Parameters
     ----------
     out : Path
         Folder of the run.
+    name : str
+        Of the file.
 
     Yields
     ------
     Path
         The file.
     """
-    journal = out / JOURNAL
+    journal = out / name
     existed = journal.is_file()
     try:
         yield journal

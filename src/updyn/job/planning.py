@@ -10,19 +10,24 @@ from pydantic import BeforeValidator, Field, Strict
 
 from updyn.errors import JobError, key_path
 from updyn.job.base import Pair, Table, Texts, is_number
-from updyn.job.folder import check_out, default_out
+from updyn.job.folder import PLAN_JOURNAL, check_out, default_out, run_journal
 from updyn.job.job_table import JobTable
 from updyn.job.prepare import prepare_model
 from updyn.job.schema import Job
 from updyn.outputs.switch import open_folder, replaced
 from updyn.planning import plan
 from updyn.planning.plan import LINES, ROBUST
+from updyn.progress import Stage
 from updyn.store.planning import write_plan_json
 
 if TYPE_CHECKING:
-    from updyn.planning import Plan
+    from distributed import Client
 
-__all__ = ["PLAN", "PLANNED", "PlanTable", "plan_job"]
+    from updyn.engines import Engine
+    from updyn.planning import Plan
+    from updyn.updating.fit.monitor import Progress
+
+__all__ = ["PLAN", "PLANNED", "PlanTable", "plan_job", "stages"]
 
 #: What ``updyn plan`` writes.
 PLANNED = ("plan.html", "plan.json")
@@ -86,8 +91,10 @@ PLAN = _PlanJobTable()
 def plan_job(
     job: Job,
     out: str | Path | None = None,
+    callback: Callable[[Progress], bool | None] | None = None,
     *,
-    say: Callable[[str], object] | None = None,
+    engine: int | Client | Engine | None = None,
+    resume: bool = False,
 ) -> Plan:
     """Choose the sensors and forces that ``[plan]`` of a job asks for, and write the plan.
 
@@ -100,13 +107,19 @@ def plan_job(
         From `load_job`; its ``[test]`` may be left out.
     out : path, optional
         The folder; by default the job's stem with ``-plan``, beside it.
-    say : callable, optional
+    callback : callable, optional
         As for `updyn.plan`.
+    engine : None, int, dask.distributed Client or Engine
+        As for `updyn.plan`.
+    resume : bool
+        Go on with the plan in `out` that was stopped or interrupted: to the same plan as if it had
+        not been. Where nothing was saved, it begins anew, with a warning.
 
     Returns
     -------
     Plan
-        In `out`: ``plan.json`` and ``plan.html``, replaced together.
+        In `out`: ``plan.json`` and ``plan.html``, replaced together. Until then ``plan.journal`` is
+        there, which `resume` needs.
 
     Raises
     ------
@@ -114,6 +127,8 @@ def plan_job(
         If the job, a file or the output folder cannot be used; nothing is written then.
     SolverError
         If the model cannot be solved at a line; nothing is written.
+    StoppedError
+        If the callback asks to stop; what is known is in ``plan.journal``.
     """
     from updyn.report import write_plan
 
@@ -122,14 +137,34 @@ def plan_job(
     model, unknowns = prepare_model(job)
     options = table.model_dump()
     title = job.title or job.path.stem
-    with job.located(), key_path("plan"):
-        found = plan(model, unknowns, compare=True, say=say, **options)
+    options |= {"engine": engine, "callback": callback, "resume": resume}
     with open_folder(out):
         check_out(job, out, PLANNED)  # once more: now no other run can change it
+        with run_journal(out, PLAN_JOURNAL) as journal, job.located(), key_path("plan"):
+            found = plan(model, unknowns, compare=True, checkpoint=journal, **options)
         with replaced(out, "plan", PLANNED) as new:
             write_plan(found, new / "plan.html", f"{title}: test plan")
             write_plan_json(found, new / "plan.json", title)
+        journal.unlink(missing_ok=True)
     return found
+
+
+def stages(job: Job) -> list[Stage]:
+    """Return the stages of the plan that a job asks for, in their order.
+
+    Parameters
+    ----------
+    job : Job
+        From `load_job`.
+
+    Raises
+    ------
+    JobError
+        If it asks for none.
+    """
+    starts = 1 + _table(job).robust
+    others = ("layout", "comparison", "expectation")
+    return [Stage("information", starts), *map(Stage, others)]
 
 
 def _table(job: Job) -> PlanTable:

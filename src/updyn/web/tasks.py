@@ -90,7 +90,9 @@ class Task:
     about : str
         What it does, in a sentence.
     stops : bool
-        Whether it can stop with what it has, and go on from there.
+        Whether it stops with what it has; else it is ended.
+    resumes : bool
+        Whether one that was stopped or ended can go on from there.
     """
 
     do: Callable[[Path, Path, Reporter, bool], Ended]
@@ -100,6 +102,7 @@ class Task:
     fields: Sequence[Field] = ()
     about: str = ""
     stops: bool = False
+    resumes: bool = False
 
 
 def _run(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
@@ -112,12 +115,19 @@ def _modes(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
     return Ended(f"{len(found)} modes", "")
 
 
-def _plan(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
-    made = plan_job(load_job(job, before_test=True), out, say=reporter.say)
+def _plan(job: Path, out: Path, reporter: Reporter, resume: bool) -> Ended:
+    stages: list[str] = []
+
+    def show(progress: Progress) -> None:
+        if progress.stage not in stages[-1:]:
+            stages.append(progress.stage)
+            reporter.say(progress.stage)
+
+    made = plan_job(load_job(job, before_test=True), out, show, resume=resume)
     return Ended("planned", made.summary())
 
 
-RUN = Task(_run, "report.html", "-run", stops=True)
+RUN = Task(_run, "report.html", "-run", stops=True, resumes=True)
 MODES = Task(
     _modes,
     "modes.html",
@@ -142,6 +152,7 @@ PLAN = Task(
     ),
     "Chooses sensors and forces before a test, so that the unknowns of the job are determined"
     " best.",
+    resumes=True,
 )
 #: The tasks by name. A room or another package adds one by a line here, a call of `TASKS.register`,
 #: or an entry point of the group ``updyn.tasks``.

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+import subprocess
 from pathlib import Path
 
 import pytest
 
 import updyn
+from command_line import updyn_process
 from pages_read import Page
 from updyn.cli import main
 from updyn.demos import chain
@@ -168,3 +172,75 @@ def test_files_of_a_user_are_kept(
     assert main(["plan", str(job(inputs, MODEL + PLAN)), "--out", str(tmp_path)]) == 2
     assert "files that are not its own" in " ".join(capsys.readouterr().err.split())
     assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
+
+
+# -- stopped and resumed ---------------------------------------------------------------------------
+@pytest.fixture
+def long_plan(inputs: Path) -> Path:
+    """A job whose starts take some tenths of a second each."""
+    text = PLAN.replace("lines = 60", "lines = 3000\nrobust = 30").replace("11:X", "1?:X")
+    path = inputs / "long.toml"
+    path.write_text(MODEL + text, encoding="utf-8")
+    return path
+
+
+def begun(path: Path, out: Path) -> subprocess.Popen[str]:
+    """A process that is at its third start."""
+    process = updyn_process("plan", str(path), "--out", str(out))
+    assert process.stderr is not None
+    assert any("start 3 of 31" in line for line in process.stderr)
+    return process
+
+
+def resumed_and_fresh(path: Path, out: Path, *more: str) -> list[dict[str, object]]:
+    records = []
+    for name, options in (("stopped", ["--resume", *more]), ("fresh", [])):
+        assert main(["plan", str(path), "--out", str(out / name), *options]) == 0
+        assert not (out / name / "plan.journal").exists()
+        records.append(json.loads((out / name / "plan.json").read_text(encoding="utf-8")))
+    return records
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT to a child is another thing on Windows")
+def test_ctrl_c_is_answered_and_the_plan_goes_on_from_there(
+    long_plan: Path, tmp_path: Path
+) -> None:
+    process = begun(long_plan, tmp_path / "stopped")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "Stopping after these lines; updyn plan --resume goes on from there." in err
+    assert "To go on from here: updyn plan JOB.toml --resume" in out
+    assert [p.name for p in (tmp_path / "stopped").iterdir()] == ["plan.journal"]
+    resumed, fresh = resumed_and_fresh(long_plan, tmp_path, "--workers", "2")
+    assert resumed == fresh
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there is no SIGKILL on Windows")
+def test_a_killed_plan_is_resumed(long_plan: Path, tmp_path: Path) -> None:
+    process = begun(long_plan, tmp_path / "stopped")
+    process.kill()
+    process.communicate(timeout=20)
+    resumed, fresh = resumed_and_fresh(long_plan, tmp_path)
+    assert resumed == fresh
+
+
+def test_a_plan_with_nothing_to_resume_begins_anew(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", str(job(inputs, MODEL + PLAN)), "--out", str(tmp_path), "--resume"]) == 0
+    assert "nothing to resume" in " ".join(capsys.readouterr().err.split())
+
+
+def test_another_plan_is_not_resumed(
+    long_plan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    process = begun(long_plan, tmp_path)
+    process.kill()
+    process.communicate(timeout=20)
+    text = long_plan.read_text(encoding="utf-8").replace("n_sensors = 3", "n_sensors = 4")
+    long_plan.write_text(text, encoding="utf-8")
+    assert main(["plan", str(long_plan), "--out", str(tmp_path), "--resume"]) == 2
+    assert "the options differ (n_sensors)" in " ".join(capsys.readouterr().err.split())
+    assert (tmp_path / "plan.journal").exists()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import updyn
+from command_line import updyn_process
 from updyn.cli import main
 from updyn.demos import chain
 from updyn.dynamics.response import response
@@ -35,21 +36,6 @@ tolerance = 0.0
 [output]
 report = false
 """
-
-
-def updyn_process(*arguments: str, **more: object) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "updyn", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        # A shell's background jobs, and so their children, are born deaf to Ctrl-C.
-        preexec_fn=(
-            None if os.name == "nt" else lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
-        ),
-        **more,  # type: ignore[call-overload]
-    )
 
 
 def test_help_is_light() -> None:

@@ -46,7 +46,7 @@ def controls(workspace: Workspace, task: str, *, begin: str) -> None:
         folder.classes("w-80")
         start = said(lambda: workspace.begin(task, folder.value))
         ui.button(begin, on_click=start).props("no-caps")
-        if TASKS.find(task).stops:
+        if TASKS.find(task).resumes:
             resume = said(lambda: workspace.begin(task, folder.value, resume=True))
             ui.button("Resume", on_click=resume).props("outline no-caps")
 
