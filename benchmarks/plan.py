@@ -6,22 +6,31 @@ classical criteria, over that of the plan. ``robust``: the same where the truth 
 start, for a plan at the start (``robust=0``), one over four draws (the default) and effective
 independence, over that of a plan that knows the truth. ``draws``: the same by number of draws, over
 that without. ``fits``: the spread of 300 fits to data with noise over the standard deviations that
-the plan expects. The last two take the name of a structure.
+the plan expects. The last two take the name of a structure. ``antenna``: time and memory of plans
+for the antenna of `updyn demo antenna`, rotors free, and the layouts where the truth is 20 % off.
 """
 
 from __future__ import annotations
 
+import resource
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from models import footbridge, solid
 from structures import appendages, everything
 
 import updyn
+from updyn.demos import find_demo
+from updyn.demos.antenna import BAND
+from updyn.demos.antenna_model import antenna as antenna_model
 from updyn.frf import FRF
+from updyn.job import load_job
+from updyn.job.unknowns import unknowns_of
 from updyn.model import Model
 from updyn.planning.candidates import find_candidates
 from updyn.planning.criteria import CRITERIA, Planning, volume_score
@@ -32,6 +41,11 @@ from updyn.updating.problem.parameters import ParameterSet
 SENSORS, FORCES = 8, 1
 RANDOM, DRAWS, FITS = 500, 10, 300
 NOISE = {"relative": 0.05, "floor": 0.001}
+#: Of the antenna: candidate sensors and forces, on the reflector and the yoke or any translation,
+#: and draws.
+_DISH = ("4??:[XYZ]",), ("4[567]?:X", "108:[XYZ]", "118:[XYZ]")
+ANTENNA = ((*_DISH, 4), (*_DISH, 0), (("*:[XYZ]",), ("*:[XYZ]",), 4))
+ANTENNA_FORCES = 3
 CLASSICAL = ("effective-independence", "mac", "driving-point-residue")
 
 
@@ -184,6 +198,59 @@ def off(structure: Structure, rng: np.random.Generator, share: float = 0.2) -> M
     return structure.model.scaled(changes)
 
 
+def antenna() -> None:
+    model = antenna_model()
+    with tempfile.TemporaryDirectory() as there:
+        job = load_job(find_demo("antenna").write_inputs(Path(there)))
+        unknowns = unknowns_of(job, model, [])
+    plans: dict[str, updyn.Plan] = {}
+    print("| candidates | draws | CPU s | peak memory, MB |")
+    print("|---|---|---|---|")
+    for sensors, forces, robust in ANTENNA:
+        begun = time.process_time()
+        found = updyn.plan(
+            model, unknowns, sensors, SENSORS, ANTENNA_FORCES, BAND, noise=NOISE,
+            reference_candidates=forces, robust=robust, compare=not plans,
+        )  # fmt: skip
+        seconds = time.process_time() - begun
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        n_i, n_j = len(find_candidates(model, sensors)), len(find_candidates(model, forces))
+        print(f"| {n_i} x {n_j} | {robust} | {seconds:.0f} | {memory:.0f} |", flush=True)
+        plans[f"{n_i} x {n_j}, {robust} draws"] = found
+    first = next(iter(plans.values()))
+    for rival in first.rivals:
+        if rival.criterion in CLASSICAL:
+            layout = replace(first, responses=rival.responses, references=rival.references)
+            plans[rival.criterion] = layout
+    sizes = np.log(_sizes_off(model, unknowns, list(plans.values())))
+    ratios = np.exp(sizes - sizes[:, :1])
+    print("\n| layout | mean of 10 truths | worst |")
+    print("|---|---|---|")
+    for name, own in zip(plans, ratios.T, strict=True):
+        print(f"| {name} | {np.exp(np.log(own).mean()):.2f} | {own.max():.2f} |")
+
+
+def _sizes_off(model: Model, unknowns: ParameterSet, plans: list[updyn.Plan]) -> np.ndarray:
+    """Sizes of the ellipsoid of layouts, at ten truths that are 20 % off, shape (truths, layouts).
+
+    The noise has its floor from all DOFs of these layouts.
+    """
+    rows = find_candidates(model, list(dict.fromkeys(d for p in plans for d in p.responses)))
+    columns = find_candidates(model, list(dict.fromkeys(d for p in plans for d in p.references)))
+    freq, noise = plans[0].freq, find_noise(NOISE)
+    found = Candidates.compile(
+        model, unknowns, rows, columns, freq, "accelerance", noise
+    ).levelled()
+    home, rng = found.part.coordinates.home, np.random.default_rng(2)
+    sizes = []
+    for _ in range(DRAWS):
+        step = 0.2 * rng.standard_normal(len(home))
+        x = np.where(unknowns.is_factor, home + step, home * np.exp(step))
+        planning = Planning(found, PairInformation.compute(found, [x]), tuple(range(len(home))))
+        sizes.append([radius(planning, *positions(planning, plan)) for plan in plans])
+    return np.array(sizes)
+
+
 def fits(which: str = "") -> None:
     print("| structure | fits | RMS error / expected: least | median | largest | s a fit |")
     print("|---|---|---|---|---|---|")
@@ -218,4 +285,5 @@ def noisy(clean: FRF, plan: updyn.Plan, rng: np.random.Generator) -> FRF:
 
 
 if __name__ == "__main__":
-    {"layouts": layouts, "robust": robust, "draws": draws, "fits": fits}[sys.argv[1]](*sys.argv[2:])
+    tables = {"layouts": layouts, "robust": robust, "draws": draws, "fits": fits}
+    {**tables, "antenna": antenna}[sys.argv[1]](*sys.argv[2:])
