@@ -201,7 +201,7 @@ def plan(
         except Stopped:
             if isinstance(session.memory, Checkpoint):
                 session.memory.keep()
-            text = "stopped before all starts were known, so that nothing is chosen"
+            text = "stopped before its end, so that nothing is chosen"
             raise StoppedError(text) from None
 
 
