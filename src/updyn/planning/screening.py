@@ -43,9 +43,9 @@ _DOFS = 600
 #: root of the share of the energy of fields that may be dropped of it.
 _STATES, _DROPPED = 6, 1e-4
 _ACROSS = Across(shifts=(0.2, 0.5, 0.8), depth=4, combinations=8, lossy=False)
-#: Error wanted, and largest error of a reduced model that is used, as shares of the largest
-#: receptance of a line: what is expected of the layout is computed by the model itself.
-_ACCURACY, _MOST_ERROR = 1e-2, 3e-2
+#: Largest error of a reduced model that is used, as a share of the largest receptance of a line:
+#: what is expected of the layout is computed by the model itself.
+_ERROR = 1e-2
 #: Lines at which it is certified.
 _CERTIFIED = 40
 
@@ -147,7 +147,7 @@ def _around(candidates: Candidates, points: Sequence[_Real]) -> Reduction:
         dofs.match(candidates.references).index,
         (float(freq[0]), float(freq[-1])),
         part.solver.backend,
-        _ACCURACY,
+        _ERROR,
         poll=part.session.check,
     )
     states = [part.state(x) for x in points]
@@ -179,7 +179,7 @@ def where_reduced(candidates: Candidates, points: Sequence[_Real]) -> Candidates
     reduction = _around(candidates, points)
     reduction.compress_around([part.state(x) for x in points], candidates.freq, _DROPPED)
     error = max(_error(candidates, reduction, x) for x in points)
-    if error > _MOST_ERROR:
+    if error > _ERROR:
         return candidates
     return replace(candidates, reduced=reduction.solver(), error=error)
 
