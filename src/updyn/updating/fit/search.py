@@ -136,7 +136,7 @@ class Search:
                 way = _on_few_lines(problem) if number == 0 else problem
                 starts = self._points(problem, number)
                 agreed = self._tried(problem, way, starts, belief, monitor, ends)
-                in_vain = not agreed and self._is_in_vain(belief, monitor, ends)
+                in_vain = not agreed and not monitor.stopped and monitor.is_in_vain()
                 if agreed and way is not problem and not belief.plausible(min(ends, key=_cost)):
                     agreed = self._again(problem, belief, monitor, ends)
                 if agreed or in_vain or monitor.stopped:

@@ -132,6 +132,8 @@ class MaximumLikelihood(SearchingMethod):
             answers = [self._answer(problem, noises, first, monitor)]
             answers += self._further(problem, noises, others, monitor, answers[0])
             chosen = preferred(problem, answers)
+            if self._is_in_vain(problem, monitor, chosen):
+                return self._judged(problem, noises, chosen)
         if not starts.exact:  # there is nothing better to find
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
@@ -201,6 +203,15 @@ class MaximumLikelihood(SearchingMethod):
                 if gained > 0.0:
                     best, explained = answer, self._explains(problem, answer)
         return found
+
+    @classmethod
+    def _is_in_vain(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
+        """Whether an answer leaves more than noise because of a fault of the data."""
+        if monitor.stopped or cls._explains(problem, answer):
+            return False
+        with suppress(Stopped):
+            return monitor.is_in_vain()
+        return False
 
     @staticmethod
     def _explains(problem: Problem, answer: Answer) -> bool:

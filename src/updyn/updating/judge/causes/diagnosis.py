@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import SolverError
+from updyn.errors import DataError, SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates
 from updyn.updating.judge.causes.data_alone import (
@@ -165,9 +165,12 @@ def _explained(
             break
         best = found[0]
         sized = _sized(part, whole, stage, best, noise)
-        findings.append(_finding([sized, *found[1:]], part.name))
         if sized.fault.written:
-            whole = whole.with_data(sized.fault.repair(whole.frf))
+            try:
+                whole = whole.with_data(sized.fault.repair(whole.frf))
+            except DataError:  # the last of the sensors that were left out one by one
+                break
+        findings.append(_finding([sized, *found[1:]], part.name))
         end = best.trial.x
         there = replace(stage.near(part, [end]), frf=part.frf)
         part = replace(best.fault.accounted(there, end), solver=part.solver)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
 from updyn.updating.judge.causes.finding import Finding
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
@@ -90,3 +91,18 @@ def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
 def test_what_overrules(kind, explains, value, overruling):
     found = Finding(kind, ("5:X",), value, 1e9, explains, "", "")
     assert found.overruling is overruling
+
+
+def test_of_sensors_that_are_left_out_one_by_one_one_is_left():
+    """Two sensors of an undamped drive, each of which seems to be of another state."""
+    true, start = (
+        drivetrain([Shaft("s", 1, 2, k), Motor("m", 1, 2e-3), Inertia("l", 2, 0.03)])
+        for k in (800.0, 700.0)
+    )
+    frf = updyn.response(true, np.linspace(5, 150, 30), ["1:RZ", "2:RZ"], ["1:RZ"])
+    unknowns = updyn.parameters(start, stiffness=["s"])
+    found = updyn.diagnose(start, frf, unknowns)
+    assert sum(one.kind == "other-test" for one in found) < len(frf.responses)
+    result = updyn.update(start, frf, unknowns, noise={"relative": 0.01})
+    assert result.values["s.stiffness"] == pytest.approx(8.0 / 7.0, rel=1e-6)
+    assert SAID not in result.message
