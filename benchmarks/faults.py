@@ -427,6 +427,20 @@ def held_off(bench, frf, rng):
     return Seeded(frf, frf, "", changed=changed)
 
 
+def held_losses(bench, frf, rng):
+    """Nothing is wrong with the data; no loss factor is sought, each is true, half, 0.02 or 0."""
+    losses = {
+        name: float(rng.choice([group.loss_factor, group.loss_factor / 2, 0.02, 0.0]))
+        for name, group in bench.case.true.groups.items()
+        if group.stiffness is not None
+    }
+
+    def changed(model: Model) -> Model:
+        return model.scaled({name: {"loss_factor": loss} for name, loss in losses.items()})
+
+    return Seeded(frf, frf, "", changed=changed)
+
+
 FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "none": none,
     "quantity": quantity,
@@ -451,6 +465,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "support": support,
     "no support": no_support,
     "held off": held_off,
+    "held losses": held_losses,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (
@@ -463,6 +478,7 @@ COMPUTED = (
     "other test",
     "support",
     "no support",
+    "held losses",
 )
 #: What all unknowns together can imitate, unless masses are known.
 IMITATED = ("unit", "common calibration", "frequency scale", "held off")
@@ -472,6 +488,8 @@ def unknowns(
     bench: structures.Bench | Measured, model: Model, fault: str, *, free: bool
 ) -> ParameterSet:
     sought = bench.sought(model)
+    if fault == "held losses":
+        return ParameterSet(tuple(p for p in sought if p.quantity != "loss_factor"))
     if free or fault not in IMITATED:
         return sought
     known = (

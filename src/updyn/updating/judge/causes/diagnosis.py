@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError, SolverError
+from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.candidates import KEPT, SMALL, Begun, candidates
 from updyn.updating.judge.causes.data_alone import (
@@ -166,10 +166,7 @@ def _explained(
         best = found[0]
         sized = _sized(part, whole, stage, best, noise)
         if sized.fault.written:
-            try:
-                whole = whole.with_data(sized.fault.repair(whole.frf))
-            except DataError:  # the last of the sensors that were left out one by one
-                break
+            whole = whole.with_data(sized.fault.repair(whole.frf))
         findings.append(_finding([sized, *found[1:]], part.name))
         end = best.trial.x
         there = replace(stage.near(part, [end]), frf=part.frf)

@@ -16,8 +16,6 @@ from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor
 
 __all__ = ["OtherTest"]
 
-#: Fewest channels among which one can be another.
-_FEWEST = 2
 #: First values of the logarithm of the factor between the frequencies, to first order; and those
 #: among which the best is searched, finer and finer: a step of first order may lead away from it
 #: where resonances are sharp.
@@ -43,13 +41,17 @@ class OtherTest(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield each sensor by various factors, where there are others to compare it with."""
+        """Yield each sensor by various factors, where there are others to compare it with.
+
+        Where one has been left out, its values do not stand clear of their variance.
+        """
         frf = evidence.frf
-        if frf.values.shape[1] * frf.values.shape[2] < _FEWEST:
-            return
+        assert frf.variance is not None
+        clear = np.abs(frf.values) ** 2 > frf.variance
         for channels in each_sensor(frf):
-            for shift in _SHIFTS:
-                yield cls(channels, shift)
+            own = place_of(channels, frf).spread(np.ones(len(frf.freq)), clear.shape).real > 0.0
+            if clear[own].any() and clear[~own].any():
+                yield from (cls(channels, shift) for shift in _SHIFTS)
 
     def repair(self, frf: FRF) -> FRF:
         """Return the data without the sensor, or without the force.

@@ -36,8 +36,9 @@ _REWEIGHTED, _FEW = 4, 8
 #: Loss factor from which descents begin: resonances overlap.
 _DAMPED = 0.1
 #: How far what is held of the model is expected to be off: stiffness and mass, in logarithm; loss
-#: factors, as a share. More of it than this is left as it is.
-_HELD, _HELD_LOSS, _MOST_HELD = 0.05, 0.5, 60
+#: factors, as a share, and at least by so much: no structure is without. More of it than this is
+#: left as it is.
+_HELD, _HELD_LOSS, _LEAST_LOSS, _MOST_HELD = 0.05, 0.5, 0.05, 60
 #: Share of the misfit at the end of a fit that the second order about it is trusted to leave.
 _TRUSTED = 0.5
 #: Correlation of neighbouring lines, and log misfit (rms), below which what is left is noise. On
@@ -310,9 +311,9 @@ def widened(part: Part) -> tuple[Part, _Real]:
         held = (term.group, term.quantity) not in sought and term.quantity in ("stiffness", "mass")
         if held and term.data.any():
             items.append(Held(term.group, term.quantity, 1.0, 0.1, 10.0, _HELD))
-        lossy = term.quantity == "stiffness" and loss[t] > 0.0 and term.table is None
+        lossy = term.quantity == "stiffness" and term.table is None
         if lossy and (term.group, "loss_factor") not in sought:
-            spread = _HELD_LOSS * float(loss[t])
+            spread = max(_LEAST_LOSS, _HELD_LOSS * float(loss[t]))
             items.append(Held(term.group, "loss_factor", float(loss[t]), 0.0, 10.0, spread))
     if not 0 < len(items) <= _MOST_HELD:
         return part, np.zeros(0)

@@ -138,6 +138,12 @@ def test_a_model_whose_known_values_are_off_is_no_fault_of_the_data(chain12, cha
         assert updyn.diagnose(model, data, unknowns) == ()
 
 
+def test_damping_that_the_model_lacks_is_no_fault_of_the_data(chain12, data):
+    """Not that of an exponential window, though it widens resonances, too."""
+    undamped = chain12.scaled({name: {"loss_factor": 0.0} for name in chain12.groups})
+    assert not updyn.diagnose(undamped, data, updyn.parameters(undamped, stiffness="all"))
+
+
 def test_in_sound_data_nothing_is_found(chain12, clean, unknowns, add_noise):
     for seed in range(5):
         noisy = add_noise(clean, np.random.default_rng(seed), 0.01)

@@ -93,16 +93,15 @@ def test_what_overrules(kind, explains, value, overruling):
     assert found.overruling is overruling
 
 
-def test_of_sensors_that_are_left_out_one_by_one_one_is_left():
-    """Two sensors of an undamped drive, each of which seems to be of another state."""
+def test_an_undamped_drive_whose_start_is_off_has_no_fault():
+    """Its sharp resonances do not overlap with those of the data."""
     true, start = (
         drivetrain([Shaft("s", 1, 2, k), Motor("m", 1, 2e-3), Inertia("l", 2, 0.03)])
         for k in (800.0, 700.0)
     )
     frf = updyn.response(true, np.linspace(5, 150, 30), ["1:RZ", "2:RZ"], ["1:RZ"])
     unknowns = updyn.parameters(start, stiffness=["s"])
-    found = updyn.diagnose(start, frf, unknowns)
-    assert sum(one.kind == "other-test" for one in found) < len(frf.responses)
+    assert not updyn.diagnose(start, frf, unknowns)
     result = updyn.update(start, frf, unknowns, noise={"relative": 0.01})
     assert result.values["s.stiffness"] == pytest.approx(8.0 / 7.0, rel=1e-6)
     assert SAID not in result.message

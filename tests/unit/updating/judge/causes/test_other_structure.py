@@ -16,6 +16,7 @@ from updyn.updating.judge.causes.data_alone import with_variance
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.holding import ground_springs, is_free
 from updyn.updating.judge.causes.missing_mode import MissingMode
+from updyn.updating.judge.causes.other_test import OtherTest
 from updyn.updating.judge.causes.trial import damped, tried, widened
 from updyn.updating.problem.noise import choose_noise
 from updyn.updating.problem.problem import Part
@@ -134,6 +135,18 @@ def test_a_force_is_left_out_and_the_last_one_is_not(data):
     one = data.select(references=["5:X"])
     with pytest.raises(DataError, match="no data are left"):
         read_fault("other-test:force 5:X=0.1").repair(one)
+
+
+def test_the_last_sensor_is_not_another_test(chain12, data):
+    """One that was left out is none to compare the others with."""
+    two = data.select(responses=["5:X", "12:X"], references=["12:X"])
+    part = Part.build(chain12, with_variance(two, choose_noise(None, two)), all_unknowns(chain12))
+    sensors = {("5:X",), ("12:X",)}
+    seen = Evidence(part, part.coordinates.home)
+    assert {one.channels for one in OtherTest.suspected(seen)} == sensors
+    without = OtherTest(("5:X",), 0.02).others(part.frf)
+    left = Evidence(part.with_data(without), part.coordinates.home)
+    assert not list(OtherTest.suspected(left))
 
 
 # -- a missing mode
