@@ -6,11 +6,13 @@ import importlib.util
 import re
 import sys
 import tomllib
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 
 import updyn
@@ -153,3 +155,20 @@ def test_a_problem_of_the_field_is_written_and_scored(
     assert found["covered"] in (0.0, 1.0)
     for module in set(sys.modules) - kept:
         sys.modules.pop(module, None)
+
+
+def test_of_the_measured_beam_predicted_frfs_are_scored(tmp_path: Path) -> None:
+    field = script(ROOT / "benchmarks" / "field.py")
+    there = field.write(tmp_path, "beam")
+    held_out = updyn.read_frf(there / "held-out.npz")
+    assert held_out.responses.labels == ["103:Z", "107:Z"]
+    assert 100.0 <= held_out.freq[0] < held_out.freq[-1] <= 4500.0
+    predicted = tmp_path / "predicted.npz"
+    factor = np.array([1.1, 0.7])[:, None]
+    updyn.write_frf(replace(held_out, values=held_out.values * factor), predicted)
+    found = field.score(there, predicted)
+    assert found["median residual"] == pytest.approx(0.2)
+    assert found["largest residual"] == pytest.approx(0.3)
+    updyn.write_frf(held_out.select(responses=["107:Z", "103:Z"]), predicted)
+    with pytest.raises(SystemExit, match=r"responses are not those of held-out\.npz"):
+        field.score(there, predicted)

@@ -441,13 +441,15 @@ def _block_triangle(part: Part, item: tuple[LineResidual, _Vector, slice]) -> _M
 
 
 def _stack(r: _Complex, J: _Complex) -> _Matrix:
-    """Return [J r], real over imaginary parts (eq. 12), shape (2 m, n + 1), in Fortran order."""
-    n, m = len(J), r.size
-    flat = np.empty((n + 1, 2 * m))
-    columns = J.reshape(n, m)
-    flat[:n, :m], flat[:n, m:] = columns.real, columns.imag
-    flat[n, :m], flat[n, m:] = r.real.ravel(), r.imag.ravel()
-    return flat.T
+    """Return [J r], each value's real part above its imaginary one, shape (2 m, n + 1).
+
+    The order of the rows does not matter (eq. 12); this one, in Fortran order, is a copy of memory
+    as it lies.
+    """
+    stacked = np.empty((len(J) + 1, r.size), dtype=np.complex128)
+    stacked[:-1] = J.reshape(len(J), r.size)
+    stacked[-1] = r.ravel()
+    return stacked.view(np.float64).T
 
 
 #: Residuals by name. One that is registered, and that no method is named after, is minimised by
