@@ -3,8 +3,7 @@
 Every evaluation of a problem is a pure function of its inputs, and every method is deterministic.
 So a run is repeated exactly by answering its evaluations from memory: after an interruption
 (`updyn.updating.fit.checkpoint`), or with what other processes have evaluated ahead
-(`Session.remember`).
-No method needs to know.
+(`Session.remember`). No method needs to know.
 """
 
 from __future__ import annotations
@@ -178,7 +177,7 @@ class Session:
             raise Stopped
         # What is short and begun after that is what the user still wants to see.
         asked_before = self.stopped
-        if not asked_before and time.monotonic() - self._asked_at > _ASK_S and self._asked():
+        if not asked_before and self._is_time_to_ask and self._asked():
             raise Stopped
         results = (self.engine if spread else _SERIAL).map(function, shared, items)
         try:
@@ -191,16 +190,28 @@ class Session:
             if close is not None:
                 close()
 
-    def check(self) -> None:
+    def check(self, *, often: bool = False) -> None:
         """Ask whether to stop, where no block of lines ends.
+
+        Parameters
+        ----------
+        often : bool
+            Whether this is called so often that it is enough to ask once a second.
 
         Raises
         ------
         Stopped
             If the user wants to stop.
         """
+        if often and not self._is_time_to_ask:
+            return
         if self._asked():
             raise Stopped
+
+    @property
+    def _is_time_to_ask(self) -> bool:
+        """Whether the user was not asked for a while."""
+        return time.monotonic() - self._asked_at > _ASK_S
 
     @property
     def _is_late(self) -> bool:

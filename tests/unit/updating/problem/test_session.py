@@ -401,3 +401,15 @@ def test_nothing_is_computed_long_after_the_user_has_asked_to_stop(
     now[0] = 104.1
     with pytest.raises(Stopped):
         list(session.map(max, 1, [2, 3], spread=False))
+
+
+def test_a_loop_of_short_steps_asks_once_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, asked = [100.0], []
+    monkeypatch.setattr("updyn.updating.problem.session.time.monotonic", lambda: now[0])
+    session = Session(wants_stop=lambda: bool(asked.append(now[0])) or now[0] > 102.0)
+    for now[0] in (100.5, 101.5, 101.6, 102.4):
+        session.check(often=True)
+    assert asked == [101.5]
+    now[0] = 102.6
+    with pytest.raises(Stopped):
+        session.check(often=True)

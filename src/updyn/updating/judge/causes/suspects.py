@@ -62,6 +62,11 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
         The point.
     promising : bool
         Whether the residual there is nearly noise, so that the evidence counts.
+
+    Raises
+    ------
+    Stopped
+        If the user wants to stop.
     """
     try:
         evidence = Evidence(part, x)
@@ -73,6 +78,7 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     found: list[Suspect] = []
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
+            part.session.check(often=True)
             try:
                 cost, tuned = fitted(evidence, fault)
             except SolverError:  # a resonance without damping, under that hypothesis

@@ -8,6 +8,9 @@ import pytest
 import updyn
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.suspects import suspects
+from updyn.updating.problem.problem import Part
+from updyn.updating.problem.session import Stopped
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
 SAID = "No further start was tried"
@@ -63,6 +66,21 @@ def test_it_is_looked_for_once(chain12, data, unknowns, monkeypatch):
     assert len(looks) == 1
     updyn.update(chain12, data, unknowns)  # the first tries agree: nothing is looked for
     assert len(looks) == 1
+
+
+def test_the_user_is_asked_between_two_faults(chain12, data, unknowns, monkeypatch):
+    """Pairs of sensors that may be swapped go with the square of their number."""
+    monkeypatch.setattr("updyn.updating.problem.session._ASK_S", 0.0)
+    asked = []
+    known = replace(data, variance=1e-4 * np.abs(data.values) ** 2)
+    part = Part.build(chain12, known, unknowns)
+    part.session.wants_stop = lambda: bool(asked.append(True))
+    found = suspects(part, part.coordinates.home)
+    assert len(asked) > len(found) > len(SENSORS) * (len(SENSORS) - 1) / 2
+    part.session.wants_stop = lambda: len(asked) > 10 or bool(asked.append(True))
+    asked.clear()
+    with pytest.raises(Stopped):
+        suspects(part, part.coordinates.home)
 
 
 def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
