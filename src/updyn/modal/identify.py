@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
+from updyn.group import is_number
 from updyn.linalg.threads import alone
 from updyn.modal.axis import Axis
 from updyn.modal.continuation import continued
@@ -107,8 +108,8 @@ def identify_modes(
     Raises
     ------
     DataError
-        If there are too few lines, no mode is found, or one of `poles` is not in the diagram, or
-        merges with a mode or leaves its place as it is refined.
+        If there are too few lines, no mode is found, or one of `poles` is no frequency above 0, is
+        not in the diagram, or merges with a mode or leaves its place as it is refined.
     OptionError
         If an option has no valid value.
 
@@ -143,24 +144,33 @@ def identified(
     frf, band, damping, poles
         As for `identify_modes`.
     """
+    picked = _picked(poles)
     frf = continued(frf.select(band=band))
     measured = _Measured.of(frf, mirrored=damping == "viscous")
     if len(measured.x) <= _RATIONAL:
         modes = _of_rational_data(measured)
         if modes:
-            if len(poles):
+            if picked:
                 raise DataError("modes: data without noise on few lines have no diagram of poles")
             return _mode_set(frf, measured, modes, None)
     candidates, diagram = stabilised(measured.freq, measured.cube)
     found = _found(measured, measured.axis.poles(candidates))
     fits = _settled(measured, found, np.full(len(found), -1))
     modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
-    if len(poles):
-        begin = measured.axis.poles(np.array([_in(diagram, float(f)) for f in poles]))
+    if picked:
+        begin = measured.axis.poles(np.array([_in(diagram, f) for f in picked]))
         shown = [mode.pole for mode in _shown(measured, modes)]
         fits = _added(measured, fits, begin, np.array(shown, dtype=np.complex128))
         modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
     return _mode_set(frf, measured, _exact(measured, modes), diagram)
+
+
+def _picked(poles: Sequence[float]) -> list[float]:
+    """Return the frequencies of poles that the user has picked, in Hz."""
+    for frequency in poles:
+        if not is_number(frequency) or not 0.0 < frequency < np.inf:
+            raise DataError(f"poles: expected frequencies in Hz above 0, found {frequency!r}")
+    return [float(frequency) for frequency in poles]
 
 
 def _in(diagram: Diagram, frequency: float) -> complex:

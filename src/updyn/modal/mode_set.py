@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.dofs import Dof, DofSet
+from updyn.dofs import Dof, DofSet, whole_numbers
 from updyn.errors import DataError
 from updyn.modal.stabilisation import Diagram
 from updyn.notebook import Curve, card, curves, table, viewed
@@ -76,9 +76,9 @@ class ModeSet:
     Raises
     ------
     DataError
-        If there is no mode, shapes of arrays disagree, a number is not finite, a frequency is
-        negative, a shape is zero, or a standard deviation of a shape is negative, infinite or known
-        of some of its components only.
+        If there is no mode, shapes of arrays disagree, a number is masked or not finite (nan is not
+        known), a frequency or a standard deviation is negative, a shape is zero, or the standard
+        deviations of a shape are known of some of its components only.
     DofError
         If a label cannot be read or stands twice.
 
@@ -151,7 +151,7 @@ class ModeSet:
         arrays: dict[str, NDArray[Any]] = {
             "frequency": f[order],
             "shapes": phi[:, order],
-            "scaled": _row("scaled", scaled, n).astype(np.bool_)[order],
+            "scaled": _flags("scaled", scaled, n)[order],
         }
         for name, values in given.items():
             arrays[name] = _row(name, np.nan if values is None else values, n)[order]
@@ -305,14 +305,14 @@ class ModeSet:
         return np.asarray(real * np.where(largest < 0, -1.0, 1.0))
 
     def select(
-        self, modes: Sequence[int] | None = None, *, band: tuple[float, float] | None = None
+        self, modes: ArrayLike | None = None, *, band: tuple[float, float] | None = None
     ) -> ModeSet:
         """Return some of the modes.
 
         Parameters
         ----------
-        modes : sequence of int, optional
-            Their numbers from 0, by ascending frequency.
+        modes : array_like of int or bool, optional
+            Their numbers from 0, by ascending frequency, each once; or a flag for each mode.
         band : (float, float), optional
             In Hz, both ends included.
 
@@ -324,15 +324,11 @@ class ModeSet:
         Raises
         ------
         DataError
-            If no mode is left, or one is not there.
+            If no mode is left, one is not there or named twice, or something else is given.
         """
         keep = np.arange(len(self))
         if modes is not None:
-            keep = np.asarray(modes, dtype=np.intp).reshape(-1)
-        if keep.size and (keep.min() < 0 or keep.max() >= len(self)):
-            raise DataError(
-                f"modes: expected numbers from 0 to {len(self) - 1}, found {keep.tolist()}"
-            )
+            keep = self._positions(modes)
         if band is not None:
             keep = keep[(self.frequency[keep] >= band[0]) & (self.frequency[keep] <= band[1])]
         if not keep.size:
@@ -350,21 +346,35 @@ class ModeSet:
             diagram=self.diagram,
         )
 
+    def _positions(self, modes: ArrayLike) -> NDArray[np.intp]:
+        """Return the positions of modes that are named by number, or by a flag for each."""
+        given = np.asarray(modes)
+        if given.dtype.kind == "b" and given.shape == (len(self),):
+            return np.flatnonzero(given)
+        found = whole_numbers(given, "modes", DataError).reshape(-1)
+        if found.size and (found.min() < 0 or found.max() >= len(self)):
+            raise DataError(
+                f"modes: expected numbers from 0 to {len(self) - 1}, found {found.tolist()}"
+            )
+        if len(np.unique(found)) < len(found):
+            raise DataError(f"modes: expected each number once, found {found.tolist()}")
+        return found.astype(np.intp)
+
 
 def _restored(given: dict[str, Any]) -> ModeSet:
     return ModeSet(**given)
 
 
 def _array(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
+    if np.ma.is_masked(given):
+        raise DataError(f"modes: {name}: holds masked values; leave out their modes or DOFs")
     try:
         array = np.asarray(given)
-        if array.dtype.kind not in "biufc" or (
-            array.dtype.kind == "c" and dtype is not np.complex128
-        ):
-            raise DataError(f"modes: {name}: expected numbers, found {array.dtype}")
-        return array.astype(dtype)
     except ValueError as error:
         raise DataError(f"modes: {name}: expected numbers ({error})") from error
+    if array.dtype.kind not in ("iufc" if dtype is np.complex128 else "iuf"):
+        raise DataError(f"modes: {name}: expected numbers, found {array.dtype}")
+    return array.astype(dtype)
 
 
 def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | None:
@@ -382,8 +392,32 @@ def _std_shapes(given: ArrayLike, shape: tuple[int, ...], f: _Real) -> _Real | N
     return None if unknown.all() else std
 
 
-def _row(name: str, given: ArrayLike, n: int) -> NDArray[np.float64]:
-    array = _array(name, given, np.float64)
+def _row(name: str, given: ArrayLike, n: int) -> _Real:
+    """Return a number for each mode, shape (n,); nan where it is not known."""
+    array = _for_each(name, _array(name, given, np.float64), n)
+    least = 0.0 if name.startswith("std_") else -np.inf
+    bad = np.isinf(array) | (array < least)
+    if bad.any():
+        expected = "a finite number" + " of at least 0" * (least == 0.0)
+        raise DataError(
+            f"modes: {name}: mode {int(np.argmax(bad)) + 1} has {array[bad][0]:g}; expected"
+            f" {expected}, or nan where it is not known"
+        )
+    return array
+
+
+def _flags(name: str, given: ArrayLike, n: int) -> NDArray[np.bool_]:
+    """Return a flag for each mode, shape (n,); 0 and 1 are flags, too."""
+    array: Any = np.ma.asanyarray(given)
+    if array.dtype.kind == "b":
+        array = array.astype(np.int8)
+    numbers = _array(name, array, np.float64)
+    if not np.isin(numbers, (0.0, 1.0)).all():
+        raise DataError(f"modes: {name}: expected True or False, found {given!r}")
+    return _for_each(name, numbers.astype(np.bool_), n)
+
+
+def _for_each(name: str, array: NDArray[Any], n: int) -> NDArray[Any]:
     if array.shape not in ((), (n,)):
         raise DataError(
             f"modes: {name}: expected {n}, one for each mode, found an array of shape {array.shape}"

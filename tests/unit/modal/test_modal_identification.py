@@ -208,6 +208,15 @@ def test_no_mode_in_noise() -> None:
         identify_modes(frf)
 
 
+@pytest.mark.parametrize("pole", [np.nan, np.inf, 0.0, -3.0, True, "6.4"])
+def test_a_pole_that_is_picked_is_a_frequency(pole: Any) -> None:
+    data = updyn.response(chain(3, loss_factor=0.01), [1.0, 2.0, 3.0, 4.0], ["1:X"], ["1:X"])
+    with pytest.raises(
+        DataError, match=f"poles: expected frequencies in Hz above 0, found {pole!r}"
+    ):
+        identify_modes(data, poles=[pole])
+
+
 # -- ModeSet ---------------------------------------------------------------------------------------------------------
 def test_mode_set_is_sorted_and_selected() -> None:
     modes = ModeSet(
@@ -244,6 +253,48 @@ def test_mode_set_is_sorted_and_selected() -> None:
 def test_mode_set_refuses(given: tuple[Any, ...], message: str) -> None:
     with pytest.raises(DataError, match=message):
         ModeSet(*given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"frequency": [True, 2.0]}, None),  # an array of numbers, as numpy has it
+        ({"frequency": [True, False]}, "frequency: expected numbers, found bool"),
+        ({"frequency": np.ma.array([10.0, 20.0], mask=[0, 1])}, "frequency: holds masked values"),
+        ({"shapes": np.ma.array(np.eye(2), mask=np.eye(2))}, "shapes: holds masked values"),
+        ({"scaled": np.ma.array([1, 1], mask=[0, 1])}, "scaled: holds masked values"),
+        ({"scaled": np.ma.array([True, True], mask=[0, 1])}, "scaled: holds masked values"),
+        ({"scaled": 0.3}, "scaled: expected True or False, found 0.3"),
+        ({"scaled": "yes"}, "scaled: expected numbers"),
+        ({"loss_factor": [0.1, np.inf]}, "loss_factor: mode 2 has inf; expected a finite number,"),
+        ({"quality": -np.inf}, "quality: mode 1 has -inf; expected a finite number,"),
+        ({"std_frequency": [0.1, -0.1]}, "std_frequency: mode 2 has -0.1; expected a finite num"),
+        ({"std_loss_factor": -1.0}, "std_loss_factor: mode 1 has -1; .* of at least 0, or nan"),
+    ],
+)
+def test_mode_set_coerces_nothing(given: dict[str, Any], message: str | None) -> None:
+    whole = {"frequency": [10.0, 20.0], "shapes": np.eye(2), "dofs": ["1:X", "2:X"]} | given
+    if message is None:
+        assert ModeSet(**whole).frequency.tolist() == [1.0, 2.0]
+        return
+    with pytest.raises(DataError, match=message):
+        ModeSet(**whole)
+
+
+def test_modes_are_selected_by_number_or_by_flag() -> None:
+    modes = ModeSet([10.0, 20.0, 30.0], np.eye(3), ["1:X", "2:X", "3:X"], scaled=[0, 1, 0])
+    assert modes.scaled.tolist() == [False, True, False]
+    assert modes.select(modes.frequency > 15.0).frequency.tolist() == [20.0, 30.0]
+    assert modes.select(np.array([2.0])).frequency.tolist() == [30.0]
+    for given, message in (
+        ([1.7], "modes: expected whole numbers .* found 1.7"),
+        ([True, False], "modes: expected whole numbers, found bool"),
+        (["a"], "modes: expected whole numbers"),
+        ([1, 1], r"modes: expected each number once, found \[1, 1\]"),
+        ([False, False, False], "none is left"),
+    ):
+        with pytest.raises(DataError, match=message):
+            modes.select(given)
 
 
 def test_deviations_of_shapes_go_with_their_modes() -> None:
