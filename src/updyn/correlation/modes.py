@@ -16,6 +16,7 @@ from updyn.correlation.shapes import (
     cross_orthogonality,
     ecomac,
     mac,
+    moving,
 )
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics import eigen
@@ -278,8 +279,7 @@ def correlate_modes(
         low, high = band or (float(b.frequency[0]), float(b.frequency[-1]))
         found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
         seen = _at(found, at)
-        moving = _moving(seen, found)
-        a = seen.select(moving)
+        a = seen.select(moving(seen.shapes, found.shapes))
         pairs = _paired(a, b, gate, least_mac)
         listed = (a.frequency >= low) & (a.frequency <= high)
         listed[pairs.first] = True
@@ -382,17 +382,6 @@ def _at(of: ModeShapes, dofs: DofSet) -> Modes:
     match = of.dofs.match(dofs, "DOF of the measured modes")
     shapes = np.asarray(of.shapes[match.index] * match.sign[:, None])
     return Modes(of.frequency, of.loss_factor, shapes, dofs)
-
-
-#: A mode of a model whose shape at the sensors is below this share of its largest component is at
-#: rest there.
-_AT_REST = 1e-9
-
-
-def _moving(seen: Modes, whole: Modes) -> NDArray[np.bool_]:
-    """Return which modes move at the sensors at all: the MAC of the others is not defined."""
-    largest = np.abs(whole.shapes).max(axis=0)
-    return np.asarray(np.abs(seen.shapes).max(axis=0) > _AT_REST * largest)
 
 
 def _mac(a: Modes, b: Modes) -> Array:

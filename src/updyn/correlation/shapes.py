@@ -21,11 +21,15 @@ __all__ = [
     "cross_orthogonality",
     "ecomac",
     "mac",
+    "moving",
     "pair_modes",
     "ratio",
 ]
 
 Array = NDArray[np.float64]
+
+#: A shape of which the sensors see less than this share of its largest component is at rest there.
+_AT_REST = 1e-9
 
 
 def mac(A: ArrayLike, B: ArrayLike) -> Array:
@@ -208,6 +212,24 @@ def pair_modes(A: ArrayLike, B: ArrayLike, *, minimum: float = 0.0) -> ModePairs
     found = values[first, second]
     keep = found >= minimum
     return ModePairs(first[keep], second[keep], found[keep])
+
+
+def moving(seen: NDArray[Any], shapes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which shapes move at some DOFs; of the others only rounding is seen there.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (k, n)
+        The shapes at these DOFs.
+    shapes : ndarray, shape (N, n)
+        The whole shapes, in the same scale.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    largest = np.abs(shapes).max(axis=0)
+    return np.asarray(np.abs(seen).max(axis=0) > _AT_REST * largest)
 
 
 def ratio(above: Array, below: Array) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.shapes import moving
 from updyn.errors import DataError
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.layout import Layout
@@ -35,7 +36,7 @@ class EffectiveIndependence(Criterion):
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
         """Choose responses by effective independence."""
-        rows = effective_independence(planning.response_shapes, n_responses)
+        rows = effective_independence(_seen(planning), n_responses)
         return Layout(tuple(rows), _references(planning, n_references))
 
 
@@ -46,7 +47,7 @@ class LeastMac(Criterion):
 
     def choose(self, planning: Planning, n_responses: int, n_references: int) -> Layout:
         """Choose responses by the largest MAC off the diagonal."""
-        rows = least_mac(planning.response_shapes, n_responses)
+        rows = least_mac(_seen(planning), n_responses)
         return Layout(tuple(rows), _references(planning, n_references))
 
 
@@ -59,6 +60,15 @@ class DrivingPointResidue(Criterion):
         """Choose responses by driving-point residue."""
         residue = driving_point_residues(planning.response_shapes, planning.modes.frequency)
         return Layout(_largest(residue, n_responses), _references(planning, n_references))
+
+
+def _seen(planning: Planning) -> _Real:
+    """Return the target modes at the candidate responses, without those that are at rest there."""
+    shapes = planning.response_shapes
+    move = moving(shapes, planning.modes.shapes)
+    if not move.any():
+        raise DataError("no mode in the band moves at the candidate responses")
+    return np.asarray(shapes[:, move])
 
 
 def _references(planning: Planning, count: int) -> tuple[int, ...]:

@@ -44,6 +44,8 @@ class Planning:
     def modes(self) -> Modes:
         """Undamped modes in the band, without rigid-body modes: the target modes.
 
+        Where none is in the band, those below it.
+
         Raises
         ------
         DataError

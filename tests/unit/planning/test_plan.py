@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import updyn
 from updyn.correlation import auto_mac
 from updyn.demos import chain
-from updyn.errors import DofError, OptionError, ParameterError
+from updyn.errors import DataError, DofError, OptionError, ParameterError
 from updyn.model import Group, Model
 from updyn.planning import screening
 from updyn.planning.classical import effective_independence, least_mac
@@ -323,6 +324,51 @@ def test_effective_independence_is_that_of_its_formula(model):
         contribution = np.diag(phi @ np.linalg.pinv(phi.T @ phi) @ phi.T)
         left.pop(int(np.argmin(contribution)))
     assert effective_independence(shapes, 5) == left
+
+
+def two_planes(turn=0.0, n=8):
+    """The same chain in Y and Z, 1.37 times as stiff in Z, its DOFs turned about X."""
+    K, M, cross = np.zeros((n, n)), np.diag(1.0 + 0.1 * np.arange(n)), np.diag([1.0, 1.37])
+    for i in range(n):
+        K[i, i] += 1e4
+        if i:
+            K[i - 1, i - 1] += 1e4
+            K[i, i - 1] = K[i - 1, i] = -1e4
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s], [s, c]])
+    chain_of_both = Group(np.kron(K, R.T @ cross @ R), np.kron(M, np.eye(2)), loss_factor=0.02)
+    labels = [f"{i + 1}:{axis}" for i in range(n) for axis in "YZ"]
+    return Model.from_groups({"chain": chain_of_both}, labels)
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2])  # cos(90 degrees) is 6e-17
+@pytest.mark.parametrize("criterion", ["effective-independence", "mac"])
+def test_modes_in_another_plane_than_the_candidates_do_not_count(turn, criterion):
+    structure, n = two_planes(turn), 8
+    unknowns = updyn.parameters(structure, stiffness="all")
+    band = (1.0, 0.5 * sum(updyn.modes(structure, 7).frequency[-2:]))  # three modes in each plane
+    planned = updyn.plan(
+        structure, unknowns, "*:Z", 3, 1, band, criterion, lines=20, robust=0, noise=None
+    )
+    shapes = updyn.modes(structure, 6).at([f"{i + 1}:Z" for i in range(n)])
+    own = shapes[:, np.abs(shapes).max(axis=0) > 1e-9]
+    choose = {"effective-independence": effective_independence, "mac": least_mac}[criterion]
+    assert own.shape[1] == 3
+    assert sorted(planned.responses) == [f"{i + 1}:Z" for i in choose(own, 3)]
+
+
+def test_a_criterion_of_shapes_says_where_no_mode_is_seen():
+    structure = two_planes()
+    lowest = updyn.modes(structure, 1).frequency[0]
+    found = planning_of(
+        structure,
+        updyn.parameters(structure, stiffness="all"),
+        freq=np.linspace(0.9 * lowest, 1.1 * lowest, 5),  # the mode in Y
+    )
+    of_z = replace(found, candidates=found.candidates.only(range(1, 16, 2), range(1, 16, 2)))
+    for name in ("effective-independence", "mac"):
+        with pytest.raises(DataError, match="no mode in the band moves at the candidate responses"):
+            CRITERIA[name]().choose(of_z, 2, 1)
 
 
 def test_least_mac_is_near_the_least_of_all(model):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from updyn.correlation import mac
+from updyn.correlation.shapes import mac, moving
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
@@ -199,10 +199,12 @@ class Pairs:
                 f" model has {len(modes.value)}. Give n_modes, or fewer modes"
             )
         modes = separated(modes, system, unknowns, values, target.seen, target.shapes)
-        seen = target.seen(modes.shapes)
-        moving = np.linalg.norm(seen, axis=0) > 0
-        macs = np.zeros((seen.shape[1], len(target.value)))
-        macs[moving] = mac(seen[:, moving], target.shapes)
+        # The MAC of rounding, as of a mode in another plane than the sensors, says nothing; where
+        # there is one sensor, it is 1.
+        move = moving(modes.shapes[target.rows], modes.shapes)
+        macs = np.zeros((len(move), len(target.value)))
+        if move.any():
+            macs[move] = mac(target.seen(modes.shapes[:, move]), target.shapes)
         apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
         first, second = linear_sum_assignment(macs - _APART * apart, maximize=True)
         which = first[np.argsort(second)]

@@ -208,3 +208,28 @@ def test_what_is_stated_is_not_estimated() -> None:
 def test_noise_that_is_not_understood(noise: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         choose_modal_noise(noise)
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2])  # cos(90 degrees) is 6e-17
+def test_a_mode_in_another_plane_than_the_sensors_is_paired_with_none(turn: float) -> None:
+    """At a single sensor every shape has a MAC of 1, that of rounding, too."""
+    along = shaft(parts=2)
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s], [s, c]])
+    groups = {}
+    for name in ("piece 1", "piece 2"):
+        part = along.group(name)
+        K = np.kron(part.stiffness.toarray(), R.T @ np.diag([1.0, 1.37]) @ R)
+        groups[name] = Group(K, np.kron(part.mass.toarray(), np.eye(2)))
+    model = Model.from_groups(groups, [f"{i + 1}:{axis}" for i in range(8) for axis in "YZ"])
+    unknowns = updyn.parameters(model, stiffness="all")
+    true = {"piece 1": {"stiffness": 0.75}, "piece 2": {"stiffness": 0.72}}
+    found = updyn.modes(model.scaled(true), 10)
+    for axis in "YZ":
+        seen = found.at([f"8:{axis}"])
+        move = np.abs(seen[0]) > 1e-9
+        measured = ModeSet(found.frequency[move][:4], seen[:, move][:, :4], [f"8:{axis}"])
+        result = updyn.update(model, measured, unknowns)
+        assert result.values == pytest.approx(
+            {"piece 1.stiffness": 0.75, "piece 2.stiffness": 0.72}, rel=1e-6
+        )
