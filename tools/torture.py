@@ -4,6 +4,7 @@ python tools/torture.py                        1,000 trials and at most 2,000 cu
 python tools/torture.py --trials 20000 --cuts 20000            the long run
 python tools/torture.py --only CSV DMIG        those whose names hold one of these words
 python tools/torture.py --keep counts.json    the table has the rows of earlier runs, too
+python tools/torture.py --keep counts.json --first 1000        more mutants, added to the 1,000 kept
 python tools/torture.py --seed 417 --only "CSV: mutants"    one trial, told in full
 """
 
@@ -18,7 +19,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
 
-from torture import run, table, tortures
+from torture import Torture, run, table, tortures
 
 _SHOWN = 5  # failures of one torture that are told
 
@@ -29,6 +30,19 @@ def _kept(path: Path | None) -> dict[tuple[str, str], Counter[str]]:
         return {}
     rows = json.loads(path.read_text(encoding="utf-8"))
     return {(name, kind): Counter(counts) for name, kind, counts in rows}
+
+
+def _begun(
+    results: dict[tuple[str, str], Counter[str]], torture: Torture, first: int
+) -> Counter[str]:
+    """Return the counts that a run from a seed on adds to: those of the seeds before it."""
+    if torture.size is not None or not first:
+        return Counter()
+    kept = results.get((torture.name, torture.kind), Counter())
+    number = sum(kept.values())
+    if kept and number != first:
+        sys.exit(f"{torture.key}: {number} trials are kept; go on with --first {number}")
+    return kept
 
 
 def main() -> int:
@@ -54,7 +68,7 @@ def main() -> int:
         if torture.size is None:
             seeds = range(given.first, given.first + given.trials)
         begun = time.monotonic()
-        counts = results[torture.name, torture.kind] = Counter()
+        counts = results[torture.name, torture.kind] = _begun(results, torture, given.first)
         told: Counter[str] = Counter()
         for seed, outcome in run(torture, seeds):
             counts[outcome.word] += 1

@@ -204,8 +204,8 @@ def _line(descriptor: int, limit: float) -> bytes | None:
 # -- the table ------------------------------------------------------------------------------------
 def table(results: dict[tuple[str, str], Counter[str]]) -> str:
     """Return counts of outcomes by name and kind as a Markdown table."""
-    used = [word for word in WORDS if any(counts[word] for counts in results.values())]
-    used = list(dict.fromkeys([*used, EXCEPTION, CRASH, HANG, MEMORY]))
+    always = (EXCEPTION, CRASH, HANG, MEMORY)
+    used = [w for w in WORDS if w in always or any(counts[w] for counts in results.values())]
     rows = [["reader", "trials of", "trials", *used], ["---", "---", *["--:"] * (len(used) + 1)]]
     for (name, kind), counts in results.items():
         cells = [str(counts[word]) for word in used]
