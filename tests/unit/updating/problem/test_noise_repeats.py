@@ -115,6 +115,10 @@ def test_intervals_of_fits_cover(chain12, chain12_true, clean):
             lambda f: f.converted("mobility"),
             r"repeat 2 holds mobility, the first receptance; convert one",
         ),
+        (
+            lambda f: replace(f, decay=0.5),
+            r"repeat 2 has the decay of a window of 0.5 1/s left, the first of 0 1/s",
+        ),
         (lambda f: f.values, r"expected FRFs, found ndarray as number 2"),
     ],
 )

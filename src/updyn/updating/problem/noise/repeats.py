@@ -21,9 +21,9 @@ def average(repeats: Iterable[FRF]) -> FRF:
     Parameters
     ----------
     repeats : iterable of FRF
-        At least two, of the same lines, responses, references and quantity, in the same order:
-        nothing is reordered, converted or interpolated (`FRF.select` and `FRF.converted` do). Each
-        counts the same.
+        At least two, of the same lines, responses, references, quantity and decay, in the same
+        order: nothing is reordered, converted or interpolated (`FRF.select` and `FRF.converted`
+        do). Each counts the same.
 
     Returns
     -------
@@ -94,6 +94,11 @@ def _check(first: FRF, other: FRF, number: int) -> None:
         raise DataError(
             f"average: repeat {number} holds {other.quantity}, the first {first.quantity};"
             " convert one"
+        )
+    if other.decay != first.decay:
+        raise DataError(
+            f"average: repeat {number} has the decay of a window of {other.decay:g} 1/s left, the"
+            f" first of {first.decay:g} 1/s; measure all with one window"
         )
     if len(other.freq) != len(first.freq) or (other.freq != first.freq).any():
         what = f"has {len(other.freq)} lines, the first {len(first.freq)}"
