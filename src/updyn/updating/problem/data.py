@@ -347,7 +347,10 @@ def complete_parts(
     ['1:Z']
     """
     lines, rows, columns = check_lines(freq), DofSet(responses), DofSet(references)
-    array = np.ma.filled(np.ma.asarray(values).astype(np.complex128), np.nan)
+    masked: Any = np.ma.asarray(values)
+    if masked.dtype.kind not in "iufc":
+        raise DataError(f"values: expected complex or real numbers, found {masked.dtype}")
+    array = np.ma.filled(masked.astype(np.complex128), np.nan)
     shape = (len(lines), len(rows), len(columns))
     if array.shape != shape:
         raise DataError(
@@ -369,7 +372,7 @@ def complete_parts(
     for name, given in (("coherence", coherence), ("variance", variance)):
         if given is None:
             continue
-        quality[name] = np.asarray(given)
+        quality[name] = np.ma.asanyarray(given)  # masks stay, and are refused where values are
         if quality[name].shape != shape:
             raise DataError(
                 f"{name}: expected shape (lines, responses, references) = {shape}, found"

@@ -113,6 +113,7 @@ def test_the_fit_of_the_parts_is_as_good_as_the_data(chain12, chain12_true, chai
             {"values": np.array([1.0, np.inf]).reshape(2, 1, 1)},
             r"values at 2 Hz, response 1:X, reference 2:X is infinite",
         ),
+        ({"values": [[["a"]], [["b"]]]}, r"values: expected complex or real numbers, found <U1"),
         ({"values": np.ones((2, 1))}, r"values: expected shape .* = \(2, 1, 1\), found \(2, 1\)"),
         (
             {"coherence": np.ones((2, 1))},
@@ -129,6 +130,20 @@ def test_refusals(change, message):
         DataError, match=message.replace("1:X", r"1:\+?X").replace("2:X", r"2:\+?X")
     ):
         updyn.complete_parts(responses=["1:X"], references=["2:X"], **given)
+
+
+def test_a_quality_that_is_masked_where_there_is_a_value_is_refused():
+    values = np.array([1.0, np.nan, 2.0]).reshape(3, 1, 1)
+    for at, fits in ((0, False), (1, True)):
+        coherence = np.ma.array(np.full((3, 1, 1), 0.9), mask=np.zeros((3, 1, 1), dtype=bool))
+        coherence[at] = np.ma.masked
+        given = ([1.0, 2.0, 3.0], values, ["1:X"], ["2:X"], "receptance", coherence)
+        if fits:
+            (part,) = updyn.complete_parts(*given)
+            assert part.coherence.ravel().tolist() == [0.9, 0.9]
+        else:
+            with pytest.raises(DataError, match="coherence: holds masked values"):
+                updyn.complete_parts(*given)
 
 
 def test_labels_are_read_as_ever():
