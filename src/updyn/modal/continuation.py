@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.vector_fitting import Basis, predicting
 
@@ -14,6 +15,8 @@ __all__ = ["continued"]
 #: Number and loss factor of the first poles; the most of them, and lines for each at least.
 _FIRST, _LOSS = 4, 0.01
 _POLES, _LINES = 40, 4
+#: Fewest lines: a pole in each half of them.
+_FEWEST = 2 * _LINES
 #: Channels count alike in the fit down to this share of the loudest; below may be noise alone.
 _FAINT = 0.1
 
@@ -35,6 +38,11 @@ def continued(frf: FRF) -> FRF:
     -------
     FRF
         H(i omega), its `decay` 0.
+
+    Raises
+    ------
+    DataError
+        If there are fewer lines above 0 Hz.
     """
     if not frf.decay:
         return frf
@@ -42,6 +50,13 @@ def continued(frf: FRF) -> FRF:
     if not frf.values[moving].any():
         return replace(frf, decay=0.0)
     omega = 2.0 * np.pi * frf.freq[moving]
+    if len(omega) < _FEWEST:
+        raise DataError(
+            f"the damping of an exponential window is taken out of at least {_FEWEST} lines above 0"
+            f" Hz, found {len(omega)}; widen the band, or leave the damping in (remove_damping ="
+            " False)",
+            key=("band",),
+        )
     unit = float(omega[-1])
     here, there = (np.asarray(-(((1j * omega + a) / unit) ** 2)) for a in (frf.decay, 0.0))
     power = 2 - QUANTITIES[frf.quantity]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.errors import DataError
 from updyn.modal.continuation import continued
 
 FREQ = np.linspace(2.0, 30.0, 281)
@@ -50,6 +51,17 @@ def test_a_line_at_0_hz_and_silent_data_stay():
     assert np.abs(found.values[1:] - true).max() < 1e-6 * np.abs(true).max()
     silent = replace(frf, values=np.zeros_like(slow))
     assert (continued(silent).values == 0.0).all()
+
+
+@pytest.mark.parametrize(("n", "fits"), [(1, False), (7, False), (8, True)])
+def test_a_window_is_taken_out_of_eight_lines_at_least(n, fits):
+    s = 2j * np.pi * FREQ[:n] + 0.5
+    frf = updyn.FRF(FREQ[:n], modal_sum(s), ["1:X", "2:X"], ["1:X"], "receptance", decay=0.5)
+    if fits:
+        assert continued(frf).decay == 0.0
+        return
+    with pytest.raises(DataError, match=rf"at least 8 lines above 0 Hz, found {n}"):
+        continued(frf)
 
 
 def test_data_without_a_decay_stay():
