@@ -20,7 +20,16 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["FRF", "QUANTITIES", "ROUNDING", "check_decay", "check_lines", "check_quantity", "unit"]
+__all__ = [
+    "FRF",
+    "QUANTITIES",
+    "ROUNDING",
+    "check_band",
+    "check_decay",
+    "check_lines",
+    "check_quantity",
+    "unit",
+]
 
 #: Power of (i omega) by which each quantity exceeds receptance.
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
@@ -32,9 +41,9 @@ ROUNDING = 1e-11
 _DIMS = ("freq", "response", "reference")
 #: Channels that a notebook shows as curves, and labels that it lists.
 _DRAWN = 8
-#: What to do about missing values.
 #: What a coherence may be above 1: two steps of single precision, in which analysers compute it.
-_ROUNDING = 2.0**-22
+_ABOVE_ONE = 2.0**-22
+#: What to do about missing values.
 _GAPS = "`updyn.complete_parts` cuts data with gaps into parts that have none"
 _INVERSES = {
     "dynamic stiffness": "receptance",
@@ -199,7 +208,7 @@ class FRF:
             return None
         array = self._array(name, given, np.float64, shape)
         if name == "coherence" and (array > 1.0).any():
-            array = np.where((array > 1.0) & (array <= 1.0 + _ROUNDING), 1.0, array)
+            array = np.where((array > 1.0) & (array <= 1.0 + _ABOVE_ONE), 1.0, array)
             array.flags.writeable = False
         outside = (array < 0.0) | (array > high)
         if outside.any():
@@ -355,7 +364,7 @@ class FRF:
         unused = "is excluded"
         if band is not None:
             with key_path("band"):
-                low, high = _band(band)
+                low, high = check_band(band)
             unused = f"lies outside the band {low:g} to {high:g} Hz"
             keep = np.flatnonzero((self.freq >= low) & (self.freq <= high))
             if keep.size == 0:
@@ -463,7 +472,7 @@ class FRF:
 
     def _without(self, keep: NDArray[np.intp], band: tuple[float, float]) -> NDArray[np.intp]:
         """Return positions of lines without those of a band."""
-        low, high = _band(band)
+        low, high = check_band(band)
         rest = keep[(self.freq[keep] < low) | (self.freq[keep] > high)]
         if rest.size == keep.size:
             nearest = self.freq[keep][np.argmin(np.abs(self.freq[keep] - 0.5 * (low + high)))]
@@ -638,8 +647,8 @@ class FRF:
                         f"dataset: {name!r} has dimensions {data[name].dims}; expected {_DIMS}"
                     )
                 arrays[name] = data[name].transpose(*_DIMS).values
-        averages = data.attrs.get("averages")
-        if averages is not None:
+        averages = _attribute(data, "averages")
+        if isinstance(averages, float) and averages.is_integer():
             averages = int(averages)
         return cls(
             freq=data["freq"].values,
@@ -650,7 +659,7 @@ class FRF:
             averages=averages,
             geometry=_geometry(data),
             source=str(data.attrs.get("source", "")),
-            decay=float(data.attrs.get("decay", 0.0)),
+            decay=_attribute(data, "decay", 0.0),
             **arrays,
         )
 
@@ -675,6 +684,8 @@ def _chosen(given: Any, there: DofSet, what: str) -> list[str | Dof] | None:
         )
     found: dict[str | Dof, None] = {}
     for item in items:
+        if not isinstance(item, str | Dof):
+            raise DofError(f"{what}s: expected labels or patterns, found {item!r} among them")
         if not isinstance(item, str) or not set("*?[") & set(item):
             found[item] = None
             continue
@@ -709,6 +720,13 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
     return array.astype(dtype)
 
 
+def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
+    """Return an attribute of a dataset, out of the array of one that files make of a number."""
+    value = data.attrs.get(name, default)
+    single = isinstance(value, np.ndarray | np.generic) and value.size == 1
+    return value.item() if single else value
+
+
 def _geometry(data: xr.Dataset) -> Geometry | None:
     if "xyz" not in data.variables:
         return None
@@ -722,7 +740,23 @@ def _geometry(data: xr.Dataset) -> Geometry | None:
     return Geometry(data["node"].values, xyz, **more)
 
 
-def _band(band: object) -> tuple[float, float]:
+def check_band(band: object) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of a band.
+
+    Parameters
+    ----------
+    band : (float, float)
+        In Hz.
+
+    Returns
+    -------
+    (float, float)
+
+    Raises
+    ------
+    DataError
+        If it is not two frequencies, the lower one first.
+    """
     array = _numbers("band", band, np.float64)  # type: ignore[arg-type]
     if array.shape != (2,):
         raise DataError(f"band {band!r}: expected two frequencies in Hz, lowest and highest")

@@ -492,6 +492,30 @@ def test_a_dataset_that_does_not_say_what_it_measured(frf):
     assert FRF.from_xarray(data, quantity="mobility").quantity == "mobility"
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("averages", 2.7, "averages 2.7: expected a whole number"),
+        ("averages", "many", "averages 'many': expected a whole number"),
+        ("decay", "slow", "decay 'slow': expected a number in 1/s"),
+    ],
+)
+def test_an_attribute_of_a_dataset_is_not_coerced(frf, name, value, message):
+    data = frf.to_xarray()
+    data.attrs[name] = value
+    with pytest.raises(DataError, match=message):
+        FRF.from_xarray(data)
+    for three in (np.int64(3), np.array(3), np.array([3.0])):
+        data.attrs[name] = three
+        assert getattr(FRF.from_xarray(data), name) == 3
+
+
+@pytest.mark.parametrize("channels", [[["1:X"]], [5], (slice(None), [None])])
+def test_what_is_no_label_chooses_no_channel(frf, channels):
+    with pytest.raises(DofError, match=r"expected labels or patterns, found .* among them"):
+        frf[channels]
+
+
 def test_a_contradiction_is_an_error(frf):
     with raises("quantity 'mobility' contradicts the dataset, which says 'receptance'"):
         FRF.from_xarray(frf.to_xarray(), quantity="mobility")

@@ -22,6 +22,8 @@ from updyn.dofs import Dof, DofSet
 from updyn.dynamics import eigen
 from updyn.dynamics.modes import Modes, modes
 from updyn.errors import DataError, DofError, ModelError
+from updyn.frf import check_band
+from updyn.group import is_number
 from updyn.model import Model
 from updyn.text_table import text_table
 
@@ -264,7 +266,8 @@ def correlate_modes(
     """
     if not isinstance(measured, ModeShapes):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
-    if not gate > 0 or not 0 <= least_mac <= 1:
+    numbers = is_number(gate) and is_number(least_mac)
+    if not numbers or not gate > 0 or not 0 <= least_mac <= 1:
         raise DataError(
             f"correlate: gate = {gate!r}, least_mac = {least_mac!r}; expected a gate above 0 and a"
             " MAC from 0 to 1"
@@ -276,13 +279,26 @@ def correlate_modes(
         raise DofError("correlate: no DOF to compare the shapes at")
     b = _at(measured, at)
     if isinstance(computed, Model):
-        low, high = band or (float(b.frequency[0]), float(b.frequency[-1]))
+        low, high = float(b.frequency[0]), float(b.frequency[-1])
+        if band is not None:
+            low, high = check_band(band)
         found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
         seen = _at(found, at)
-        a = seen.select(moving(seen.shapes, found.shapes))
+        move = moving(seen.shapes, found.shapes)
+        if not move.any():
+            raise DataError(
+                f"correlate: none of the {len(found)} modes of the model up to"
+                f" {found.frequency[-1]:g} Hz moves at the DOFs of the measured modes"
+            )
+        a = seen.select(move)
         pairs = _paired(a, b, gate, least_mac)
         listed = (a.frequency >= low) & (a.frequency <= high)
         listed[pairs.first] = True
+        if not listed.any():
+            raise DataError(
+                f"correlate: the model has no mode from {low:g} to {high:g} Hz that moves at the"
+                " DOFs of the measured modes, and none that is paired with one of them"
+            )
         a = a.select(listed)
     elif isinstance(computed, ModeShapes):
         a = _at(computed, at)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import Dof, DofSet, whole_numbers
 from updyn.errors import DataError
+from updyn.frf import check_band
 from updyn.modal.stabilisation import Diagram
 from updyn.notebook import Curve, card, curves, table, viewed
 
@@ -330,7 +331,8 @@ class ModeSet:
         if modes is not None:
             keep = self._positions(modes)
         if band is not None:
-            keep = keep[(self.frequency[keep] >= band[0]) & (self.frequency[keep] <= band[1])]
+            low, high = check_band(band)
+            keep = keep[(self.frequency[keep] >= low) & (self.frequency[keep] <= high)]
         if not keep.size:
             raise DataError(f"modes: none is left of {self!r}")
         parts = (self.loss_factor[keep], self.scaled[keep], self.quality[keep])

@@ -12,7 +12,7 @@ from scipy.signal import get_window
 
 from updyn.dofs import Dof
 from updyn.errors import DataError, DofError, OptionError, key_path, suggest
-from updyn.frf import FRF
+from updyn.frf import FRF, check_band
 from updyn.modal.continuation import continued
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.records import Records, records_of
@@ -432,7 +432,9 @@ def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]
     """Return which lines are wanted; never that at 0 Hz."""
     chosen = freq > 0.0
     if band is not None:
-        chosen &= (freq >= band[0]) & (freq <= band[1])
+        with key_path("band"):
+            low, high = check_band(band)
+        chosen &= (freq >= low) & (freq <= high)
     if not chosen.any():
         raise DataError(f"band {band}: no line in it; lines go to {freq[-1]:g} Hz", key=("band",))
     return chosen

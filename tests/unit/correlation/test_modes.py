@@ -244,6 +244,39 @@ def test_without_a_pair_figures_are_not_known():
     assert len(found.table().splitlines()) == 3
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"band": (20.0, 1.0)}, "band 20 to 1 Hz: the first must be below the second"),
+        ({"band": "20 to 1"}, "band: expected real numbers"),
+        ({"gate": "wide"}, "gate = 'wide', least_mac = 0.5; expected a gate above 0"),
+        ({"band": (1e3, 2e3)}, "no mode from 1000 to 2000 Hz that moves at the DOFs of the meas"),
+    ],
+)
+def test_what_is_no_band_or_has_no_mode_is_refused(chain12, options, message):
+    measured = updyn.ModeSet([900.0], np.ones((2, 1)), ["2:X", "5:X"])
+    with pytest.raises(DataError, match=message):
+        updyn.correlate(chain12, measured, **options)
+
+
+def test_a_model_at_rest_at_the_sensors_is_refused(chain12):
+    def beside(stiffness):
+        """The chain, and 1 kg on a spring of its own."""
+        groups = {}
+        for name, group in chain12.groups.items():
+            K, M = (np.pad(A.toarray(), (0, 1)) for A in (group.stiffness, group.mass))
+            groups[name] = updyn.Group(K, M)
+        only = np.diag([0.0] * 12 + [1.0])
+        groups["beside"] = updyn.Group(stiffness * only, only)
+        return updyn.Model.from_groups(groups, [*chain12.dofs.labels, "99:Y"])
+
+    measured = updyn.ModeSet([5.0], [[1.0]], ["99:Y"])
+    found = updyn.correlate(beside((2 * np.pi * 5.0) ** 2), measured)
+    assert found.computed.frequency[found.pairs.first] == pytest.approx([5.0])
+    with pytest.raises(DataError, match=r"none of the 2 modes of the model up to .* Hz moves at"):
+        updyn.correlate(beside((2 * np.pi * 500.0) ** 2), measured)
+
+
 def test_the_unit_of_rotations_does_not_matter():
     rng = np.random.default_rng(4)
     A, B = rng.standard_normal((2, 4, 3))

@@ -9,6 +9,7 @@ import pytest
 
 import hits
 import updyn
+from updyn.errors import DataError
 
 
 def found(records, **options):
@@ -118,6 +119,14 @@ def test_a_force_that_does_not_reach_the_band():
     zero = 1.5 / (40 * hits.STEP)
     assert one.band[0] < zero < one.band[1]
     assert one.band[0] > 0.7 * zero
+
+
+def test_a_band_is_two_frequencies():
+    with pytest.raises(
+        DataError, match="band 80 to 1 Hz: the first must be below the second"
+    ) as error:
+        updyn.check_records(hits.records(1, seconds=10.0), "hammer", band=(80.0, 1.0))
+    assert error.value.key == ("band",)
 
 
 def test_a_response_that_is_cut_off():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import DataError, key_path
+from updyn.frf import check_band
 from updyn.signals.quality.background import drift, mains, noise_floor
 from updyn.signals.quality.finding import RecordFinding
 from updyn.signals.quality.hits import (
@@ -62,14 +63,15 @@ def check_records(
     Returns
     -------
     tuple of RecordFinding
-        By record, then by channel; those of several records together come last. `estimate_frf`
+        By record, then by channel; those of several records together come last, ``"leakage"`` of
+        segments and ``"level-dependence"`` of a single force alone. `estimate_frf`
         leaves out nothing by itself: pass ``reject={finding.record: finding.kind}`` for those that
         are to go.
 
     Raises
     ------
     DataError
-        If there is no such channel, or it is zero throughout.
+        If there is no such channel, it is zero throughout, or the band is none.
 
     Examples
     --------
@@ -90,6 +92,9 @@ def check_records(
     []
     """
     given = records_of(records)
+    if band is not None:
+        with key_path("band"):
+            band = check_band(band)
     forces = [excitation] if isinstance(excitation, str) else list(excitation)
     rows = []
     for name in forces:
