@@ -1,8 +1,8 @@
 """`Group`: one named part of a model, its matrices and its damping.
 
 What a group adds to the dynamic stiffness (Bao, Wang & Cheng 2010, eqs. 3 and 13-15, with C1 and C2
-of eq. 1; the
-Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894, section 97)::
+of eq. 1; the Rayleigh terms after Rayleigh, The Theory of Sound, vol. 1, 2nd ed. 1894, section
+97)::
 
     Z_e(omega) = (1 + i gamma r(f) + i omega beta) K + i omega C - (omega^2 - i omega alpha) M
 
@@ -55,8 +55,6 @@ GROUP_QUANTITIES = {
     "stiffness_damping": "stiffness",
 }
 
-#: Whole numbers from here on are no double.
-_LARGEST = 2**1023
 #: Those that are values, with their units; all are damping, not negative, and 0 where nothing is
 #: said.
 VALUES = {"loss_factor": "", "mass_damping": "1/s", "stiffness_damping": "s"}
@@ -66,6 +64,9 @@ DAMPING = (*VALUES, "loss_table")
 
 #: Rounding of an entry, as a share of the largest.
 ROUNDING = 1e-10
+
+#: Whole numbers from here on are no double.
+_LARGEST = 2**1023
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)

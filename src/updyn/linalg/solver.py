@@ -161,8 +161,8 @@ class SparseSolver:
         ------
         SolverError
             If A is singular to rounding, memory is short, or the residual |A X - B| of a column
-            exceeds 1e-8 of
-            |A| |X| + |B| even after one step of refinement and with the other backends.
+            exceeds 1e-8 of |A| |X| + |B| even after one step of refinement and with the other
+            backends.
         """
         factorised = self.factorise(A, freq, held)
         try:

@@ -21,7 +21,6 @@ __all__ = ["Sides"]
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-
 #: A singular value of a residue above this share of the first is a further mode at the same
 #: frequency.
 _SECOND = 0.3
@@ -204,8 +203,7 @@ def _scale_of_rotations(frf: FRF) -> float:
     """Return the factor on a rotation that makes it as large as a translation.
 
     The root mean squares of the kinds of FRF (by force and torque, of translation and rotation) are
-    taken as level q^-n with n the number of rotations, by least squares in the
-    logarithm.
+    taken as level q^-n with n the number of rotations, by least squares in the logarithm.
     """
     rotations = np.add.outer((frf.responses.axes >= 3) * 1, (frf.references.axes >= 3) * 1)
     rows, levels = [], []

@@ -141,7 +141,6 @@ def _combined(Y: _Complex) -> _Complex:
 
 def _chains(fits: list[_Complex], least: float) -> tuple[list[complex], list[NDArray[np.bool_]]]:
     """Return the poles that stay up to the last order, and of each order which have stayed."""
-    ended: list[complex] = []
     stable: list[NDArray[np.bool_]] = []
     length = np.zeros(0, dtype=int)
     before: _Complex = np.zeros(0, dtype=np.complex128)

@@ -67,7 +67,7 @@ def _fitting(known: list[str], item: str | Dof, key: str) -> list[Dof]:
     """Return the DOFs that a label or a glob stands for."""
     if not isinstance(item, str) or not _GLOB.intersection(item):
         return [Dof.parse(item)]
-    fits = fnmatch.filter(known, item)
+    fits = [label for label in known if fnmatch.fnmatchcase(label, item)]
     if not fits:
         raise DofError(f"{key}: no DOF of the model fits {item!r}; {suggest(item, known)}")
     return [Dof.parse(label) for label in fits]

@@ -4,9 +4,9 @@ The information of all pairs grows with the product of the candidates. Of very m
 that tell most of the unknowns at some lines by a reduced model: first references, as if a sample of
 all responses were measured, then responses for these references: those of the layouts that greedy
 choice reaches from some of the references. One half of all others that are kept are the next best
-in greedy choice (they complement each other), the other half the best by themselves.
-Among those kept a layout is then chosen as among few: in a reduced model whose error is certified
-at every point of the unknowns, where the model is not small.
+in greedy choice (they complement each other), the other half the best by themselves. Among those
+kept a layout is then chosen as among few: in a reduced model whose error is certified at every
+point of the unknowns, where the model is not small.
 """
 
 from __future__ import annotations

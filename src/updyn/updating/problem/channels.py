@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,6 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import ParameterError, suggest
 from updyn.frf import FRF
 from updyn.updating.problem.parameters import CHANNELS, Drive, Parameter, ParameterSet
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "Gains",

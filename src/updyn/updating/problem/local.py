@@ -47,8 +47,6 @@ class Local:
 
 #: Columns of a panel of the QR factorisation.
 _PANEL = 16
-
-
 #: Blocks that are stacked at a time.
 _TOGETHER = 8
 
