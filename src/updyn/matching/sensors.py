@@ -28,7 +28,7 @@ from updyn.model import Model
 __all__ = ["match"]
 
 _WAYS = ("label", "coordinates")
-_NODE = re.compile(r"-?[0-9]+")
+_NODE = re.compile(r"-?[0-9]{1,18}")  # what has more digits is no number of a node
 _FITTED = 1.0  # degrees: the accuracy of a rotation that was fitted to positions
 _SAME_AXES = 1e-9
 

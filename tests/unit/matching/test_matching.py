@@ -147,6 +147,8 @@ def test_table_of_labels_and_of_nodes_with_signs() -> None:
             "11 is a node: expected a node of the model, found '12:X'",
             ("table", "11"),
         ),
+        ({"9" * 5000: "12"}, {}, "expected node:direction", ("table", "9" * 5000)),
+        ({"11": "9" * 5000}, {}, "11 is a node: expected a node of the model", ("table", "11")),
         (
             {"11:X": "12:Y"},
             {},
