@@ -319,6 +319,7 @@ def test_unknowns_are_selected_by_modes() -> None:
         ({"method": "log"}, OptionError, "'log' fits FRFs, not modes; use 'maximum-likelihood' or 'modal'"),
         ({"noise": {"relative": 0.1}}, OptionError, "noise: no key 'relative' for modes"),
         ({"validation": ["1:X"]}, DataError, "of modes, a band of two frequencies"),
+        ({"validation": "1:X"}, DataError, "validation '1:X': expected two frequencies in Hz"),
         ({"validation": (0.1, 0.2)}, DataError, "no measured mode lies in it"),
         ({"validation": (0.0, 1e3)}, DataError, "no measured mode lies outside it"),
         ({"tier": "reduced"}, OptionError, "tier: modes are computed by one way"),

@@ -39,6 +39,7 @@ from updyn.updating.problem.data import (
     Test,
     check,
     has_quantity,
+    held_out,
     split_data,
     split_modes,
 )
@@ -136,7 +137,7 @@ def run(
     check_channels(unknowns, strategy)
     for i, test in enumerate(tests):
         if test.validation is not None:  # read once, for the fit and for the fingerprint
-            tests[i] = replace(test, validation=list(test.validation))  # type: ignore[arg-type]
+            tests[i] = replace(test, validation=held_out(test.validation))
     of_frfs = [test for test in tests if isinstance(test.data, FRF)]
     splits = [split_data(test.frf, test.validation) for test in of_frfs]
     noises = [

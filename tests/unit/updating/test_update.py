@@ -291,6 +291,19 @@ def test_validation_by_band(chain12, data, unknowns):
         ((1e3, 2e3), DataError, "band 1000 to 2000 Hz holds no line"),
         ((1.0, 2.0, 3.0), DataError, "expected two frequencies in Hz, or response labels"),
         (["2:X", "5:X", "7:X", "10:X", "12:X"], DataError, "holds out all responses"),
+        (
+            "7:X",
+            DataError,
+            "validation '7:X': expected two frequencies in Hz, or response labels, in",
+        ),
+        (
+            7,
+            DataError,
+            "validation 7: expected two frequencies in Hz, or response labels, in a list",
+        ),
+        (np.array([1000, 2000]), DataError, "band 1000 to 2000 Hz holds no line"),
+        ((20.0, 1.0), DataError, "band 20 to 1 Hz: the first must be below the second"),
+        ((True, False), DofError, "DOF True: expected a text"),
     ],
 )
 def test_validation_refused(chain12, data, unknowns, validation, error, message):

@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import ParameterError, suggest
 from updyn.frf import FRF
-from updyn.updating.problem.parameters import CHANNELS, Drive, Parameter, ParameterSet
+from updyn.updating.problem.parameters import (
+    CHANNELS,
+    Drive,
+    Parameter,
+    ParameterSet,
+    bounds_pair,
+)
 
 __all__ = [
     "Gains",
@@ -98,14 +104,15 @@ def calibration(
         drives += [Drive(label, quantity) for label in _chosen(data, CHANNELS[quantity], given)]
     if not drives:
         raise ParameterError("calibration: no sensor is chosen")
+    limits = bounds_pair(bounds, "calibration: bounds")
     if name is None:
-        items = [Parameter(d.group, d.quantity, 1.0, *bounds, prior_std) for d in drives]
+        items = [Parameter(d.group, d.quantity, 1.0, *limits, prior_std) for d in drives]
         return ParameterSet(tuple(items))
     if not isinstance(name, str) or not name.strip() or set(name) & set(".*?[]\n\t"):
         raise ParameterError(
             f"calibration: name {name!r}; expected a plain text, such as 'hammer'", key=("name",)
         )
-    return ParameterSet((Parameter(name, "calibration", 1.0, *bounds, prior_std, tuple(drives)),))
+    return ParameterSet((Parameter(name, "calibration", 1.0, *limits, prior_std, tuple(drives)),))
 
 
 def _chosen(data: Iterable[FRF], kind: str, given: str | Iterable[str | Dof]) -> list[str]:

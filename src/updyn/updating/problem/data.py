@@ -14,6 +14,7 @@ from updyn.dofs import DIRECTIONS, Dof, DofSet
 from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
 from updyn.geometry import Geometry
+from updyn.group import is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.channels import check_channel
@@ -26,6 +27,7 @@ __all__ = [
     "Test",
     "check",
     "complete_parts",
+    "held_out",
     "split_data",
     "split_modes",
 ]
@@ -208,15 +210,15 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
     DofError
         If a response is not in the data.
     """
-    given = [] if validation is None else list(validation)
+    given = held_out(validation)
     if not given:
         return Split(frf, frf)
-    if all(isinstance(v, int | float) for v in given):
+    if all(map(is_number, given)):
         if len(given) != 2:
             raise DataError(
                 f"validation {given!r}: expected two frequencies in Hz, or response labels"
             )
-        low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
+        low, high = float(given[0]), float(given[1])
         held = frf.select(band=(low, high))
         kept = frf.freq[(frf.freq < low) | (frf.freq > high)]
         if kept.size == 0:
@@ -224,7 +226,7 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
                 f"validation band {low:g} to {high:g} Hz holds all lines: nothing is left to fit"
             )
         return Split(frf, frf.select(lines=kept), band=(low, high), held=held)
-    chosen = DofSet(given)  # type: ignore[arg-type]
+    chosen = DofSet(given)
     at = np.sort(frf.responses.match(chosen, "validation response").index)
     rest = np.setdiff1d(np.arange(len(frf.responses)), at)
     if rest.size == 0:
@@ -236,6 +238,24 @@ def split_data(frf: FRF, validation: Iterable[str | Dof] | tuple[float, float] |
         tuple(held_set.labels),
         held=frf.select(responses=held_set),
     )
+
+
+def held_out(validation: object) -> list[Any]:
+    """Return what is to be held out, labels or the two ends of a band, as a list.
+
+    Raises
+    ------
+    DataError
+        If it is no list, or a single text, of which the characters would be labels.
+    """
+    if validation is None:
+        return []
+    if isinstance(validation, str) or not isinstance(validation, Iterable):
+        raise DataError(
+            f"validation {validation!r}: expected two frequencies in Hz, or response labels, in a"
+            " list"
+        )
+    return list(validation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,12 +295,12 @@ def split_modes(
     DataError
         If it is no band, no mode lies in it, or none outside.
     """
-    given = [] if validation is None else list(validation)
+    given = held_out(validation)
     if not given:
         return ModalSplit(modes, modes)
-    if len(given) != 2 or not all(isinstance(v, int | float) for v in given):
+    if len(given) != 2 or not all(map(is_number, given)):
         raise DataError(f"validation {given!r}: of modes, a band of two frequencies in Hz")
-    low, high = float(given[0]), float(given[1])  # type: ignore[arg-type]
+    low, high = float(given[0]), float(given[1])
     inside = (modes.frequency >= low) & (modes.frequency <= high)
     if inside.all() or not inside.any():
         where = "outside" if inside.all() else "in"

@@ -26,6 +26,7 @@ __all__ = [
     "Drive",
     "Parameter",
     "ParameterSet",
+    "bounds_pair",
     "finite",
     "link",
     "parameters",
@@ -596,7 +597,7 @@ def parameters(
     for p in items:
         pair = _most_special(bounds, p)
         if pair is not None:
-            low, high = _pair(pair, f"bounds of {p.name!r}")
+            low, high = bounds_pair(pair, f"bounds of {p.name!r}")
             start = p.start
             if p.quantity in VALUES and low < high:
                 # The bounds of the user take precedence over the value of the group.
@@ -694,7 +695,7 @@ def link(
             )
         first, limits = values[0], DEFAULT_BOUNDS[kinds[0]]
     if bounds is not None:
-        limits = _pair(bounds, f"bounds of {name!r}")
+        limits = bounds_pair(bounds, f"bounds of {name!r}")
     if start is not None:
         first = finite(start, f"unknown {name!r}: start")
     return ParameterSet(
@@ -789,7 +790,8 @@ def _table(
     return given
 
 
-def _pair(given: Any, what: str) -> tuple[float, float]:
+def bounds_pair(given: Any, what: str) -> tuple[float, float]:
+    """Return bounds of user input as two numbers; raise for anything else, naming `what`."""
     if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
         raise ParameterError(f"{what}: expected (lower, upper), found {given!r}", key=("bounds",))
     return finite(given[0], what), finite(given[1], what)

@@ -215,6 +215,8 @@ def test_bad_choices_are_refused(case):
         ({"references": ["2:X"]}, "calibration: 2:X is no reference of the measurement; .*'1:X'"),
         ({"prior_std": 0.0}, r"unknown '1:X.calibration': prior_std 0; expected a number above 0"),
         ({"prior_std": None}, r"unknown '1:X.calibration': a calibration factor needs a prior_std"),
+        ({"bounds": (0.1, 10.0, 2.0)}, r"calibration: bounds: expected \(lower, upper\), found"),
+        ({"bounds": (0.1,)}, r"calibration: bounds: expected \(lower, upper\), found \(0.1,\)"),
         (
             {"bounds": (0.0, 1.0)},
             r"unknown '1:X.calibration' is a factor: its lower bound 0 must be above 0",
