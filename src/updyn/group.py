@@ -95,7 +95,7 @@ class Group:
     ModelError
         If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes
         differ, a damping coefficient is not a finite number of at least 0, or there is nothing that
-        it could act on.
+        a Rayleigh coefficient or a loss table could act on.
 
     Examples
     --------
