@@ -112,6 +112,21 @@ def quantity(bench, frf, rng):
     return Seeded(replace(sound, quantity=frf.quantity), sound, "quantity")
 
 
+def quantity_of_one(bench, frf, rng):
+    """One sensor of another kind among the others, with its own floor of noise."""
+    i, label = sensor(frf, rng)
+    other = str(rng.choice([q for q in QUANTITIES if q != frf.quantity]))
+    factor = (2j * np.pi * frf.freq) ** (QUANTITIES[other] - QUANTITIES[frf.quantity])
+    clean = frf if isinstance(bench, Measured) else bench.case.clean
+    own = times(clean.select(responses=[clean.responses[i]]), factor)
+    if not isinstance(bench, Measured):
+        own = NOISE.added(own, rng)
+    values = frf.values.copy()
+    values[:, [i]] = own.values
+    faulty = replace(frf, values=values)
+    return Seeded(faulty, times(faulty, 1.0 / factor, i), "quantity", (label,))
+
+
 def unit(bench, frf, rng):
     factor = float(rng.choice([9.80665, 1 / 9.80665, 1e3, 1 / 0.0254, 4.4482216152605]))
     return Seeded(times(frf, np.full(len(frf.freq), factor)), frf, "scale")
@@ -466,6 +481,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "no support": no_support,
     "held off": held_off,
     "held losses": held_losses,
+    "quantity of one": quantity_of_one,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (

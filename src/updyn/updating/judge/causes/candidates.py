@@ -113,8 +113,9 @@ def _fresh(found: Iterable[Suspect], stated: Sequence[Finding]) -> list[Suspect]
 def _covers(finding: Finding, fault: Fault) -> bool:
     """Return whether a fault needs no further word beside a finding."""
     kind = CAUSES[finding.kind]
-    same = finding.kind == fault.kind or kind.leaves_out
-    return (same and finding.channels == fault.channels) or fault.kind in kind.blurs
+    same = finding.kind == fault.kind and finding.channels == fault.channels
+    gone = kind.leaves_out and not set(finding.channels).isdisjoint(fault.channels)
+    return same or gone or fault.kind in kind.blurs
 
 
 def _glanced(part: Part, suspect: Suspect) -> Trial | None:

@@ -19,7 +19,11 @@ class NonCausal(Fault):
     __slots__ = ()
 
     kind: ClassVar[str] = "non-causal"
-    changes_all: ClassVar[bool] = True
+
+    @property
+    def changes_all(self) -> bool:
+        """It does."""
+        return True
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:

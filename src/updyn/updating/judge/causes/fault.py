@@ -143,8 +143,6 @@ class Fault(ABC):
         Whether the repair leaves its channels out, so that nothing else is to be told of them.
     adapts : bool
         Whether what it takes away is found anew from model and data as the fit goes on: `refined`.
-    changes_all : bool
-        Whether it changes all data so much that a fit is needed to see it.
     """
 
     channels: tuple[str, ...] = ()
@@ -159,7 +157,11 @@ class Fault(ABC):
     blurs: ClassVar[tuple[str, ...]] = ()
     leaves_out: ClassVar[bool] = False
     adapts: ClassVar[bool] = False
-    changes_all: ClassVar[bool] = False
+
+    @property
+    def changes_all(self) -> bool:
+        """Whether it changes all data so much that a fit is needed to see it."""
+        return False
 
     @classmethod
     @abstractmethod

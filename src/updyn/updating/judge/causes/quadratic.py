@@ -133,10 +133,11 @@ class Quadratic:
         spread = np.where(self.held, share * self.spread, self.spread)
         step = np.zeros(len(spread))
         power = self._power(step)
+        curves, directions = np.linalg.eigh(self._scaled(spread))
         for _ in range(_LEVELS if share < 1.0 else 0):
             each = 2.0 * count / self.n_values / (power + SMALLEST**2)
-            pull = each * spread * self.gradient - self.off / spread
-            step = spread * np.linalg.solve(self._curved(spread, each), pull)
+            pull = directions.T @ (each * spread * self.gradient - self.off / spread)
+            step = spread * (directions @ (pull / (1.0 + each * np.maximum(curves, 0.0))))
             power = max(self._power(step), least)
         far = float(np.sum(((self.off + step) / spread) ** 2))
         fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
@@ -146,13 +147,17 @@ class Quadratic:
         left = self.square - 2.0 * self.gradient @ step + step @ self.normal @ step
         return 2.0 * max(float(left), 0.0) / self.n_values
 
-    def _curved(self, spread: _Real, each: float) -> _Real:
-        """Return the second derivative of -ln of the posterior, in units of the spread."""
-        return np.asarray(np.eye(len(spread)) + each * spread[:, None] * self.normal * spread)
+    def _scaled(self, spread: _Real) -> _Real:
+        """Return J^T J in units of the spread: with the prior's 1 added, it is well-posed."""
+        return np.asarray(spread[:, None] * self.normal * spread)
 
     def _occam(self, spread: _Real, count: float, level: float) -> float:
         """Return -ln of the share of what is held that the data leave, whatever the others are."""
         each = 2.0 * count / self.n_values / (level + SMALLEST**2)
-        curved = self._curved(spread, each)
-        sought = curved[np.ix_(~self.held, ~self.held)]
-        return 0.5 * float(np.linalg.slogdet(curved)[1] - np.linalg.slogdet(sought)[1])
+        scaled = self._scaled(spread)
+        sought = scaled[np.ix_(~self.held, ~self.held)]
+        whole, open_ = (
+            float(np.log1p(each * np.maximum(np.linalg.eigvalsh(one), 0.0)).sum())
+            for one in (scaled, sought)
+        )
+        return 0.5 * (whole - open_)

@@ -6,10 +6,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar, Self
 
-from updyn.errors import OptionError, suggest
+import numpy as np
+
+from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF, QUANTITIES
-from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.evidence import Evidence, labels_of
+from updyn.updating.judge.causes.fault import Fault, multiplied
 
 __all__ = ["Quantity"]
 
@@ -17,38 +19,60 @@ _NAMES = {power: name for name, power in QUANTITIES.items()}
 
 
 class Quantity(Fault):
-    """The data are what (i omega)**value times receptance is, whatever they are called."""
+    """The channels are what (i omega)**value times receptance is, whatever they are called."""
 
     __slots__ = ()
 
     kind: ClassVar[str] = "quantity"
     odds: ClassVar[float] = 1e-2
-    changes_all: ClassVar[bool] = True
+
+    @property
+    def changes_all(self) -> bool:
+        """Whether it is of all channels."""
+        return not self.channels
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield the two other quantities."""
+        """Yield the two other quantities, of all data and of each sensor among several."""
+        frf = evidence.frf
+        if frf.freq[0] == 0.0:
+            return
+        labels = labels_of(frf)
+        places = [(), *((label,) for label in labels if len(labels) > 1)]
         for name, power in QUANTITIES.items():
-            if name != evidence.frf.quantity and evidence.frf.freq[0] > 0.0:
-                yield cls((), float(power))
+            if name != frf.quantity:
+                yield from (cls(channels, float(power)) for channels in places)
 
     @property
     def name(self) -> str:
-        """What the data are."""
+        """What the channels are."""
         return _NAMES[round(self.value)]
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the same numbers under the right name."""
-        return replace(frf, quantity=self.name)
+        """Return the same numbers under the right name; single channels in the quantity stated.
+
+        Raises
+        ------
+        DataError
+            If single channels have a line at 0 Hz, where quantities cannot be converted.
+        """
+        if not self.channels:
+            return replace(frf, quantity=self.name)
+        if (frf.s == 0.0).any():
+            raise DataError(f"repair {self.written!r}: no quantity is converted at 0 Hz")
+        power = QUANTITIES[frf.quantity] - round(self.value)
+        return multiplied(frf, self.channels, power * np.log(frf.s))
 
     def statement(self) -> str:
-        """Return what the data are."""
-        return f"The data are {self.name}, and not what they are called."
+        """Return what the channels are."""
+        if not self.channels:
+            return f"The data are {self.name}, and not what they are called."
+        return f"{self.does('is', 'are')} {self.name}, unlike the other channels."
 
     @property
     def written(self) -> str:
-        """``quantity=mobility``."""
-        return f"{self.kind}={self.name}"
+        """``quantity=mobility``, ``quantity:2:Z=mobility``."""
+        return f"{':'.join([self.kind, *filter(None, [','.join(self.channels)])])}={self.name}"
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
@@ -57,8 +81,8 @@ class Quantity(Fault):
         Raises
         ------
         OptionError
-            If it names no quantity.
+            If it names no quantity, or a label cannot be read.
         """
         if value not in QUANTITIES:
             raise OptionError(f"repair 'quantity': {value!r}; {suggest(value, QUANTITIES)}")
-        return cls((), float(QUANTITIES[value]))
+        return replace(super().read(channels, ""), value=float(QUANTITIES[value]))

@@ -7,6 +7,7 @@ import pytest
 
 import updyn
 from updyn import sensitivity
+from updyn.errors import DataError
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.diagnosis import diagnosed
 from updyn.updating.judge.causes.ranking import Ranked, is_worth_a_word
@@ -262,3 +263,26 @@ def test_the_size_of_a_fault_is_as_exact_as_the_data_allow(chain12, add_noise):
         off.append(found.value - 0.02)
     # By the bound of Cramer and Rao 1.6e-5, with the loss factors unknown.
     assert np.sqrt(np.mean(np.square(off))) < 3e-5
+
+
+@pytest.mark.parametrize("quantity", ["mobility", "accelerance"])
+def test_a_sensor_of_another_quantity_is_found_and_repaired(
+    chain12, clean, data, unknowns, add_noise, quantity
+):
+    other = add_noise(clean.converted(quantity), np.random.default_rng(5), 0.01)
+    values = data.values.copy()
+    values[:, 2] = other.values[:, 2]
+    bad = replace(data, values=values)
+    (found,) = updyn.diagnose(chain12, bad, unknowns)
+    assert found.written == f"quantity:7:X={quantity}"
+    assert found.statement == f"7:X is {quantity}, unlike the other channels."
+    repaired = read_fault(found.written).repair(bad)
+    assert repaired.quantity == "receptance"
+    assert repaired.values[:, 2] == pytest.approx(other.converted("receptance").values[:, 2])
+    assert np.array_equal(repaired.values[:, [0, 1, 3, 4]], data.values[:, [0, 1, 3, 4]])
+
+
+def test_a_single_channel_is_not_converted_at_0_hz(clean):
+    still = replace(clean, freq=np.append(0.0, clean.freq[1:]))
+    with pytest.raises(DataError, match="no quantity is converted at 0 Hz"):
+        read_fault("quantity:7:X=mobility").repair(still)

@@ -105,3 +105,13 @@ def test_a_worse_fit_far_from_what_is_known_is_not_the_likelier_one(linear):
     ]
     assert ends[0].power < ends[1].power
     assert ends[0].gain(ends[1]) > 0.5 * 400.0 * np.log(ends[1].power / ends[0].power) * 0.9
+
+
+def test_directions_that_the_data_fix_by_far_leave_the_others_to_their_priors():
+    """Rounding of the one is more than the priors of the others; no matrix is singular."""
+    direction = np.array([1.0, 1.0 / 3.0, 0.7])
+    spread, held = np.array([0.4, 0.05, 0.05]), np.array([False, True, True])
+    normal = 1e24 * np.outer(direction, direction)
+    about = Quadratic(normal, 1e11 * direction, 1.0, np.zeros(3), spread, held, 400)
+    found = about.outcome(0.5, 400.0, 1e-6)
+    assert np.isfinite([found.power, found.log_evidence]).all()
