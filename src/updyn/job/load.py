@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,6 +28,8 @@ __all__ = ["load_job", "load_records_job"]
 _OF_AN_UPDATE = ("model", "test", "parameter")
 
 _NAME = re.compile(r"[\w-][\w -]*(?<! )")
+#: What `tomllib` says of a table that is declared a second time.
+_TWICE = re.compile(r"Cannot declare (\(.+\)) twice")
 _PLACE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 #: Characters of a value that a message repeats.
 _LONGEST = 40
@@ -36,20 +39,18 @@ _EXPECTED = {
     "dict_type": "expected a table",
     "finite_number": "expected a finite number",
     "float_type": "expected a number",
-    "greater_than": "expected a number above {:g}",
-    "greater_than_equal": "expected a number of at least {:g}",
+    "greater_than": "expected a number above {gt:g}",
+    "greater_than_equal": "expected a number of at least {ge:g}",
     "int_type": "expected a whole number",
-    "less_than": "expected a number below {:g}",
-    "less_than_equal": "expected a number of at most {:g}",
+    "less_than": "expected a number below {lt:g}",
+    "less_than_equal": "expected a number of at most {le:g}",
     "list_type": "expected an array",
     "model_type": "expected a table",
     "string_type": "expected a text",
-    "too_long": "too many entries",
-    "too_short": "too few entries",
+    "too_long": "too many entries; expected {max_length}",
+    "too_short": "too few entries; expected {min_length} or more",
     "tuple_type": "expected an array",
 }
-#: Names of the bounds in the context of an error of pydantic.
-_BOUNDS = ("gt", "ge", "lt", "le")
 
 
 def load_job(
@@ -174,11 +175,18 @@ def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError
     found = _PLACE.search(message)
     if found is None:
         return JobError(f"not TOML: {message}", path)
-    message = message[: found.start()]
+    message = _TWICE.sub(_declared_twice, message[: found.start()])
     if found[1] is None:
         line = text.rstrip("\n").count("\n") + 1
         return JobError(f"not TOML: {message} at the end of the file", path, line)
     return JobError(f"not TOML: {message} at column {found[2]}", path, int(found[1]))
+
+
+def _declared_twice(found: re.Match[str]) -> str:
+    """Return the message about a table that is declared twice, with its name as in the file."""
+    keys: tuple[str, ...] = ast.literal_eval(found[1])
+    name = ".".join(keys)
+    return f"[{name}] is declared twice; write [[{name}]] where there may be several"
 
 
 def _further_tables(
@@ -355,9 +363,13 @@ def _complaints(
     """
     found = []
     items = [(tuple(item["loc"]), item) for item in error.errors()]
+    places = [place for place, _ in items]
     for place, item in items:
-        if any(len(other) > len(place) and other[: len(place)] == place for other, _ in items):
+        if any(len(other) > len(place) and other[: len(place)] == place for other in places):
             continue  # an array is "too short" because of a bad item, which has its own complaint
+        if item["type"] == "missing" and isinstance(place[-1], int):
+            if (*place[:-1], place[-1] + 1) in places:
+                continue  # the last entry that is missing says how many are expected
         text = _sentence(item, (*at, *place), _keys(place[:-1], schema))
         line = line_of((*at, *place), lines)
         found.append(_Complaint(item["type"] != "extra_forbidden", line or 0, text))
@@ -379,17 +391,15 @@ def _sentence(item: Any, place: Place, keys: Iterable[str]) -> str:
     if kind == "value_error" and of_a_row:
         return f"{context['error']}{_inside(place)}"
     shown = _dotted(place)
-    if len(repr(given)) <= _LONGEST:
-        shown += f" = {given!r}"
+    value = str(given).lower() if isinstance(given, bool) else repr(given)  # as in the file
+    if len(value) <= _LONGEST:
+        shown += f" = {value}"
     if kind == "literal_error":
         choices = [c.strip("' ") for c in context["expected"].replace(" or ", ",").split(",")]
         return f"{shown}: {suggest(str(given), choices)}"
     if kind == "value_error":
         return f"{shown}: {context['error']}"
-    expected = _EXPECTED.get(kind, item["msg"])
-    bounds = [context[name] for name in _BOUNDS if name in context]
-    if bounds:
-        expected = expected.format(*bounds)
+    expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else item["msg"]
     return f"{shown}: {expected}"
 
 

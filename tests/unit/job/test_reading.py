@@ -103,3 +103,10 @@ def test_an_excluded_band_without_a_line_is_named_with_its_line(folder: Path) ->
     test = "band = [0.5, 20.0]\nexclude = [[1e4, 2e4]]"
     with pytest.raises(JobError, match=rf"job\.toml:{FIRST + 1}: .*holds no line that is used"):
         prepare(job_at(folder, "test.npz", test))
+
+
+@pytest.mark.parametrize("key", ["duplicates", "scalar_direction", "quantity"])
+def test_a_misspelt_option_of_the_reader_is_placed_at_its_key(folder: Path, key: str) -> None:
+    updyn.write_frf(chain.measure(), folder / "test.uff")
+    with pytest.raises(JobError, match=rf"job\.toml:{FIRST}: .*{key}"):
+        prepare(job_at(folder, "test.uff", f'{key} = "misspelt"'))

@@ -253,17 +253,20 @@ def _with_length(units: Units, stated: float, unit: str, path: str | Path) -> Un
 
 def _options(duplicates: str, scalar_direction: str | None, scale: float | None) -> Dof | None:
     if duplicates not in ("raise", "average"):
-        raise OptionError(f"duplicates={duplicates!r}: expected 'raise' or 'average'")
+        raise OptionError(
+            f"duplicates={duplicates!r}: expected 'raise' or 'average'", key=("duplicates",)
+        )
     is_number = isinstance(scale, int | float) and not isinstance(scale, bool)
     if scale is not None and not (is_number and np.isfinite(scale) and scale > 0):
-        raise OptionError(f"scale={scale!r}: expected a positive number")
+        raise OptionError(f"scale={scale!r}: expected a positive number", key=("scale",))
     if scalar_direction is None:
         return None
     found = re.fullmatch(r"([+-]?)(R?[XYZ])", str(scalar_direction))
     if found is None:
         raise OptionError(
             f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, with a sign if"
-            " wanted"
+            " wanted",
+            key=("scalar_direction",),
         )
     return Dof(0, found[2], -1 if found[1] == "-" else 1)
 
@@ -271,7 +274,7 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
 # -- what the functions are ---------------------------------------------------------------------
 def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
     if given is not None:
-        with placed(path):
+        with placed(path), key_path("quantity"):
             check_quantity(given)
     said: dict[str, int] = {}
     for function in measured:
