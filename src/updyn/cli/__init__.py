@@ -33,8 +33,8 @@ __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "TERMIN
 
 #: The commands by name: functions whose signature and docstring `cyclopts` turns into options and
 #: help. A room or another package adds one by a line here, a call of `COMMANDS.register`, or an
-#: entry point of the group ``updyn.commands``; its module is imported when the command or the list
-#: of all commands is asked for. It returns its exit code, and prints by `updyn.cli.terminal`.
+#: entry point of the group ``updyn.commands``; its module is imported when the command is
+#: asked for. It returns its exit code, and prints by `updyn.cli.terminal`.
 COMMANDS: Registry[Any] = Registry(
     "command",
     "updyn.commands",
@@ -56,8 +56,32 @@ COMMANDS: Registry[Any] = Registry(
 )
 
 
-def app() -> App:
-    """Return the command line with all commands, none of them imported."""
+#: What each of them does, so that the list of them loads none.
+_ABOUT = {
+    "new": "Write a commented job file for a model and a measurement.",
+    "run": "Run a job and write its results.",
+    "check": "Check a job without running it.",
+    "demo": "Run a shipped example.",
+    "frf": "Estimate FRFs from time records.",
+    "convert": "Convert a measurement or a model to another format.",
+    "info": "Print what a file holds.",
+    "correlate": "Compare the model of a job with its measurement as they are.",
+    "compare": "Run every method on the inputs of a job.",
+    "modes": "Identify the modes of a job's test.",
+    "plan": "Choose sensors and forces before a test.",
+    "plant": "Make the plant of a job for control design.",
+    "serve": "Open the app: a page in the browser of this machine.",
+}
+
+
+def app(*, listed: bool = False) -> App:
+    """Return the command line with all commands, none of them imported.
+
+    Parameters
+    ----------
+    listed : bool
+        Whether the commands are to be listed, each with what it does, and none is called.
+    """
     made = App(
         name="updyn",
         version=__version__,
@@ -68,7 +92,8 @@ def app() -> App:
         ),
     )
     for name in COMMANDS:
-        made.command(COMMANDS.entry(name), name=name)
+        about = {"help": _ABOUT[name]} if listed and name in _ABOUT else {}
+        made.command(COMMANDS.entry(name), name=name, **about)
     return made
 
 
@@ -86,14 +111,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code.
     """
     encode_anything()
+    words = sys.argv[1:] if arguments is None else list(arguments)
     with warnings_as_notes():
         try:
             with ending_at_once():
-                command, bound, _ = app().parse_args(
-                    sys.argv[1:] if arguments is None else list(arguments),
-                    exit_on_error=False,
-                    print_error=False,
-                )
+                made = app(listed=not any(word in COMMANDS for word in words))
+                command, bound, _ = made.parse_args(words, exit_on_error=False, print_error=False)
                 code = command(*bound.args, **bound.kwargs)
                 if code == STOPPED:
                     return stop_code()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -82,17 +83,21 @@ def new(
     unit
         Unit of length of a model's deck, which does not state it: m, mm or in.
     """
+    from updyn.job.files import check_encodable
     from updyn.job.proposal import describe_inputs, job_text, look_at
 
+    check_encodable(out.name)
     if out.exists():
         raise InputError(f"{out}: exists already; choose another name with --out")
     if not out.parent.is_dir():
         raise InputError(f"{out}: the folder {str(out.parent)!r} does not exist")
     stated = {"quantity": quantity, "scale": scale, "unit": unit}
     inputs = look_at(model, measurement, stated)
+    text = job_text(inputs, out, describe_model(inputs.model), _measured(inputs))
     with out.open("x", encoding="utf-8") as file:
-        file.write(job_text(inputs, out, describe_model(inputs.model), _measured(inputs)))
-    print_text(f"{out}: written\n{describe_inputs(inputs)}\n\nNext: updyn check {out}")
+        file.write(text)
+    next_step = f"updyn check {shlex.quote(str(out))}"
+    print_text(f"{out}: written\n{describe_inputs(inputs)}\n\nNext: {next_step}")
     return DONE
 
 
@@ -208,7 +213,7 @@ def demo(
     /,
     *,
     out: Path | None = None,
-    list_: Annotated[bool, Parameter("--list")] = False,
+    list_: Annotated[bool, Parameter("--list", negative=())] = False,
 ) -> int:
     """Run a shipped example: write its inputs to DIR/inputs, run the job, write the results to DIR.
 
@@ -305,8 +310,10 @@ def convert(
         File to read; its content decides whether it is a measurement or a model.
     target
         File to write; its suffix decides the format.
-    from_, to
-        Names of the formats, where content or suffix do not decide them.
+    from_
+        Format of IN, where its content does not decide it.
+    to
+        Format of OUT, where its suffix does not decide it.
     quantity
         What was measured, where the file does not say: receptance, mobility or accelerance.
     duplicates

@@ -4,12 +4,33 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from updyn.errors import OptionError, key_path, suggest
+from updyn.errors import InputError, OptionError, key_path, suggest
 from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
 
-__all__ = ["existing_file"]
+__all__ = ["check_encodable", "existing_file"]
+
+
+def check_encodable(name: str) -> None:
+    """Check that UTF-8 holds the name of a file, as job files and results state it.
+
+    Parameters
+    ----------
+    name : str
+        The name, or a path.
+
+    Raises
+    ------
+    InputError
+        If it does not: such a name was made in another encoding.
+    """
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{name}: the name is not UTF-8, and cannot be stated in a job or in results; rename it"
+        ) from error
 
 
 def existing_file(job: Document, file: str, table: str, key: str) -> Path:

@@ -12,6 +12,7 @@ from typing import Any
 
 from updyn import __version__
 from updyn.errors import InputError, JobError, UpdynWarning
+from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.outputs.lock import LOCK
@@ -132,6 +133,7 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
     written = {target.resolve() for target in targets}
     for path, what in _inputs(job).items():
+        relative_path(path, out)  # which job.toml will state
         if path.resolve() in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
@@ -166,6 +168,8 @@ def _inputs(job: Job) -> dict[Path, str]:
                 found[job.beside(file)] = "records"
     if job.model.file is not None:
         found[job.beside(job.model.file)] = "model"
+    if job.match.geometry is not None:
+        found[job.beside(job.match.geometry)] = "geometry"
     return found
 
 
@@ -293,11 +297,19 @@ def relative_path(path: Path, folder: Path) -> str:
     -------
     str
         With slashes; absolute where there is no relative path.
+
+    Raises
+    ------
+    InputError
+        If UTF-8 does not hold it.
     """
+    whole = path.resolve()
     try:
-        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+        named = Path(os.path.relpath(whole, folder.resolve())).as_posix()
     except ValueError:  # on another drive, to which there is no relative path
-        return path.resolve().as_posix()
+        named = whole.as_posix()
+    check_encodable(named)
+    return named
 
 
 def _toml_item(value: Any) -> Any:

@@ -15,6 +15,7 @@ from updyn.elements import MODEL_KINDS
 from updyn.errors import JobError, OptionError, key_path, suggest
 from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
+from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.records_table import RecordsJob, RecordsTable
 from updyn.job.schema import NO_TEST, NO_UPDATE, Job, MethodTable, ModelTable, Table
@@ -82,6 +83,7 @@ def load_job(
         The message has one line for each complaint, each with its line in the file.
     """
     path = Path(path)
+    check_encodable(path.name)
     document, lines = _parsed(path, text)
     if before_test:
         document.setdefault("test", {} if "records" in document else NO_TEST)
@@ -367,9 +369,9 @@ def _complaints(
     for place, item in items:
         if any(len(other) > len(place) and other[: len(place)] == place for other in places):
             continue  # an array is "too short" because of a bad item, which has its own complaint
-        if item["type"] == "missing" and isinstance(place[-1], int):
-            if (*place[:-1], place[-1] + 1) in places:
-                continue  # the last entry that is missing says how many are expected
+        *array, last = place or ("",)
+        if item["type"] == "missing" and isinstance(last, int) and (*array, last + 1) in places:
+            continue  # the last entry that is missing says how many are expected
         text = _sentence(item, (*at, *place), _keys(place[:-1], schema))
         line = line_of((*at, *place), lines)
         found.append(_Complaint(item["type"] != "extra_forbidden", line or 0, text))

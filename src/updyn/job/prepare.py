@@ -182,7 +182,11 @@ def _check_properties(job: Job, parameters: ParameterSet) -> None:
         deck = job.beside(job.model.file)
         changes = parameters.changes(parameters.upper)
         with tempfile.TemporaryDirectory(prefix="updyn-properties-") as folder:
-            write_properties(changes, deck, Path(folder) / name, format=job.model.format)
+            try:
+                write_properties(changes, deck, Path(folder) / name, format=job.model.format)
+            except OSError as error:  # no file can have that name
+                text = f"output.properties = {name!r}: {error.strerror}"
+                raise OptionError(text) from error
 
 
 def measurement(job: Job) -> FRF:

@@ -7,6 +7,7 @@ description of its field in `updyn.job.schema`.
 from __future__ import annotations
 
 import json
+import shlex
 import textwrap
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,7 @@ from updyn.job.schema import (
 from updyn.matching import Matching, match
 from updyn.matching.result import MatchError
 from updyn.model import Model
+from updyn.text_table import printable
 
 __all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
 
@@ -87,7 +89,8 @@ class Inputs:
     def n_unknowns(self) -> int:
         """Number of unknowns that the job proposes."""
         groups = self.model.groups.values()
-        return 2 * sum(group.stiffness is not None for group in groups)
+        elastic = sum(group.stiffness is not None for group in groups)
+        return 2 * elastic or sum(group.mass is not None for group in groups)
 
     @property
     def open(self) -> list[str]:
@@ -213,10 +216,11 @@ def job_text(inputs: Inputs, out: Path, of_model: str = "", of_frf: str = "") ->
 
 
 def _head(inputs: Inputs, out: Path) -> list[str]:
+    name = _on_one_line(shlex.quote(out.name))
     lines = [
         f"# A job for updyn {__version__}, proposed after a look at model and measurement. What",
         "# stands in comments can be used by taking the # away. All keys: docs/job.md.",
-        f"# Next: updyn check {out.name}, then updyn run {out.name}",
+        f"# Next: updyn check {name}, then updyn run {name}",
     ]
     if inputs.open:
         lines += ["#", "# Before that, state:", *(f"# - {text}" for text in inputs.open)]
@@ -256,7 +260,7 @@ def _match(inputs: Inputs, out: Path) -> list[str]:
         shown = rows[: _SENSORS + 3]
         lines = _comments("Sensors and forces", "\n".join(shown))
         if len(rows) > len(shown):
-            lines.append(f"#   ... and {len(rows) - len(shown)} more: updyn check {out.name}")
+            lines.append(f"#   ... and {len(rows) - len(shown)} more: see updyn check")
         lines += ["[match]", _key(MatchTable, "by", matching.by)]
         if matching.by == "coordinates":
             lines.append(_key(MatchTable, "tolerance", "1 %", off=True))
@@ -271,6 +275,7 @@ def _match(inputs: Inputs, out: Path) -> list[str]:
 def _parameters(inputs: Inputs) -> list[str]:
     groups = inputs.model.groups.values()
     elastic = [group for group in groups if group.stiffness is not None]
+    every = "*" if "all" in inputs.model.groups else "all"  # where a group has that name
     lines: list[str] = []
     if elastic:
         loss = [group.loss_factor for group in elastic]
@@ -280,17 +285,17 @@ def _parameters(inputs: Inputs) -> list[str]:
             f" {len(elastic)} groups.",
             "# Fewer are better determined: name the groups that can be wrong, such as",
             f"# groups = [{_value(next(iter(inputs.model.groups)))}].",
-            *_unknown("stiffness", _BOUNDS["stiffness"]),
+            *_unknown(every, "stiffness", _BOUNDS["stiffness"]),
             "",
-            *_unknown("loss_factor", (0.0, most)),
+            *_unknown(every, "loss_factor", (0.0, most)),
         ]
         if max(loss) == 0.0:
             lines.append(f"start = {_START_LOSS}  # the model has no structural damping")
     if any(group.viscous is not None for group in groups):
-        lines += ["", *_unknown("viscous", _BOUNDS["viscous"], off=True)]
+        lines += ["", *_unknown(every, "viscous", _BOUNDS["viscous"], off=True)]
     if any(group.mass is not None for group in groups):
         lines += ["", "# Masses are mostly known better than stiffnesses; free those that are not."]
-        lines += _unknown("mass", _BOUNDS["mass"], off=bool(elastic))
+        lines += _unknown(every, "mass", _BOUNDS["mass"], off=bool(elastic))
         lines.append(_key(ParameterTable, "prior_std", 0.1, off=True))
     return lines
 
@@ -325,12 +330,14 @@ def _held_out(inputs: Inputs) -> list[str]:
     return [free[len(free) // 2]]
 
 
-def _unknown(quantity: str, bounds: tuple[float, float], *, off: bool = False) -> list[str]:
+def _unknown(
+    groups: str, quantity: str, bounds: tuple[float, float], *, off: bool = False
+) -> list[str]:
     """Return a ``[[parameter]]`` table, commented out where it is `off`."""
     mark = "# " if off else ""
     return [
         f"{mark}[[parameter]]",
-        f'{mark}groups = "all"',
+        f'{mark}groups = "{groups}"',
         f'{mark}quantity = "{quantity}"',
         _key(ParameterTable, "bounds", list(bounds), off=off),
     ]
@@ -350,8 +357,8 @@ def _about(table: type[Table], key: str) -> str:
 
 def _comments(title: str, text: str) -> list[str]:
     """Return text as comments below a title, its long lines broken."""
-    lines = [f"# {title}:"]
-    for line in text.splitlines():
+    lines = [f"# {_on_one_line(title)}:"]
+    for line in map(printable, text.splitlines()):
         if "  " in line.strip():  # a row of a table
             lines.append(f"#   {line}")
         else:
@@ -372,5 +379,10 @@ def _value(value: Any) -> str:
         return "{ " + ", ".join(f"{key} = {_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_value, value)) + "]"
-    # Strings and truth values of JSON are those of TOML.
-    return json.dumps(value, ensure_ascii=False)
+    # Strings and truth values of JSON are those of TOML, which escapes one more character.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _on_one_line(name: str) -> str:
+    """Return the name of a file for a comment, which ends with its line."""
+    return printable(name).replace("\n", "\\n")

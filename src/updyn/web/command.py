@@ -26,7 +26,7 @@ def serve(
     port: int = 0,
     open_: Annotated[bool, Parameter("--open", negative="--no-open")] = True,
 ) -> int:
-    """Open the window: a page in the browser of this machine, to set up a job, run it and compare.
+    """Open the app: a page in the browser of this machine, to set up a job, run it and compare.
 
     The first line printed is its address, with the secret that opens it. Ctrl-C ends it; a run
     under way is stopped with what it has written, and can be resumed.

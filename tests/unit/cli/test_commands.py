@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import warnings
 from pathlib import Path
 
@@ -208,6 +210,47 @@ def test_a_run_never_writes_over_its_inputs(
     )
     assert "would write over its own job file" in capsys.readouterr().err
     assert (chain_folder / "model.h5").read_bytes() == before
+
+
+def test_a_run_never_writes_over_its_geometry(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One that an earlier run wrote, whose model has a geometry, is an input like any other."""
+    job = write(chain_folder, OPEN)
+    assert main(["run", str(job)]) == 3
+    text = OPEN + '[match]\nby = "coordinates"\ngeometry = "job/model.h5"\n'
+    again = write(chain_folder, text, "again.toml")
+    capsys.readouterr()
+    assert main(["run", str(again), "--out", str(chain_folder / "job")]) == 2
+    assert "would write over its own geometry" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text elsewhere")
+@pytest.mark.parametrize("command", ["run", "check", "correlate"])
+def test_a_job_whose_name_is_not_utf8_is_refused_before_any_work(
+    chain_folder: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    job = write(chain_folder, OPEN, "j\udcff.toml")
+    before = sorted(chain_folder.iterdir())
+    assert main([command, str(job)]) == 2
+    assert "the name is not UTF-8" in capsys.readouterr().err
+    assert sorted(chain_folder.iterdir()) == before
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text elsewhere")
+def test_results_elsewhere_of_a_folder_whose_name_is_not_utf8_are_refused(
+    chain_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The job of the run would have to name it."""
+    inner = chain_folder / "d\udcff"
+    inner.mkdir()
+    for name in ("chain.h5", "chain.npz"):
+        (chain_folder / name).rename(inner / name)
+    job = write(inner, OPEN)
+    assert main(["run", str(job), "--out", str(chain_folder / "out")]) == 2
+    assert "the name is not UTF-8" in capsys.readouterr().err
+    assert not (chain_folder / "out").exists()
+    assert main(["run", str(job)]) == 3
 
 
 def test_an_output_folder_that_is_a_file(
@@ -459,6 +502,25 @@ def test_version_and_help(capsys: pytest.CaptureFixture[str]) -> None:
         assert f" {command} " in out
     assert main(["convert", "--help"]) == 0
     assert "--scalar-direction" in capsys.readouterr().out
+
+
+def test_the_list_of_commands_says_what_each_does(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for name in cli.COMMANDS:
+        assert re.search(rf"(?m)^│ {name} +[A-Z][^│]+\. *│$", out)
+    assert main(["--help", "plan"]) == 0
+    assert "--resume" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", list(cli.COMMANDS))
+def test_every_option_is_described(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    options = re.findall(r"(?m)^│ +(--[a-z-]+)(?: --[a-z-]+)?(?: [A-Z]+)?( +\S.*|) *│$", out)
+    assert options
+    assert [name for name, text in options if not text.strip()] == []
+    assert "--no-list" not in out
 
 
 def test_warnings_are_notes_shown_once(

@@ -144,6 +144,15 @@ def test_names_that_the_folder_needs_itself(
     assert "expected the name of a file of its own" in capsys.readouterr().err
 
 
+def test_a_name_that_no_file_can_have(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = 300 * "p" + ".h5"
+    text = JOB.split("[uncertainty]")[0] + f'[output]\nproperties = "{name}"\n'
+    job.write_text(text, encoding="utf-8")
+    assert main(["check", str(job)]) == 2
+    line = len(text.splitlines())
+    assert f"job.toml:{line}: output.properties = {name!r}: " in capsys.readouterr().err
+
+
 # -- other commands --------------------------------------------------------------------------------
 def test_inputs_of_a_demo_that_were_edited_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -224,3 +225,74 @@ def test_sensors_are_matched_by_coordinates_where_labels_do_not(
     assert f"901:Z   response                {of_model[0]} " in text
     assert main(["check", "job.toml"]) in (0, 3)
     assert prepare(job).tests[0].frf.responses.labels == of_model
+
+
+def two_masses(*groups: str, title: str = "") -> updyn.Model:
+    stiffness = np.array([[2.0, -1.0], [-1.0, 1.0]]) * 1e5
+    made = {
+        name: updyn.Group(stiffness=stiffness * (number + 1), mass=np.eye(2), loss_factor=0.02)
+        for number, name in enumerate(groups)
+    }
+    return updyn.Model.from_groups(made, dofs=["1:X", "2:X"], title=title)
+
+
+def test_names_with_any_character_give_a_job_that_loads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = two_masses('a "b" \\ \x7f', "all", title='\x7f \x1b[31m "é" \\')
+    write_model(model, "mod\nel.h5")
+    frf = updyn.response(model, np.linspace(5.0, 200.0, 9), ["1:X", "2:X"], ["1:X"])
+    write_frf(frf, "me as\x7f.npz")
+    assert main(["new", "mod\nel.h5", "me as\x7f.npz", "--out", "jo b.toml"]) == 0
+    assert capsys.readouterr().out.endswith("Next: updyn check 'jo b.toml'\n")
+    job = load_job("jo b.toml")
+    assert job.title == model.title
+    assert (job.model.file, job.test.file) == ("mod\nel.h5", "me as\x7f.npz")
+    assert len(prepare(job).parameters) == 4  # of "all" too, which is the name of a group here
+
+
+def test_masses_are_counted_where_nothing_is_elastic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    model = updyn.Model.from_groups({"rotor": updyn.Group(mass=np.eye(1))}, dofs=["1:X"])
+    write_model(model, "model.h5")
+    write_frf(updyn.response(model, [5.0, 9.0], ["1:X"], ["1:X"]), "test.npz")
+    assert main(["new", "model.h5", "test.npz"]) == 0
+    assert "\n1 unknowns are proposed\n" in capsys.readouterr().out
+    assert len(prepare(load_job("job.toml")).parameters) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text elsewhere")
+@pytest.mark.parametrize("name", ["model", "test", "job"])
+def test_names_that_are_not_utf8_are_refused_and_nothing_is_written(
+    chain_folder: Path,
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    names = {"model": "chain.h5", "test": "chain.npz", "job": "job.toml"}
+    odd = f"f\udcff{Path(names[name]).suffix}"
+    if name != "job":
+        Path(names[name]).rename(odd)
+    names[name] = odd
+    before = sorted(Path().iterdir())
+    assert main(["new", names["model"], names["test"], "--out", names["job"]]) == 2
+    assert "the name is not UTF-8" in capsys.readouterr().err
+    assert sorted(Path().iterdir()) == before
+
+
+def test_nothing_is_left_of_a_look_that_was_interrupted(
+    chain_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the next one would be told that the job exists already."""
+
+    def interrupted(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(chain_folder)
+    monkeypatch.setattr("updyn.cli.commands.describe_model", interrupted)
+    assert main(["new", "chain.h5", "chain.npz"]) == 130
+    assert not Path("job.toml").exists()
