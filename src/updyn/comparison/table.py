@@ -10,7 +10,9 @@ from typing import Any, overload
 import numpy as np
 
 from updyn.comparison.fewest import Fewest
+from updyn.correlation.figures import ONE_AT_BEST
 from updyn.errors import OptionError, suggest
+from updyn.text_table import text_table
 from updyn.updating.fit.methods import METHODS
 from updyn.updating.problem.data import Test
 from updyn.updating.problem.parameters import CHANNELS, ParameterSet
@@ -39,6 +41,9 @@ _SETTLED = ("converged", "not-identifiable")
 
 #: Quantities of damping, the structural one first.
 _DAMPING = ("loss_factor", "viscous", "mass_damping", "stiffness_damping")
+
+#: Figures that are larger where the agreement is better, by the beginning of their names.
+_LARGER_IS_BETTER = (*ONE_AT_BEST, "modes_")
 
 _Figures = Mapping[str, Mapping[str, float]]
 
@@ -280,10 +285,8 @@ def _worst(tests: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, float]]:
         for figures in tests:
             for name, value in (figures.get(when) or {}).items():
                 known = out[when].get(name, value)
-                if name.startswith("db_"):
-                    out[when][name] = float(np.maximum(known, value))
-                else:
-                    out[when][name] = float(np.minimum(known, value))
+                worse = np.minimum if name.startswith(_LARGER_IS_BETTER) else np.maximum
+                out[when][name] = float(worse(known, value))
     return out
 
 
@@ -415,7 +418,7 @@ def summary(comparison: Comparison) -> str:
     if start:
         head += f"; before: {start['db_error_median']:.3g} dB, FRAC {start['frac_median']:.4f}"
     headings = [heading for _, heading, _ in shown]
-    lines = [head, "", _table(headings, [cells(row, shown) for row in comparison]), ""]
+    lines = [head, "", _table(headings, [cells(row, shown) for row in comparison], 2), ""]
     lines.append(
         "misfit: median level difference to the data of the fit; rank: combinations of its unknowns"
         " that the data determine; steps, solved: steps of the fit and lines at which the model was"
@@ -445,18 +448,9 @@ def summary(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) -> str:
-    """Return rows in columns, the first `left` and the last aligned left, others right."""
-    lines = [header, *rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    aligned_left = {*range(left), len(header) - 1}
-    out = []
-    for line in lines:
-        padded = []
-        for i, (cell, width) in enumerate(zip(line, widths, strict=True)):
-            padded.append(cell.ljust(width) if i in aligned_left else cell.rjust(width))
-        out.append("  ".join(padded).rstrip())
-    return "\n".join(out)
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int) -> str:
+    """Return rows in columns, the first `left` and the last of them aligned to the left."""
+    return text_table(header, rows, {*range(left), len(header) - 1})
 
 
 def listing() -> str:

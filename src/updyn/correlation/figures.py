@@ -7,7 +7,7 @@ from typing import Any
 
 from updyn.text_table import text_table
 
-__all__ = ["FIGURE_NAMES", "SHORT_NAMES", "agreement_table", "figure_text"]
+__all__ = ["FIGURE_NAMES", "ONE_AT_BEST", "SHORT_NAMES", "agreement_table", "figure_text"]
 
 #: What the figures of `Correlation.figures` are called, in the order in which they are shown.
 FIGURE_NAMES: Mapping[str, str] = {
@@ -41,7 +41,7 @@ SHORT_NAMES: Mapping[str, str] = {
     "db_error_p95": "dB, 95 %",
 }
 #: Figures that are 1 at best, by the beginning of their names.
-_ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")
+ONE_AT_BEST = ("frac_", "correlation_", "csac_", "csf_", "mac_")
 
 
 def figure_text(name: str, value: float) -> str:
@@ -54,7 +54,7 @@ def figure_text(name: str, value: float) -> str:
     value : float
         The figure.
     """
-    if not name.startswith(_ONE_AT_BEST):
+    if not name.startswith(ONE_AT_BEST):
         return f"{value:.3g}"
     if 0.9999 < value < 1.0:
         return ">0.9999"
