@@ -9,6 +9,7 @@ import tomllib
 import pytest
 
 from updyn.cli import main
+from updyn.demos import find_demo
 from window import browsing, serving
 
 pytest.importorskip("nicegui")
@@ -111,3 +112,33 @@ def test_from_the_measured_beam_to_the_same_numbers_by_command(tmp_path):
     assert values("first") == values("command")
     assert values("command")[0] == status
     assert len(values("command")[1]) == 5
+
+
+def test_a_job_is_written_for_files_that_have_just_been_added(tmp_path):
+    """What was chosen stays when another file is added."""
+    given, project = tmp_path / "given", tmp_path / "project"
+    given.mkdir()
+    project.mkdir()
+    find_demo("chain").write_inputs(given)
+    with serving(project) as server, browsing(server) as (page, heard):
+        page.get_by_text("Add the files of a model and of a measurement first.").wait_for()
+        page.set_input_files("input[type=file]", given / "chain.h5")
+        page.get_by_label("Name of the job").fill("new.toml")
+        page.get_by_role("combobox", name="model").click()
+        page.get_by_role("option", name="chain.h5").click()
+        page.set_input_files("input[type=file]", given / "chain.uff")
+        page.locator("label.text-sm, div.text-sm").filter(has_text="chain.uff").wait_for()
+        page.get_by_role("combobox", name="measurement").click()
+        page.get_by_role("option", name="chain.uff").click()
+        page.get_by_role("button", name="Write").click()
+        page.wait_for_url("**/job")
+        page.get_by_text("Nothing is wrong with the job.").wait_for()
+
+        # a model that cannot be drawn has no picture
+        page.goto(f"{server.base}/model")
+        page.get_by_text("it cannot be drawn").wait_for()
+        page.goto(f"{server.base}/unknowns")
+        page.get_by_text(re.compile("could determine")).wait_for()
+        assert page.locator("iframe").count() == 0
+        assert heard.wrong == []
+    assert (project / "new.toml").is_file()

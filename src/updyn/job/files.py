@@ -9,7 +9,26 @@ from updyn.foreign.confinement import check_inside
 from updyn.io.items import is_file, is_folder
 from updyn.job.base import Document
 
-__all__ = ["check_encodable", "existing_file"]
+__all__ = ["check_encodable", "existing_file", "is_encodable"]
+
+
+def is_encodable(name: str) -> bool:
+    """Return whether UTF-8 holds the name of a file; one that was made in another encoding is not.
+
+    Parameters
+    ----------
+    name : str
+        The name, or a path.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def check_encodable(name: str) -> None:
@@ -23,14 +42,12 @@ def check_encodable(name: str) -> None:
     Raises
     ------
     InputError
-        If it does not: such a name was made in another encoding.
+        If it does not.
     """
-    try:
-        name.encode()
-    except UnicodeEncodeError as error:
+    if not is_encodable(name):
         raise InputError(
             f"{name}: the name is not UTF-8, and cannot be stated in a job or in results; rename it"
-        ) from error
+        )
 
 
 def existing_file(job: Document, file: str, table: str, key: str) -> Path:

@@ -17,6 +17,8 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
     " font-src data:; base-uri 'none'; form-action 'none'"
 )
+#: Of the picture in a separate page: what the window has beside the controls.
+_HEIGHT = "max(300px, 100vh - 150px)"
 _WITHOUT_SCRIPTS = "The viewer is drawn by a script, and scripts are switched off here."
 
 
@@ -76,7 +78,7 @@ def page(scene: Scene) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<title>{title}</title><link rel="icon" href="data:,">'
         f"<style>{css()} body {{ margin: 8px; background: var(--ground); color: var(--text);"
-        " font-family: var(--font); }</style></head>\n"
+        f" font-family: var(--font); --v-height: {_HEIGHT}; }}</style></head>\n"
         f"<body>{fragment(scene)}\n<script>{script()}\nupdynViewer.start();</script></body></html>\n"
     )
 

@@ -159,6 +159,8 @@ class View:
         Those of the job.
     wrong : mapping of str to str
         What could not be read or matched, by part: ``"job"``, ``"test"``, ``"all"``.
+    has_picture : bool
+        Whether the model has a geometry, by which it can be drawn.
     """
 
     title: str
@@ -169,6 +171,7 @@ class View:
     modal: list[ModalView]
     unknowns: list[UnknownRow]
     wrong: Mapping[str, str]
+    has_picture: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +279,8 @@ def look(path: Path, text: str) -> View:
         for number, test in enumerate(ready.tests)
         if isinstance(test.data, ModeSet)
     ]
-    return View(title, about, groups, _able(model), tests, modal, unknowns, wrong)
+    drawn = model.geometry is not None
+    return View(title, about, groups, _able(model), tests, modal, unknowns, wrong, drawn)
 
 
 def _able(model: Model) -> dict[str, list[str]]:

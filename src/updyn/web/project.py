@@ -12,6 +12,7 @@ from typing import Any
 
 from updyn.errors import InputError
 from updyn.io.atomic import write_bytes
+from updyn.job.files import check_encodable, is_encodable
 from updyn.outputs.manifest import MANIFEST
 
 __all__ = ["Project", "RunFolder"]
@@ -52,10 +53,16 @@ class Project:
     ----------
     folder : Path
         The folder; it exists.
+
+    Raises
+    ------
+    InputError
+        If UTF-8 does not hold its name, which pages show.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
+        check_encodable(str(self.folder))
 
     def inside(self, name: str | Path) -> Path:
         """Return a path of the project.
@@ -224,14 +231,21 @@ class Project:
         return path
 
     def _walk(self) -> Iterator[tuple[Path, list[str]]]:
-        """Yield folders with the names of their files, not deep and not without end."""
+        """Yield folders with the names of their files, not deep and not without end.
+
+        Hidden ones are left out, and names that UTF-8 does not hold, which no page can show.
+        """
         for number, (folder, folders, names) in enumerate(os.walk(self.folder)):
             if number >= _MOST_FOLDERS:
                 return
             path = Path(folder)
             deep = len(path.relative_to(self.folder).parts) >= _DEPTH
-            folders[:] = [] if deep else sorted(f for f in folders if not f.startswith("."))
-            yield path, sorted(name for name in names if not name.startswith("."))
+            folders[:] = [] if deep else sorted(filter(_is_shown, folders))
+            yield path, sorted(filter(_is_shown, names))
+
+
+def _is_shown(name: str) -> bool:
+    return not name.startswith(".") and is_encodable(name)
 
 
 def _written(path: Path) -> float:

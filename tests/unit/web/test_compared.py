@@ -56,6 +56,15 @@ def test_what_one_run_lacks_stays_empty():
     assert found["shaft.mass"] == {"a": "2"}
 
 
-@pytest.mark.parametrize("record", [{}, {"trust": 3, "correlation": [], "status": None}])
+def test_a_value_that_is_not_known():
+    """A run that failed writes none."""
+    unknowns = [{"name": "shaft.mass", "value": None, "std": None}, {"name": "a.mass"}]
+    found = table(one={"status": "failed", "parameters": unknowns})
+    assert found["shaft.mass"] == found["a.mass"] == {"one": "not known"}
+
+
+@pytest.mark.parametrize(
+    "record", [{}, {"parameters": None}, {"trust": 3, "correlation": [], "status": None}]
+)
 def test_a_record_without_anything(record):
     assert set(table(one=record)) == {"status", "message", "steps"}

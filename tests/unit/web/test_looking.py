@@ -125,6 +125,7 @@ def test_what_the_data_could_determine(path: Path) -> None:
 def test_the_structure_of_a_model_without_positions(path: Path) -> None:
     with pytest.raises(InputError, match="the model has no geometry"):
         looking.structure(path, JOB)
+    assert not looking.look(path, JOB).has_picture
 
 
 MIXED = """\
@@ -195,6 +196,7 @@ def test_the_structure_has_sensors_and_forces_and_tells_of_picks(
     solid: tuple[Path, str, Model],
 ) -> None:
     page = looking.structure(*solid[:2])
+    assert looking.look(*solid[:2]).has_picture
     assert looking.FORWARD in page
     scene = drawn(page)
     assert [arrow["label"] for arrow in scene["arrows"]] == ["15:X", "15:-Z", "15:Z"]

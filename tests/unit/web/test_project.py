@@ -150,6 +150,22 @@ def test_it_is_not_looked_for_deep_or_behind_links(folder: Path) -> None:
     assert names(folder, Project(folder).jobs()) == ["1/2/3/4/in.toml"]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="names of files are text elsewhere")
+def test_names_that_no_page_can_show_are_left_out(folder: Path) -> None:
+    """A name in another encoding than UTF-8 is no text that can be sent to a browser."""
+    put(folder / "a.toml")
+    put(folder / "b.h5")
+    put(folder / "c\udcff.h5")
+    put(folder / "d\udcff.toml")
+    put(folder / "e\udcff" / "f.toml")
+    project = Project(folder)
+    assert names(folder, project.jobs()) == ["a.toml"]
+    assert names(folder, project.inputs()) == ["b.h5"]
+    assert len(project.stamp()) == 1
+    with pytest.raises(InputError, match="the name is not UTF-8"):
+        Project(folder / "e\udcff")
+
+
 def test_an_empty_project_and_one_that_is_gone(folder: Path) -> None:
     for _ in range(2):
         project = Project(folder)

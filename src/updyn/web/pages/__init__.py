@@ -84,5 +84,6 @@ def _plain(text: str, status: int = 404) -> HTMLResponse:
     head = (
         '<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Not shown</title>'
         '<meta name="color-scheme" content="light dark">'
+        "<style>p { font-family: sans-serif }</style>"
     )
     return HTMLResponse(f"{head}<p>{escape(text)}</p>", status_code=status)

@@ -62,9 +62,12 @@ async def show(workspace: Workspace) -> None:
         mover.show(tests)
         if view.groups:
             ui.label(view.model)
-            address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
-            embedded(address, "Structure", "640px")
-            if not modes:
+            if view.has_picture:
+                address = f"/embedded/structure?modes={modes}&{workspace.opened.version}"
+                embedded(address, "Structure", "640px")
+            else:
+                ui.label("The model has no positions of its nodes, so that it cannot be drawn.")
+            if view.has_picture and not modes:
                 label = f"Show the {_MODES} lowest modes of the start"
                 ui.button(label, on_click=animate).props("outline no-caps")
         for test in tests:

@@ -112,12 +112,21 @@ def compared(runs: Mapping[str, RunFolder]) -> tuple[list[dict[str, Any]], list[
         for figure, label in _FIGURES.items():
             if isinstance(after.get(figure), int | float):
                 put(label, name, f"{after[figure]:.4g}")
-        for unknown in record.get("parameters", ()):
-            text = f"{unknown['value']:.5g}"
-            if unknown.get("std") is not None:
-                text += f" ± {unknown['std']:.2g}"
-            put(unknown["name"], name, text)
+        for unknown in _records(record.get("parameters")):
+            put(str(unknown.get("name", "")), name, _with_std(unknown))
     return columns, list(rows.values())
+
+
+def _with_std(unknown: Mapping[str, Any]) -> str:
+    """Return the value of an unknown with its standard deviation, as far as they are known."""
+    value, std = unknown.get("value"), unknown.get("std")
+    if not isinstance(value, int | float):
+        return "not known"
+    return f"{value:.5g} ± {std:.2g}" if isinstance(std, int | float) else f"{value:.5g}"
+
+
+def _records(given: Any) -> list[Mapping[str, Any]]:
+    return [_mapping(item) for item in given] if isinstance(given, list) else []
 
 
 def _mapping(given: Any) -> Mapping[str, Any]:

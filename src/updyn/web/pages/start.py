@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nicegui import events, run, ui
 
 from updyn.demos import DEMOS
@@ -32,9 +34,10 @@ def show(workspace: Workspace) -> None:
         with ui.card().classes("flex-1 min-w-72"):
             _demos(workspace)
         with ui.card().classes("flex-1 min-w-72"):
-            _new(workspace)
+            new = ui.refreshable(_new)
+            new(workspace, _Stated())
         with ui.card().classes("flex-1 min-w-72"):
-            _files(workspace)
+            _files(workspace, new.refresh)
 
 
 def _jobs(workspace: Workspace) -> None:
@@ -72,34 +75,45 @@ def _demos(workspace: Workspace) -> None:
                 ui.button(f"Run {demo.name}", on_click=said(finished)).props("flat dense no-caps")
 
 
-def _new(workspace: Workspace) -> None:
+class _Stated:
+    """What is chosen for a new job, kept when a file is added."""
+
+    def __init__(self) -> None:
+        self.model: str | None = None
+        self.measurement: str | None = None
+        self.quantity, self.name = _UNKNOWN, "job.toml"
+
+
+def _new(workspace: Workspace, stated: _Stated) -> None:
     """Offer to write a job for a model and a measurement."""
     ui.label("New job").classes("text-lg")
     names = [workspace.project.name_of(path) for path in workspace.project.inputs()]
     if not names:
         ui.label("Add the files of a model and of a measurement first.")
         return
-    model = ui.select(names, label="model", with_input=True).classes("w-full")
-    measured = ui.select(names, label="measurement", with_input=True).classes("w-full")
+    for what in ("model", "measurement"):
+        entry = ui.select(names, label=what, with_input=True).classes("w-full")
+        entry.bind_value(stated, what)
     choices = [_UNKNOWN, *QUANTITIES]
-    quantity = ui.select(choices, value=_UNKNOWN, label="what was measured").classes("w-full")
-    name = ui.input("Name of the job", value="job.toml").classes("w-full")
+    quantity = ui.select(choices, label="what was measured").classes("w-full")
+    quantity.bind_value(stated, "quantity")
+    ui.input("Name of the job").classes("w-full").bind_value(stated, "name")
 
     async def write() -> None:
-        if not model.value or not measured.value:
+        if not stated.model or not stated.measurement:
             complain("choose the file of the model and that of the measurement")
             return
-        stated = {
-            "quantity": None if quantity.value == _UNKNOWN else quantity.value,
+        options = {
+            "quantity": None if stated.quantity == _UNKNOWN else stated.quantity,
             "scale": None,
             "unit": None,
         }
         button.disable()
         try:
             await run.io_bound(
-                workspace.create, model.value, measured.value, name.value.strip(), stated
+                workspace.create, stated.model, stated.measurement, stated.name.strip(), options
             )
-        except UpdynError as error:
+        except (UpdynError, OSError) as error:
             complain(str(error))
             button.enable()
             return
@@ -108,7 +122,8 @@ def _new(workspace: Workspace) -> None:
     button = ui.button("Write", on_click=write).props("outline no-caps")
 
 
-def _files(workspace: Workspace) -> None:
+def _files(workspace: Workspace, added: Callable[[], object]) -> None:
+    """Show the files of the folder, and let more be added; `added` is called for each."""
     ui.label("Files").classes("text-lg")
     ui.label("A file that is added is copied into the folder; none is written over.")
 
@@ -122,6 +137,7 @@ def _files(workspace: Workspace) -> None:
         if kept is not None:  # None: the server is being ended
             ui.notify(f"{workspace.project.name_of(kept)} added", type="positive")
             listed.refresh()
+            added()
 
     def too_large() -> None:
         complain(f"the file is too large: at most {workspace.most_upload // 2**20} MB")

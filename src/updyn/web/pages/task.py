@@ -174,7 +174,7 @@ def _entry(workspace: Workspace, table: str, field: Field, value: Any) -> None:
             "min-w-40"
         )
         return
-    entry = ui.input(field.label, value=_as_text(value)).classes("min-w-40")
+    entry = ui.input(field.label, value=_as_text(value)).classes("min-w-56")
 
     def typed() -> None:
         text = str(entry.value or "").strip()

@@ -53,10 +53,9 @@ async def show(workspace: Workspace) -> None:
             _choices(workspace, kept["view"], picked)
 
     with ui.row().classes("w-full no-wrap items-start"):
-        with ui.column().classes("w-1/2"):
-            embedded("/embedded/structure", "Structure", "560px")
-            ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
-        with ui.column().classes("w-1/2"):
+        picture = ui.column().classes("w-1/2")
+        picture.set_visibility(False)
+        with ui.column().classes("flex-1 min-w-0"):
             choices()
 
             @ui.refreshable
@@ -66,6 +65,10 @@ async def show(workspace: Workspace) -> None:
                     return
                 troubles(view)
                 kept["view"] = view
+                if view.has_picture and not picture.visible:  # it stays while the job is edited
+                    picture.set_visibility(True)
+                    with picture:
+                        _structure()
                 choices.refresh()
                 if view.wrong:
                     return
@@ -76,6 +79,12 @@ async def show(workspace: Workspace) -> None:
 
             watch(lambda: workspace.version, determined.refresh)
             await determined()
+
+
+def _structure() -> None:
+    """Show the picture of the model."""
+    embedded("/embedded/structure", "Structure", "560px")
+    ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
 
 
 def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
