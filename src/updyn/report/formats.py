@@ -152,7 +152,8 @@ def change(parameter: Parameter, value: float) -> str:
     percent = 100.0 * (value / parameter.start - 1.0)
     if abs(percent) < 5e-4:
         return "0 %"
-    return f"{percent:+.3g} %".replace("-", "−")
+    digits = "+.3g" if abs(percent) < 999.5 else "+.0f"
+    return f"{percent:{digits}} %".replace("-", "−")
 
 
 def interval(
@@ -188,6 +189,8 @@ def figure_of_agreement(value: float) -> str:
 
 def percentage(share: float) -> str:
     """Return a share in percent with two digits; what rounding leaves of zero is not spelt out."""
+    if math.isnan(share):
+        return number(share)
     if 0.0 <= share < 1e-6:
         return "<0.0001 %" if share else "0 %"
     if 0.1 <= share < 100.0:

@@ -25,7 +25,8 @@ const updynReport = (() => {
     const line = { gridcolor: colour("grid"), linecolor: colour("faint"), zerolinecolor: colour("faint") };
     const ticks = { ticks: "outside", tickcolor: colour("faint"), minorloglabels: "complete" }; // 20, not 2, after 10
     const merged = { automargin: true, ...ticks, ...line, ...own };
-    if (own && own.title) merged.title = { standoff: 8, ...own.title };
+    const font = { size: parseFloat(colour("figure-text")) }; // else larger than all other texts of the figure
+    if (own && own.title) merged.title = { standoff: 8, font, ...own.title };
     return merged;
   }
 
