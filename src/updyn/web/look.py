@@ -26,7 +26,8 @@ body.body--dark iframe {{ color-scheme: dark; }}
 body.body--light iframe {{ color-scheme: light; }}
 .q-header {{ background: var(--panel) !important; color: var(--text) !important;
   border-bottom: 1px solid var(--rule); }}
-.q-card, .q-table__card {{ background: var(--panel); box-shadow: none; border: 1px solid var(--rule); }}
+.q-card, .q-table__card {{ background: var(--panel); box-shadow: none;
+  border: 1px solid var(--rule); }}
 .updyn-nav a {{ color: var(--text) !important; }}
 .updyn-nav a[aria-current] {{ background: var(--after-faint); font-weight: 600; }}
 :focus-visible {{ outline: 2px solid var(--link); outline-offset: 2px; }}
