@@ -5,10 +5,17 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 // Eyes by name: where the camera stands from the middle, and what is up.
 const EYES = { iso: [1, 0.78, 0.56], back: [-1, -0.78, 0.56], x: [1, 0, 0], y: [0, -1, 0], z: [0, 0, 1] };
 const MARGIN = 1.28;
+// What is laid over the right side of the canvas is kept free of the structure up to this share of the width.
+const WIDEST_COVER = 0.5;
 
 export class Stage {
-  // "smooth": whether edges are smoothed, which costs large scenes more than it gives.
-  constructor(place, canvas, xyz, smooth = true) {
+  // "smooth": whether edges are smoothed, which costs large scenes more than it gives. "cover": what is laid over the
+  // right side of the canvas.
+  constructor(place, canvas, xyz, smooth = true, cover = null) {
+    this.cover = cover;
+    this.sway = 0; // how far the structure moves
+    this.covered = 0; // px at the right that were left free by the last fit
+    this.fitted = true; // whether nobody has moved the camera since
     this.canvas = canvas;
     this.place = place;
     this.renderer = new WebGLRenderer({ canvas, antialias: smooth, powerPreference: "low-power" });
@@ -25,6 +32,7 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = false;
     this.controls.addEventListener("change", () => this.invalidate());
+    this.controls.addEventListener("start", () => { this.fitted = false; });
     this.listeners = [];
     this.pending = false;
     this.size = [0, 0];
@@ -70,17 +78,30 @@ export class Stage {
     const [right, up] = [new Vector3(), new Vector3()];
     this.camera.matrixWorld.extractBasis(right, up, back);
     const half = (axis) => axis.toArray().reduce((sum, part, c) => sum + Math.abs(part) * this.box[c], 0) * MARGIN || this.radius;
-    const aspect = (this.size[0] || 1) / (this.size[1] || 1);
-    this.half = Math.max(half(up), half(right) / aspect, 0.05 * this.radius);
+    const [width, height] = this.size;
+    this.covered = this.toLeave();
+    const aspect = ((width - this.covered) || 1) / (height || 1);
+    this.half = Math.max(half(up) + this.sway, (half(right) + this.sway) / aspect, 0.05 * this.radius);
     this.camera.zoom = 1;
+    this.fitted = true;
     this.frustum();
     this.controls.update();
     this.invalidate();
   }
 
+  // Width in px of what is laid over the canvas; 0 where too little would be left beside it.
+  toLeave() {
+    const width = this.cover?.offsetWidth ? this.cover.offsetWidth + 16 : 0;
+    return width < WIDEST_COVER * this.size[0] ? width : 0;
+  }
+
+  // Fits anew where more is covered than before, unless somebody has moved the camera.
+  refit() { if (this.fitted && this.toLeave() > this.covered) this.fit(); }
+
   frustum() {
-    const aspect = (this.size[0] || 1) / (this.size[1] || 1);
-    Object.assign(this.camera, { left: -this.half * aspect, right: this.half * aspect, top: this.half, bottom: -this.half });
+    const width = this.size[0] || 1, across = (2 * this.half * width) / (this.size[1] || 1);
+    const left = -0.5 * across * (1 - this.covered / width); // the middle of what is free
+    Object.assign(this.camera, { left, right: left + across, top: this.half, bottom: -this.half });
     this.camera.updateProjectionMatrix();
   }
 
@@ -127,6 +148,7 @@ export class Stage {
   }
 
   turn(right, up) {
+    this.fitted = false;
     const offset = this.camera.position.clone().sub(this.controls.target);
     offset.applyAxisAngle(this.camera.up, -right);
     const side = new Vector3().crossVectors(this.camera.up, offset).normalize();
@@ -138,6 +160,7 @@ export class Stage {
   }
 
   pan(right, up) {
+    this.fitted = false;
     const [x, y, z] = [new Vector3(), new Vector3(), new Vector3()];
     this.camera.matrixWorld.extractBasis(x, y, z);
     const by = x.multiplyScalar(right * this.pixel).add(y.multiplyScalar(up * this.pixel));
@@ -148,6 +171,7 @@ export class Stage {
   }
 
   zoom(factor) {
+    this.fitted = false;
     this.camera.zoom *= factor;
     this.camera.updateProjectionMatrix();
     this.controls.update();

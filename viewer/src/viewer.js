@@ -30,7 +30,8 @@ export class Viewer {
     this.operating = given.operating && new OperatingShapes(given.operating, this.bodies);
     this.picked = -1;
     this.panel = new Panel(element, this);
-    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz), this.bodies.every((body) => body.faces.length < 3 * MANY_FACES));
+    this.stage = new Stage(this.panel.stage, this.panel.canvas, this.bodies.map((body) => body.xyz), this.bodies.every((body) => body.faces.length < 3 * MANY_FACES), this.panel.legend);
+    if (this.modes || this.operating) this.stage.sway = reach(this.stage.radius);
     this.build();
     this.clock = new Clock(element, () => this.animate());
     this.stage.onDraw(() => this.overlay.draw(this.stage, (arrow) => this.tip(arrow), this.pickedPlace()));
@@ -152,6 +153,7 @@ export class Viewer {
       colouring: chosen ?? state.colouring, moving: this.moving, arrows: state.labels ? this.arrows : new Map(),
       layers: seen.filter((layer) => layer.actor !== this.base || !(chosen || state.colouring === "displacement")),
     });
+    this.stage.refit();
     this.stage.invalidate();
   }
 

@@ -49,6 +49,8 @@ ACTIONS = """<script>
   key("n"); note("next", heard.at(-1).label);
   note("options", [...panel.row.options].map((option) => option.textContent));
   note("legend", panel.legend.innerText);
+  const across = viewer.bodies[0].labels.map((_, i) => stage.project(viewer.base.placeOf(i))[0]);
+  note("beside", Math.max(...across) < panel.legend.offsetLeft && Math.min(...across) > 0);
   viewer.set({ show: "modes", row: 1, colouring: "displacement" });
   note("relative", panel.legend.innerText);
   const bytes = async (blob) => [...new Uint8Array(await blob.arrayBuffer()).slice(0, 6)];
@@ -96,6 +98,7 @@ def test_it_draws_moves_and_picks(tmp_path):
     assert found["next"] == "15"
     assert len(told(found, "options")) == 3
     assert found["legend"].startswith("Change of stiffness (%)")
+    assert told(found, "beside") is True  # all nodes left of the legend, which covers none
     assert "Displacement (relative)" in found["relative"]
     assert told(found, "png") == [137, 80, 78, 71, 13, 10]
     assert bytes(told(found, "gif")) == b"GIF89a"
