@@ -122,7 +122,7 @@ def error_bars(minus: ArrayLike, plus: ArrayLike, colour: str) -> dict[str, Any]
 def colour_bar(title: str, ticks: Sequence[float], height: int) -> dict[str, Any]:
     """Return a colour bar beside the top of a heat map, of a readable length."""
     return {
-        "title": {"text": title, "side": "right"},
+        "title": {"text": title, "side": "right", "font": {"size": style.FIGURE_TEXT}},
         "thickness": 12,
         "tickvals": list(ticks),
         "lenmode": "pixels",
