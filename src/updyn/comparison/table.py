@@ -373,7 +373,7 @@ COLUMNS: tuple[Column, ...] = (
     ("db", "misfit", lambda r: _figure(r.fitted, r, "db_error_median")),
     ("frac", "FRAC", lambda r: _figure(r.fitted, r, "frac_median")),
     ("held_db", "held out", lambda r: _figure(r.held_out, r, "db_error_median")),
-    ("held_frac", "FRAC", lambda r: _figure(r.held_out, r, "frac_median")),
+    ("held_frac", "FRAC held out", lambda r: _figure(r.held_out, r, "frac_median")),
     ("error_max", "error", lambda r: _error(r, r.error_max)),
     ("error_rms", "rms", lambda r: _error(r, r.error_rms)),
     ("iterations", "steps", lambda r: str(r.iterations)),
