@@ -122,7 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     return stop_code()
                 return code if isinstance(code, int) else DONE
         except CycloptsError as error:
-            return print_error(f"{error}\nTry: updyn --help")
+            known = [word for word in words[:1] if word in COMMANDS]
+            return print_error(f"{error}\nTry: {' '.join(['updyn', *known, '--help'])}")
         except UpdynError as error:
             return print_error(str(error))
         except OSError as error:

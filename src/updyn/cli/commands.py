@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -644,6 +645,7 @@ def _kinds(
 
 #: Longest wait for the answer of a Dask scheduler, in s.
 _PATIENCE_S = 10
+_HOST_AND_PORT = re.compile(r".+:[0-9]{1,5}")
 
 
 @contextmanager
@@ -690,6 +692,12 @@ def open_engine(
 
 def _client(address: str) -> Client:
     """Return a client of a Dask scheduler."""
+    scheme, _, place = address.rpartition("://")
+    if scheme in ("", "tcp", "tls") and not _HOST_AND_PORT.fullmatch(place):
+        # A client that cannot read its address leaves a thread that ends with a traceback.
+        raise OptionError(
+            f"--cluster {address!r}: expected host and port, such as tcp://10.0.0.1:8786"
+        )
     try:
         from distributed import Client
     except ImportError as error:

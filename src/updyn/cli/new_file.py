@@ -39,7 +39,8 @@ def write_new(target: Path, write: Callable[[Path], object], *, force: bool) -> 
             try:
                 write(staged)
             except FormatError as error:
-                text = str(error).replace(str(staged.parent), str(target.parent))
+                text = str(error).replace(str(staged), str(target))
+                text = text.replace(str(staged.parent), str(target.parent))
                 raise FormatError(text) from error
         for one in told:
             text = str(one.message).replace(str(staged), str(target))

@@ -53,7 +53,7 @@ def bind(port: int) -> socket.socket:
         found.listen()
     except (OSError, OverflowError) as error:
         found.close()
-        reason = getattr(error, "strerror", None) or error
+        reason = getattr(error, "strerror", None) or str(error).rstrip(".")
         raise InputError(
             f"port {port} cannot be used: {reason}; choose another with --port, or leave it out"
         ) from error

@@ -358,7 +358,7 @@ def test_convert_does_not_write_over(
     ("arguments", "fragment"),
     [
         (["chain.h5", "out.csv"], "that can write_model"),
-        (["chain.npz", "out.xyz"], "neither content nor suffix '.xyz'"),
+        (["chain.npz", "out.xyz"], "error: out.xyz: neither content nor suffix '.xyz'"),
         (["chain.hh", "out.npz"], "no such file; did you mean 'chain.h5'"),
         (["chain.npz", "out.mat", "--quantity", "receptance"], "contradicts the file"),
         (["chain.npz", "out.mat", "--from", "np"], "did you mean 'npz'?"),
@@ -511,6 +511,15 @@ def test_the_list_of_commands_says_what_each_does(capsys: pytest.CaptureFixture[
         assert re.search(rf"(?m)^│ {name} +[A-Z][^│]+\. *│$", out)
     assert main(["--help", "plan"]) == 0
     assert "--resume" in capsys.readouterr().out
+
+
+def test_wrong_usage_leads_to_the_help_of_its_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run"]) == 2
+    assert capsys.readouterr().err.endswith("\nTry: updyn run --help\n")
+    assert main(["rn", "job.toml"]) == 2
+    err = capsys.readouterr().err
+    assert 'Did you mean "run"?' in err
+    assert err.endswith("\nTry: updyn --help\n")
 
 
 @pytest.mark.parametrize("command", list(cli.COMMANDS))

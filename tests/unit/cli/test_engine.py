@@ -52,6 +52,10 @@ def test_workers_change_nothing_but_where(job: Path, capsys: pytest.CaptureFixtu
             "--workers and --cluster exclude each other",
         ),
         (["--cluster", "nonsense://x"], "--cluster 'nonsense://x': no scheduler answers"),
+        (["--cluster", "somewhere"], "--cluster 'somewhere': expected host and port, such as tcp:"),
+        (["--cluster", "tcp://somewhere"], "--cluster 'tcp://somewhere': expected host and port"),
+        (["--cluster", "tcp://1.2.3.4:x"], "--cluster 'tcp://1.2.3.4:x': expected host and port"),
+        (["--cluster", ""], "--cluster '': expected host and port"),
     ],
 )
 def test_refusals(
