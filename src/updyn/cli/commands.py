@@ -571,7 +571,8 @@ def plan(
         ):
             made = plan_job(loaded, folder, display, engine=opened, resume=resume)
     except StoppedError as stopped:
-        print_text(f"plan: {stopped}\nTo go on from here: updyn plan JOB.toml --resume")
+        again = "updyn plan JOB.toml --resume (with the same --out)"
+        print_text(f"plan: {stopped}\nTo go on from here: {again}")
         return STOPPED
     print_text(made.summary())
     print_text(f"\nPlan in {folder}: {folder / 'plan.html'}")

@@ -293,11 +293,17 @@ def curve(
     legend: bool = True,
     width: float = 1.8,
 ) -> dict[str, Any]:
-    """Return a curve with name and values under the pointer; it has gaps where not finite."""
+    """Return a curve with name and values under the pointer; it has gaps where not finite.
+
+    Of a single line it is a point, as there is nothing to connect.
+    """
+    drawn: dict[str, Any] = {"mode": "lines"}
+    if np.size(x) == 1:
+        drawn = {"mode": "markers", "marker": {"color": colour, "size": 7}}
     said = f"%{{x:.5g}} Hz: {label(name)} %{{y:.4g}} {label(unit)}".rstrip()
     return {
         "type": "scatter",
-        "mode": "lines",
+        **drawn,
         "name": label(name),
         "legendgroup": label(name),
         "showlegend": legend,

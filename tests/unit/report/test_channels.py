@@ -73,3 +73,12 @@ def test_many_measured_lines_are_a_line_and_its_phase_has_gaps_where_it_goes_rou
     drawn = np.abs(np.diff(degrees))
     assert np.nanmax(np.abs(degrees)) <= 180.0
     assert np.nanmax(drawn) <= 180.0
+
+
+def test_of_a_single_line_the_models_are_points():
+    """A curve through one point is not drawn."""
+    result = smallest()
+    one = result.frf.select(lines=result.frf.freq[:1])
+    figure = channel_curves(gather(dataclasses.replace(result, data=one, lines=one.freq)), 0, 0)
+    assert [len(values(trace["x"])) for trace in figure["data"]] == [1] * 6
+    assert {trace["mode"] for trace in figure["data"]} == {"markers"}

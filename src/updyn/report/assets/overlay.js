@@ -52,8 +52,9 @@ const updynOverlay = (() => {
     const out = [];
     for (const name of Object.keys(sets)) {
       const lines = linesOf(name), level = magnitude(sets[name], k, lines.length);
-      // Few measured lines are points: nothing is known between them.
-      const points = name === "measured" && n <= 200 ? { mode: "markers", marker: { color: "@measured", size: 7 } } : {};
+      // Few measured lines are points: nothing is known between them. A single one is a point of the models, too.
+      const isPoints = (name === "measured" && n <= 200) || lines.length === 1;
+      const points = isPoints ? { mode: "markers", marker: { color: styles[name].color, size: 7 } } : {};
       const common = { type: "scatter", mode: "lines", line: styles[name], name: words[name], ...points };
       out.push({ ...common, legendgroup: name, x: lines, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${words[name]}<extra></extra>` });
       out.push({ ...common, ...phase(sets[name], k, lines), legendgroup: name, showlegend: false, yaxis: "y2",
