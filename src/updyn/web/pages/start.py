@@ -103,7 +103,7 @@ def _new(workspace: Workspace, stated: _Stated) -> None:
         if not stated.model or not stated.measurement:
             complain("choose the file of the model and that of the measurement")
             return
-        options = {
+        options: dict[str, object] = {
             "quantity": None if stated.quantity == _UNKNOWN else stated.quantity,
             "scale": None,
             "unit": None,
