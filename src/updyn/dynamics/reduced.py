@@ -49,7 +49,7 @@ __all__ = [
     "Basis",
     "Certificate",
     "Channels",
-    "LineResidual",
+    "LineResiduals",
     "ReducedSolver",
     "Reduction",
 ]
@@ -595,10 +595,11 @@ class Reduction:
         solver, worst = self.solver(), np.zeros(len(states))
         for number, state in enumerate(states):
             definite = self._factorised(state, -self._top)
-            for f in freq:
-                line = LineResidual(solver, self.basis, self._channels, state, float(f))
-                errors = np.abs(line.errors(definite.solve(line.residual())))
-                share = SAFETY * float((errors / self._channels.levels(line.H)).max())
+            for first in range(0, len(freq), _TOGETHER):
+                some = freq[first : first + _TOGETHER]
+                lines = LineResiduals(solver, self.basis, self._channels, state, some)
+                errors = np.abs(lines.errors(definite.solve(lines.residual())))
+                share = SAFETY * float((errors / self._channels.levels(lines.H)).max())
                 worst[number] = max(worst[number], share)
             self.poll()
         self._sparse.release()
@@ -655,16 +656,15 @@ class Reduction:
             np.concatenate(p, axis=1).transpose(1, 0, 2) for p in _columns(parts, 0, 2)
         )
         energy, length = (np.sqrt(np.concatenate(p, axis=1).T) for p in _columns(parts, 2, 4))
-        level = np.stack([self._channels.levels(h) for h in H])
-        remaining = np.zeros((H.shape[1], 1))
-        entries, factors = np.zeros(H.shape[1:]), length[:, :, None] * length[:, None, forced]
+        level = self._channels.levels(H)
+        factors = length[:, :, None] * length[:, None, forced]
         products = energy[:, :, None] * energy[:, None, forced]
-        for i in _validation_lines(np.abs(difference) / level):
-            line = LineResidual(wide, self.basis, self._channels, state, float(freq[i]))
-            left = np.abs(line.errors(definite.solve(line.residual()))) / level[i]
-            remaining = np.maximum(remaining, left.max(axis=1, keepdims=True))
-            entries = np.maximum(entries, line.magnitudes() / products[i])
-            self.poll()
+        worst = _validation_lines(np.abs(difference) / level)
+        lines = LineResiduals(wide, self.basis, self._channels, state, freq[worst])
+        left = np.abs(lines.errors(definite.solve(lines.residual()))) / level[worst]
+        remaining = left.max(axis=(0, 2))[:, None]
+        entries = (lines.magnitudes() / products[worst]).max(axis=0)
+        self.poll()
         return _Estimate(
             self._channels,
             H,
@@ -712,18 +712,13 @@ class Reduction:
         matrix in P across all lines.
         """
         solver = self.solver()
-        checked = [LineResidual(solver, self.basis, self._channels, state, float(f)) for f in lines]
-        R = np.hstack([line.residual() for line in checked])
+        checked = LineResiduals(solver, self.basis, self._channels, state, np.array(lines))
+        R = checked.residual()
         Y = definite.solve(R)
         gram = R.T @ Y
-        sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(checked), 2, -1)
+        sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(lines), 2, -1)
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
-        errors = np.array(
-            [
-                np.abs(line.errors(own)) / self._channels.levels(line.H)
-                for line, own in zip(checked, np.split(Y, len(checked), axis=1), strict=True)
-            ]
-        )
+        errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)
         error = SAFETY * errors.max(axis=(1, 2))
         # Each force of a line counts by its part in the largest error, whatever its unit.
         shares = SAFETY * errors.max(axis=1) / sizes
@@ -738,7 +733,7 @@ class Reduction:
             if kept.any():
                 return Y[:, :0]
         lacking = []
-        for own in np.split(np.arange(len(gram)), len(checked)):
+        for own in np.split(np.arange(len(gram)), len(lines)):
             size, axes = np.linalg.eigh(gram[np.ix_(own, own)])
             most = size > _SMALL**2 * size[-1]
             lacking.append(Y[:, own] @ (weight[own, None] * axes[:, most]))
@@ -1185,37 +1180,39 @@ class Channels:
         self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
 
     def levels(self, H: _Complex) -> _Real:
-        """Return the largest measured |H| of the same units.
+        """Return the largest measured |H| of each line, of the same units.
 
         Parameters
         ----------
-        H : ndarray of complex, shape (k, n_j)
+        H : ndarray of complex, shape (n_lines, k, n_j)
             Receptance of all loaded DOFs for the references.
 
         Returns
         -------
-        ndarray of float, shape (k, n_j)
+        ndarray of float, shape (n_lines, k, n_j)
         """
-        size, turning, measured = np.abs(H), self._turning, np.isin(np.arange(len(H)), self.read)
+        size, turning = np.abs(H), self._turning
+        measured = np.isin(np.arange(len(turning)), self.read)
         out = np.empty(H.shape)
         for a in (False, True):
             for b in (False, True):
                 pushed = turning[self.forced] == b
-                block, seen = (
-                    np.ix_(turning == a, pushed),
-                    np.ix_((turning == a) & measured, pushed),
-                )
+                block = (slice(None), *np.ix_(turning == a, pushed))
+                seen = (slice(None), *np.ix_((turning == a) & measured, pushed))
+                level = size[seen].max(axis=(1, 2), initial=0.0)
                 # Where no response of this unit is measured, the motion at the forces themselves is
                 # the level.
-                out[block] = size[seen].max(initial=0.0) or size[block].max(initial=0.0)
+                level = np.where(level > 0.0, level, size[block].max(axis=(1, 2), initial=0.0))
+                out[block] = level[:, None, None]
         return np.maximum(out, np.finfo(np.float64).tiny)
 
 
-class LineResidual:
-    """The response of the reduced model at one line, and its residual in the full model.
+class LineResiduals:
+    """The responses of the reduced model at some lines, and their residuals in the full model.
 
-    Complex fields are real parts beside imaginary ones, shape (N, 2 n_j): the whole model's
-    matrices are real.
+    Complex fields are real, as the whole model's matrices are: shape (N, n_lines 2 n_j), line by
+    line the real parts for all references, then the imaginary ones. Many columns at a time take
+    half as long as those of one line.
 
     Parameters
     ----------
@@ -1227,68 +1224,79 @@ class LineResidual:
         What is loaded and read.
     state : State
         Of the model.
-    freq : float
-        The line in Hz.
+    freq : ndarray of float, shape (n_lines,)
+        The lines in Hz.
     """
 
     __slots__ = ("H", "_basis", "_c", "_channels", "_q")
 
     def __init__(
-        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: float
+        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: _Real
     ) -> None:
         self._basis, self._channels = basis, channels
-        self._c = solver.system.coefficients(state, np.array([2.0 * np.pi * freq]))
-        q = solver.solve(self._c, channels.loaded, np.array([freq]))
-        self._q = q[:, 0]
-        #: Receptance of all loaded DOFs for the references, shape (k, n_j).
-        self.H = solver.at(q, channels.loaded)[:, 0][:, channels.forced]
+        self._c = solver.system.coefficients(state, 2.0 * np.pi * freq)
+        self._q = solver.solve(self._c, channels.loaded, freq)
+        #: Receptance of all loaded DOFs for the references, shape (n_lines, k, n_j).
+        self.H = solver.at(self._q, channels.loaded)[:, :, channels.forced].transpose(1, 0, 2)
 
     def residual(self) -> _Real:
         """Return e - Z V q for a unit force at each reference."""
         forced = self._channels.forced
-        q = self._q[:, forced]
-        R = -self._times(self._basis.moved(np.hstack([q.real, q.imag])))
-        R[self._channels.loaded[forced], np.arange(len(forced))] += 1.0
+        q = self._q[:, :, forced]
+        moved = self._basis.moved(np.stack([q.real, q.imag], axis=2).reshape(len(q), -1))
+        R = -self._times(moved)
+        real = self._by_line(R)[:, :, 0]
+        real[self._channels.loaded[forced], :, np.arange(len(forced))] += 1.0
         return R
 
     def errors(self, Y: _Real) -> _Complex:
-        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i, shape (k, n_j).
+        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i.
 
         Parameters
         ----------
-        Y : ndarray of float, shape (N, 2 n_j)
+        Y : ndarray of float, shape (N, n_lines 2 n_j)
             Fields y_j.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_lines, k, n_j)
         """
-        half = Y.shape[1] // 2
-        own, pulled = Y[self._channels.loaded], self._basis.projected(self._times(Y))
+        own = self._by_line(Y[self._channels.loaded])
+        pulled = self._by_line(self._basis.projected(self._times(Y)))
+        own, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (own, pulled))
         return np.asarray(
-            own[:, :half]
-            + 1j * own[:, half:]
-            - self._q.T @ (pulled[:, :half] + 1j * pulled[:, half:])
+            own.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
         )
 
     def magnitudes(self) -> _Real:
-        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, shape (k, n_j).
+        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, (n_lines, k, n_j).
 
         |Z| is the sum of the sizes of its terms, before they cancel. Times the unit roundoff it
         bounds how far an error of rounding in each entry of the matrices moves H_ij (Higham,
         Accuracy and Stability of Numerical Algorithms (2002), section 7.2).
         """
-        fields = np.hypot(self._basis.moved(self._q.real), self._basis.moved(self._q.imag))
-        forced = fields[:, self._channels.forced]
-        out = np.zeros((fields.shape[1], forced.shape[1]))
-        for term, c in zip(self._basis.system.terms, self._c[:, 0], strict=True):
-            own = term.own
-            out += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
+        out = np.zeros(self.H.shape)
+        for line, sum_of in enumerate(out):
+            q = self._q[:, line]
+            fields = np.hypot(self._basis.moved(q.real), self._basis.moved(q.imag))
+            forced = fields[:, self._channels.forced]
+            for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
+                own = term.own
+                sum_of += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
         return out
+
+    def _by_line(self, U: _Real) -> _Real:
+        """Return fields as (N, n_lines, 2, n_j), without a copy."""
+        return U.reshape(len(U), self._c.shape[1], 2, -1)
 
     def _times(self, U: _Real) -> _Real:
         """Return Z U, group by group: no matrix of the whole model is put together for a line."""
-        out, half = np.zeros_like(U), U.shape[1] // 2
-        for term, c in zip(self._basis.system.terms, self._c[:, 0], strict=True):
-            own, product = term.own, term.local @ U[term.own]
-            out[own] += c.real * product
-            if c.imag:
-                out[own, :half] -= c.imag * product[:, half:]
-                out[own, half:] += c.imag * product[:, :half]
+        out = np.zeros_like(U)
+        parts = self._by_line(out)
+        for term, c in zip(self._basis.system.terms, self._c, strict=True):
+            own, product = term.own, self._by_line(term.local @ U[term.own])
+            parts[own] += c.real[:, None, None] * product
+            if c.imag.any():
+                parts[own, :, 0] -= c.imag[:, None] * product[:, :, 1]
+                parts[own, :, 1] += c.imag[:, None] * product[:, :, 0]
         return out
