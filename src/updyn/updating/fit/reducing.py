@@ -56,6 +56,8 @@ _ROUNDS = 12
 #: Rounds of a fit from the start. Each lowers the log error to this share of the one before, or its
 #: residual looks like noise; else the start is far off.
 _FIRST_ROUNDS, _LOWERED = 12, 0.8
+#: Their trust radius over that of a fit: what they are to find is near the answer, not the answer.
+_WIDER = 4.0
 #: Their descents.
 _DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
 #: Error at the start, from which only figures are taken, over that wanted at the end.
@@ -326,7 +328,7 @@ class Reducing:
         is_answer = is_enriched = False
         for _ in range(_FIRST_ROUNDS):
             with monitor.stage("approach", few):
-                boxed = few.with_box(self._box())
+                boxed = few.with_box(self._box(_WIDER))
                 outcome = descend(boxed, log_error(boxed), x, monitor, _DOWN)
             before, x, cost = cost, outcome.x, outcome.local.cost
             self._reached = x
