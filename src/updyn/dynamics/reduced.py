@@ -84,8 +84,8 @@ _SEARCH_SHIFT = 0.3
 _BETWEEN = (0.2, 0.5, 0.8)
 _MOST_REFERENCES = 4
 _COMBINATIONS = 2
-#: Lines of each state whose fields choose among its vectors.
-_LINES_A_STATE = 12
+#: Lines of a state whose fields choose among the vectors, at most, and of all states together.
+_LINES_A_STATE, _LINES_OF_STATES = 12, 250
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
 #: Lines that a pass checks, and those that are checked together.
@@ -440,7 +440,8 @@ class Reduction:
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
         before: list[_Answer] = []
-        stride = -(-len(freq) // _LINES_A_STATE)
+        most = max(1, min(_LINES_A_STATE, _LINES_OF_STATES // len(states)))
+        stride = -(-len(freq) // most)
         for number, state in enumerate(states):
             lines = freq[number % stride :: stride]
             c = solver.system.coefficients(state, 2.0 * np.pi * lines)
