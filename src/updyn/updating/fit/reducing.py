@@ -64,7 +64,7 @@ _DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
 _AT_START = 10.0
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller, and
 #: takes less time, where factorisations do: up to so many DOFs (`benchmarks/large.py`).
-_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.05, 0.5, 20_000
+_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 0.5, 20_000
 #: A larger basis is compressed.
 _LARGE = 400
 #: Points about the start whose vectors make the basis of a search: two for each factor, between
