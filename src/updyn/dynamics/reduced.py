@@ -90,6 +90,8 @@ _LINES_A_STATE, _LINES_OF_STATES = 12, 250
 _WORTH = 0.05
 #: Lines that a pass checks, and those that are checked together.
 _COUNT, _TOGETHER = 12, 4
+#: Pieces of the band in each of which a pass beside another state looks at a line.
+_BESIDE = 4
 #: Lines without a residual may be worse than those that have one: a basis is enriched to this share
 #: of what is allowed.
 _MARGIN = 0.2
@@ -577,6 +579,57 @@ class Reduction:
             definite = self._factorised(state, -self._top)
             self._checked(definite, state, freq.tolist(), _MARGIN * self.accuracy)
         self._sparse.release()
+
+    def definite(self, state: State) -> Factorised:
+        """Return K + omega_max^2 M of a state, factorised; it holds until the next factorisation.
+
+        Parameters
+        ----------
+        state : State
+            The model.
+
+        Raises
+        ------
+        SolverError
+            If it is not definite.
+        """
+        return self._factorised(state, -self._top)
+
+    def enrich_beside(
+        self,
+        definite: Factorised,
+        state: State,
+        freq: _Real,
+        level: _Real,
+        number: int,
+        accuracy: float,
+    ) -> bool:
+        """Enrich the basis at a few lines of a state by the factorisation of another one.
+
+        P of another state is as definite: its P^-1 r is a preconditioned residual, and a few passes
+        make the basis hold where stiffnesses differ by a factor of e.
+
+        Parameters
+        ----------
+        definite : Factorised
+            From `definite`, of the other state.
+        state, freq
+            As for `certify`.
+        level : ndarray of float, shape (n_f,)
+            Size of the response at each line, about.
+        number : int
+            Which pass at this state: each looks at other lines.
+        accuracy : float
+            Wanted, as that of the reduction.
+
+        Returns
+        -------
+        bool
+            Whether the basis has grown.
+        """
+        size, lines = self.basis.size, _some_lines(freq, level, _BESIDE, number)[1:-1]
+        self._checked(definite, state, lines, _MARGIN * accuracy)
+        return self.basis.size > size
 
     def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
         """Estimate the error at some lines of several states by residuals, the basis as it is.

@@ -193,6 +193,27 @@ def test_a_basis_that_has_settled_is_certified_as_it_is() -> None:
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
 
 
+def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
+    """Terms differ by a factor of e; each pass looks at other lines of them."""
+    system = AffineSystem.compile(plate())
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
+    definite, before = reduction.definite(system.start), reduction.factorisations
+    signs = np.where(np.random.default_rng(3).random((2, len(system.terms))) < 0.5, -0.5, 0.5)
+    level = np.ones(len(BAND))
+    for sign in signs:
+        far = State(system.start.factor * np.exp(sign), system.start.loss, system.start.rate)
+        off = true_error(system, far, reduction, UNSEEN)
+        assert off > 3e-3
+        passes = 0
+        while reduction.enrich_beside(definite, far, BAND, level, passes, 1e-4):
+            passes += 1
+        assert 2 <= passes <= 12
+        assert true_error(system, far, reduction, UNSEEN) < min(1e-3, 0.05 * off)
+    assert reduction.factorisations == before
+    # what was there is as good as before
+    assert true_error(system, system.start, reduction, UNSEEN) <= 1e-5
+
+
 def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
     # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift
     # exact.

@@ -9,32 +9,33 @@ structure are exchanged, as in the mirror image of a symmetric one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.group import MATRICES
+from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.method import serial_correlation
+from updyn.updating.fit.models import Models
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.fit.screen import Screen
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.noise.size import size_p
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each
 
 __all__ = [
     "AS_WELL",
-    "Answer",
     "as_likely",
     "contradicts",
     "differ",
+    "distance",
     "elsewhere",
     "equals",
     "exchanged",
     "explains",
+    "is_at",
     "preferred",
     "put_back",
     "restarted",
@@ -66,34 +67,6 @@ _FAR = 8.0
 _RESTARTED, _RESTARTS = 0.01, 6
 #: Largest number of exchanges, and of points that are tried because they fit fairly well.
 _EXCHANGES, _PROMISING = 200, 4
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer:
-    """Where a descent ended.
-
-    Attributes
-    ----------
-    x : ndarray of float, shape (n,)
-        The estimate.
-    reason : str
-        Why it ended.
-    unlikelihood : float
-        Minus the logarithm of the likelihood, but for a constant that all answers share.
-    noises : sequence of NoiseModel
-        For each part of the problem, the noise of the last descent.
-    residual : Each
-        The residual, whitened by it.
-    local : Local or None
-        The reduced problem at x, priors included; None after a stop.
-    """
-
-    x: _Vector
-    reason: str
-    unlikelihood: float
-    noises: Sequence[NoiseModel]
-    residual: Each
-    local: Local | None
 
 
 def explains(problem: Problem, answer: Answer) -> bool:
@@ -146,14 +119,23 @@ def preferred(problem: Problem, answers: Sequence[Answer]) -> Answer:
     return min(equal, key=implausible)
 
 
-def equals(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
+def equals(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
     """Return the other answers that fit as well and contradict what the chosen one claims.
 
     One that ran out of steps counts: it fits as well already. One that holds the unknowns less
     firmly counts, too, though its own standard deviations may reach the chosen one.
+
+    Parameters
+    ----------
+    chosen : Answer
+        The answer.
+    others : sequence of Answer
+        What it is compared with.
+    less : float
+        By how much their log-likelihoods may be smaller.
     """
     found: list[Answer] = []
-    for other in sorted(as_likely(chosen, others), key=lambda answer: answer.unlikelihood):
+    for other in sorted(as_likely(chosen, others, less), key=lambda answer: answer.unlikelihood):
         if contradicts(other, chosen) and all(differ(known, other) for known in found):
             found.append(other)
     return found
@@ -163,23 +145,37 @@ def contradicts(other: Answer, chosen: Answer) -> bool:
     """Return whether some unknown differs by more than the chosen answer allows it."""
     if chosen.local is None or other.local is None:
         return False
-    return _apart(chosen, other, _std(chosen.local))
+    return _apart(chosen.x, other.x, _std(chosen.local))
 
 
-def as_likely(chosen: Answer, others: Sequence[Answer]) -> list[Answer]:
-    """Return the other answers that are as likely as the chosen one, or nearly."""
-    return [other for other in others if other.unlikelihood <= chosen.unlikelihood + AS_WELL]
+def distance(answer: Answer, x: _Vector) -> float:
+    """Return how far a point, shape (n,), is from an answer, in standard deviations of the data."""
+    if answer.local is None:
+        return np.inf
+    return float(np.linalg.norm(answer.local.R @ (x - answer.x)))
+
+
+def is_at(x: _Vector, answer: Answer) -> bool:
+    """Return whether a point, shape (n,), differs from an answer by no more than that allows."""
+    if answer.local is None:
+        return False
+    return not _apart(x, answer.x, _std(answer.local))
+
+
+def as_likely(chosen: Answer, others: Sequence[Answer], less: float = AS_WELL) -> list[Answer]:
+    """Return the other answers whose log-likelihoods are smaller by no more than `less`."""
+    return [other for other in others if other.unlikelihood <= chosen.unlikelihood + less]
 
 
 def differ(a: Answer, b: Answer) -> bool:
     """Return whether some unknown differs by more than both answers allow it."""
     if a.local is None or b.local is None:
         return False
-    return _apart(a, b, np.maximum(_std(a.local), _std(b.local)))
+    return _apart(a.x, b.x, np.maximum(_std(a.local), _std(b.local)))
 
 
-def _apart(a: Answer, b: Answer, std: _Vector) -> bool:
-    return bool((np.abs(a.x - b.x) > _APART * std + 1e-6).any())
+def _apart(a: _Vector, b: _Vector, std: _Vector) -> bool:
+    return bool((np.abs(a - b) > _APART * std + 1e-6).any())
 
 
 def _usual(problem: Problem) -> _Vector:
@@ -250,7 +246,11 @@ def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
 
 
 def elsewhere(
-    problem: Problem, answer: Answer, unlikelihood: Callable[[_Vector], float], most: int
+    problem: Problem,
+    answer: Answer,
+    unlikelihood: Callable[[_Vector], float],
+    most: int,
+    models: Models | None = None,
 ) -> list[_Vector]:
     """Return points, shape (n,), away from an answer that fit fairly well as they stand.
 
@@ -267,11 +267,24 @@ def elsewhere(
         Minus the log-likelihood at a point.
     most : int
         Largest number of points that are looked at, most of them on few lines.
+    models : Models, optional
+        What they are compared in on few lines; by default the problem's own model.
     """
     points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
-    screen = Screen.of(problem, answer.x, answer.noises, answer.residual)
-    tries = screen.promising(tries, _PROMISING)
+    models = models or Models(problem)
+    screen = Screen.of(models.rough, answer.x, answer.noises, answer.residual)
+    if models.ranks:
+        near, far = (
+            [x for x in tries if models.is_rough(x) == is_rough] for is_rough in (False, True)
+        )
+        tries = [
+            x
+            for lot in (near, far)
+            for x in screen.ranked(lot, [distance(answer, x) for x in lot], _PROMISING)
+        ]
+    else:
+        tries = screen.promising(tries, _PROMISING)
     worse = np.array([unlikelihood(x) for x in tries]) - answer.unlikelihood
     # The misfit is doubled at most.
     promising = [i for i in np.argsort(worse) if worse[i] <= max(problem.n_numbers / 2, 50)]

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.updating.fit.answer import Answer
+from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import null_space
 from updyn.updating.fit.trust_region import Outcome, TrustRegion
@@ -101,10 +103,13 @@ class Rival:
         Its values, in the optimiser's coordinates.
     worse : float
         By how much the logarithm of its likelihood is smaller.
+    problem : Problem or None
+        With the reduced model in which it is certified; None: the model of the fit is exact there.
     """
 
     x: _Vector
     worse: float
+    problem: Problem | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,6 +284,52 @@ class Method(ABC):
             Where to begin.
         """
         return self.fit(problem, noises, monitor, starts.points[0])
+
+    def answer(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: _Vector,
+        held: int | None = None,
+        beside: Answer | None = None,
+    ) -> Answer | None:
+        """Return what is known where a fit ended; by default None: no others are looked for.
+
+        Parameters
+        ----------
+        problem, noises
+            As for `fit`.
+        x : ndarray of float, shape (n,)
+            Where it ended.
+        held : int, optional
+            The unknown that was held, at the far end of a valley.
+        beside : Answer, optional
+            Where that valley begins.
+        """
+        return None
+
+    def others(
+        self,
+        models: Models,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        at: Answer,
+        points: Sequence[_Vector],
+    ) -> list[Answer]:
+        """Return what may be other answers that fit as well, to be fitted in a certified model.
+
+        Parameters
+        ----------
+        models : Models
+            What they are looked for in.
+        noises, monitor
+            As for `fit`.
+        at : Answer
+            The answer that is known.
+        points : sequence of ndarray of float, shape (n,)
+            Where to look, too: the ends of other tries of a search.
+        """
+        return []
 
     @abstractmethod
     def fit(

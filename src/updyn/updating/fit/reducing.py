@@ -10,6 +10,11 @@ the model has not, which a fit then takes for the answer. The search is therefor
 basis, of the start and of points all around it: accurate enough everywhere to find the basin
 (benchmarks/solids.py). A fit from the start comes before it, as it costs little beside that basis;
 where its residual looks like noise, there is nothing to search for.
+
+Other answers that fit as well are looked for about the certified one, in its basis. That is off by
+some hundredths where stiffnesses differ by a factor of e: enough to tell most points from those
+that may fit as well. At these it is enriched, by the factorisation of the answer: no point takes
+one of its own. What then may be another answer is fitted and certified like the first.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +32,13 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.dynamics.reduced import Certificate, Reduction
 from updyn.errors import OptionError, SolverError
 from updyn.frf import FRF
+from updyn.linalg.solver import Factorised
+from updyn.updating.fit.answer import Answer
+from updyn.updating.fit.answers import as_likely, differ, distance, equals, is_at, preferred
 from updyn.updating.fit.belief import Belief
-from updyn.updating.fit.method import Fit, Method, descend
+from updyn.updating.fit.method import Fit, Method, Rival, descend
 from updyn.updating.fit.methods import METHODS
+from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.regularisation import keeps_to_directions
 from updyn.updating.fit.search import coarse, scattered
@@ -86,6 +96,17 @@ _SEARCHED = 200
 _FAINT, FINEST = 1e-3, 1e-9
 #: Number of DOFs without a sensor whose error counts too, for the experiment advice.
 _ELSEWHERE = 200
+#: How often other answers are looked for about a better one.
+_HOPS = 2
+#: Where they are looked for: the error to which the basis of the answer is enriched over that of
+#: the fit, and by how many vectors at most.
+_WHERE_LOOKED, _ROOM = 10.0, 200
+#: Within this share of the trust radius of the answer its basis is good enough.
+_BESIDE = 0.25
+#: A point whose misfit has risen by this share of the parabola of an answer leads back to it.
+_PARABOLA = 0.5
+#: How often a basis is enriched at one point, each time at other lines.
+_LOOKS = 6
 
 
 def is_reduced(
@@ -191,6 +212,31 @@ class _Part:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Certified:
+    """A fit whose reduced models are certified where it ended.
+
+    Attributes
+    ----------
+    problem : Problem
+        With these models.
+    fit : Fit
+        The fit.
+    answer : Answer
+        What is known there.
+    place : ndarray of float, shape (n,)
+        The point of their bases.
+    certificates : sequence of Certificate
+        Of each part.
+    """
+
+    problem: Problem
+    fit: Fit
+    answer: Answer
+    place: _Vector
+    certificates: Sequence[Certificate | None]
+
+
 @dataclass(slots=True, eq=False)
 class Reducing:
     """The reduced models of a run, one for each test, renewed as the fit moves.
@@ -214,6 +260,7 @@ class Reducing:
     _parts: list[_Part] = field(init=False)
     _x: _Vector = field(init=False)
     _reached: _Vector = field(init=False)
+    _ends: Sequence[_Vector] = field(default=(), init=False)
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -291,7 +338,10 @@ class Reducing:
                 self._reached = self._begun(problem, strategy, noises, monitor)
         except Stopped:
             return problem, Fit.blind(self._reached, "stopped")
-        return self._rounds(problem, strategy, noises, monitor, self._reached)
+        problem, fit = self._rounds(problem, strategy, noises, monitor, self._reached)
+        if not self.certified or fit.reason in ("stopped", "failed"):
+            return problem, fit
+        return self._with_others(problem, strategy, noises, monitor, fit)
 
     def _begun(
         self, problem: Problem, strategy: Method, noises: Sequence[NoiseModel], monitor: Monitor
@@ -312,6 +362,7 @@ class Reducing:
         with monitor.stage("reduce"):
             around = self._around(problem)
         starts = strategy.search(around, self._rough(problem, noises), monitor)
+        self._ends = starts.points[1:]
         with monitor.stage("reduce"):
             return self._better(problem, noises, starts.points[0])
 
@@ -385,8 +436,12 @@ class Reducing:
         noises: Sequence[NoiseModel],
         monitor: Monitor,
         x: _Vector,
+        held: int | None = None,
     ) -> tuple[Problem, Fit]:
-        """Fit within a box about the point of the basis, renewed until it is certified."""
+        """Fit within a box about the point of the basis, renewed until it is certified.
+
+        One of the unknowns may be held where it is.
+        """
         near, left = False, strategy.max_iterations
         fit = Fit.blind(x, "stopped")
         is_ready = True  # the basis is that of x, or enriched there
@@ -398,7 +453,7 @@ class Reducing:
                     elif not is_ready:
                         self._enrich(x)
                 problem, box = self.inside(problem), self._box()
-                boxed = problem.with_box(box)
+                boxed = problem.with_box(box if held is None else _holding(box, x, held))
                 before = len(monitor.history)
                 steps = left
                 if not near:
@@ -423,6 +478,95 @@ class Reducing:
             fit = replace(fit, reason="stopped")
         return problem, self._noted(fit)
 
+    def _with_others(
+        self,
+        problem: Problem,
+        strategy: Method,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        fit: Fit,
+    ) -> tuple[Problem, Fit]:
+        """Look for other answers that fit as well; return the one preferred, and its rivals.
+
+        About a better one that is found they are looked for once more.
+        """
+        chosen = self._known(problem, strategy, noises, fit)
+        if chosen is None:
+            return problem, fit
+        known, rivals = [chosen], list[_Certified]()
+        with suppress(Stopped):
+            for _ in range(_HOPS):
+                known += self._others(chosen, known, strategy, noises, monitor)
+                before, best = chosen.answer, preferred(problem, _answers(known, held=False))
+                ends = as_likely(best, _answers(known, held=True))
+                as_well = [*equals(best, _answers(known, held=False)), *ends]
+                (chosen,) = (one for one in known if one.answer is best)
+                rivals = [one for one in known if any(one.answer is answer for answer in as_well)]
+                if not differ(best, before):
+                    break
+        self._use_again(chosen)
+        worse = [one.answer.unlikelihood - chosen.answer.unlikelihood for one in rivals]
+        found = [Rival(r.answer.x, w, r.problem) for r, w in zip(rivals, worse, strict=True)]
+        reason = "stopped" if monitor.stopped else chosen.fit.reason
+        return chosen.problem, replace(chosen.fit, reason=reason, rivals=tuple(found))
+
+    def _others(
+        self,
+        chosen: _Certified,
+        known: Sequence[_Certified],
+        strategy: Method,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+    ) -> list[_Certified]:
+        """Return further answers, found about one and certified."""
+        found: list[_Certified] = []
+        with suppress(SolverError):
+            with monitor.stage("reduce"):
+                if self._x is not chosen.place:
+                    self._make(chosen.answer.x)
+                    self._enrich(chosen.answer.x)
+            models = _About.of(self, chosen)
+            for point in strategy.others(models, noises, monitor, chosen.answer, self._ends):
+                if monitor.stopped:
+                    break
+                if any(is_at(point.x, one.answer) for one in [*known, *found]):
+                    continue
+                with monitor.stage("reduce"):
+                    self._make(point.x)
+                about = chosen.problem, strategy, noises, monitor, point.x, point.held
+                problem, fit = self._rounds(*about)
+                one = self._known(problem, strategy, noises, fit, point.held, chosen.answer)
+                found += [] if one is None else [one]
+        return found
+
+    def _known(
+        self,
+        problem: Problem,
+        strategy: Method,
+        noises: Sequence[NoiseModel],
+        fit: Fit,
+        held: int | None = None,
+        beside: Answer | None = None,
+    ) -> _Certified | None:
+        """Return a fit with what is known where it ended; None where it is not certified."""
+        if not self.certified or fit.reason in ("stopped", "failed"):
+            return None
+        if held is None:
+            beside = None
+        answer = strategy.answer(problem, noises, fit.x, held, beside)
+        if answer is None:
+            return None
+        certificates = [part.certificate for part in self._parts]
+        return _Certified(problem, fit, answer, self._x, certificates)
+
+    def _use_again(self, one: _Certified) -> None:
+        """Take the reduced models of a certified fit again."""
+        self._x, self.certified = one.place, True
+        for part, solved, certificate in zip(
+            self._parts, one.problem.parts, one.certificates, strict=True
+        ):
+            part.solver, part.certificate = solved.solver, certificate
+
     def _better(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
         """Return where a search ended, or the start where its log error is smaller.
 
@@ -440,12 +584,12 @@ class Reducing:
         size = max(part.exact.solver.system.n for part in self._parts)
         return not _outside(x, self._box(_NEAR if size <= _HEAVY else _NEAR_IF_HEAVY))
 
-    def _box(self, share: float = 1.0) -> tuple[_Vector, _Vector]:
-        """Return the box of the trust radius about the point of the basis."""
+    def _box(self, share: float = 1.0, place: _Vector | None = None) -> tuple[_Vector, _Vector]:
+        """Return the box of the trust radius about a point, by default that of the basis."""
+        x = self._x if place is None else place
         factor = self.exact.coordinates.parameters.is_factor
-        loss = np.maximum(_LOSS_RADIUS, 0.5 * np.abs(self._x))
-        radius = share * np.where(factor, _TRUST_RADIUS, loss)
-        return self._x - radius, self._x + radius
+        radius = share * np.where(factor, _TRUST_RADIUS, np.maximum(_LOSS_RADIUS, 0.5 * np.abs(x)))
+        return x - radius, x + radius
 
     def _noted(self, fit: Fit) -> Fit:
         error = self.error
@@ -478,7 +622,7 @@ class Reducing:
             "basis": sum(c.size for c in found),
             "error": error,
             "channel error": channel,
-            "factorisations": sum(c.factorisations for c in found),
+            "factorisations": sum(part.reduction.factorisations for part in self._parts),
             **fallback(used, self._parts[0].reduction.backend),
         }
 
@@ -510,16 +654,125 @@ class Reducing:
         return False
 
     def _use(self, x: _Vector) -> None:
-        self._made += 1
         self._x, self.certified = x, False
+        self.renew()
+
+    def renew(self) -> None:
+        """Take the solvers of the bases as they are."""
+        self._made += 1
         for part in self._parts:
             part.solver = part.reduction.solver(f"reduced {self._made}")
+
+    def is_outside(self, x: _Vector, share: float) -> bool:
+        """Return whether a point is beyond a share of the trust radius."""
+        return _outside(x, self._box(share))
+
+    def are_near(self, x: _Vector, place: _Vector) -> bool:
+        """Return whether a basis that holds at a place holds at a point, too."""
+        return not _outside(x, self._box(_NEAR, place))
 
     def _check(self, x: _Vector) -> None:
         for part in self._parts:
             part.certify(x, enrich=False)
         error = self.error
         self.certified = error is not None and error <= self.accuracy
+
+
+@dataclass(slots=True, eq=False)
+class _About(Models):
+    """Reduced models about an answer, enriched where other answers are looked for.
+
+    Attributes
+    ----------
+    latest : Problem
+        With the models as they are.
+    """
+
+    latest: Problem
+    _reducing: Reducing
+    _definite: Sequence[Factorised]
+    _sizes: Sequence[int]
+    _places: list[_Vector] = field(default_factory=list)
+    _passes: list[int] = field(default_factory=list)
+
+    ranks: ClassVar[bool] = True
+
+    @classmethod
+    def of(cls, reducing: Reducing, about: _Certified) -> _About:
+        """Return the models about a certified fit, whose bases are at hand."""
+        parts = reducing._parts
+        whole = [
+            replace(part, solver=made.exact.solver)
+            for part, made in zip(about.problem.parts, parts, strict=True)
+        ]
+        definite = [p.reduction.definite(p.exact.state(about.answer.x)) for p in parts]
+        sizes = [part.reduction.basis.size for part in parts]
+        exact, latest = about.problem.with_parts(whole), reducing.inside(about.problem)
+        return cls(exact, latest, reducing, definite, sizes)
+
+    @property
+    def rough(self) -> Problem:
+        """The problem with the models as they are."""
+        return self.latest
+
+    def near(self, x: _Vector) -> Problem:
+        """Return the problem with models that are enriched at a point: more so, asked again."""
+        if not self._reducing.is_outside(x, _BESIDE):
+            return self.latest
+        own = (i for i, place in enumerate(self._places) if self._reducing.are_near(x, place))
+        i = next(own, len(self._places))
+        if i == len(self._places):
+            self._places.append(x)
+            self._passes.append(0)
+        if self._passes[i] < _LOOKS:
+            number = self._passes[i]
+            self._passes[i] = number + 1 if self._is_enriched(x, number) else _LOOKS
+        return self.latest
+
+    def is_rough(self, x: _Vector) -> bool:
+        """Return whether a point is outside the trust radius."""
+        return self._reducing.is_outside(x, 1.0)
+
+    def is_known(self, x: _Vector, answer: Answer) -> bool:
+        """Return whether a point is within what an answer allows."""
+        return is_at(x, answer)
+
+    def leads_back(self, x: _Vector, answer: Answer, unlikelihood: float) -> bool:
+        """Return whether the misfit at a point is about that of the parabola of an answer.
+
+        The way to it goes down then, and no other minimum is near.
+        """
+        rise = unlikelihood - answer.unlikelihood
+        return rise > _PARABOLA * 0.5 * distance(answer, x) ** 2
+
+    def _is_enriched(self, x: _Vector, number: int) -> bool:
+        """Enrich the bases at a point, or those of the answer where they have grown too large."""
+        made = list(zip(self._reducing._parts, self._definite, self._sizes, strict=True))
+        if any(part.reduction.basis.size > size + _ROOM for part, _, size in made):
+            self._passes = [0] * len(self._passes)
+            for part, _, size in made:
+                part.reduction.basis = part.reduction.basis.leading(size)
+        grown = []
+        for (part, definite, _), seen in zip(made, self.latest.parts, strict=True):
+            state, level = part.exact.state(x), np.linalg.norm(seen.responses(x), axis=(1, 2))
+            accuracy = _WHERE_LOOKED * part.reduction.accuracy
+            about = state, seen.frf.freq, level, number, accuracy
+            grown.append(part.reduction.enrich_beside(definite, *about))
+        if any(grown):
+            self._reducing.renew()
+            self.latest = self._reducing.inside(self.latest)
+        return any(grown)
+
+
+def _answers(known: Sequence[_Certified], *, held: bool) -> list[Answer]:
+    return [one.answer for one in known if (one.answer.held is not None) == held]
+
+
+def _holding(box: tuple[_Vector, _Vector], x: _Vector, i: int) -> tuple[_Vector, _Vector]:
+    """Return a box in which unknown `i` is held where it is at x."""
+    lower, upper = (side.copy() for side in box)
+    lower[i] = upper[i] = x[i]
+    return lower, upper
 
 
 def fallback(used: Mapping[str, int], backend: str) -> dict[str, str]:

@@ -29,6 +29,8 @@ _TOGETHER = 4
 #: A point is far off that leaves this many times what the answer does. Where the size of the noise
 #: is not known, its log-likelihood is then lower by a half for each measured number.
 _FAR = math.e
+#: Share of the points that each piece leaves where they are only ranked.
+_RANKED = 0.25
 #: Few data count as so many values.
 _FEWEST = 50
 
@@ -132,6 +134,35 @@ class Screen:
             if len(kept) <= number:
                 break
         return [x for _, x in kept]
+
+    def ranked(
+        self, points: Sequence[_Vector], distances: Sequence[float], number: int
+    ) -> list[_Vector]:
+        """Return the points that leave least for their distance from the answer, best first.
+
+        For points at which the model is off by more than the noise, so that none is far off for
+        what it leaves. As more lines say little more, three quarters are left out after each piece.
+        (Measured and left out: what a point leaves alone, by which those that the data hardly tell
+        from the answer come first; over the square of the distance, by which the farthest do.)
+
+        Parameters
+        ----------
+        points : sequence of ndarray of float, shape (n,)
+            The points.
+        distances : sequence of float
+            Of each, in standard deviations of the data.
+        number : int
+            How many of them are enough.
+        """
+        tiny = np.finfo(float).tiny
+        kept = [(0.0, max(far, tiny), x) for far, x in zip(distances, points, strict=True)]
+        for piece in self.pieces:
+            summed = [(left + piece.left_at(x), far, x) for left, far, x in kept]
+            summed.sort(key=lambda one: one[0] / one[1])
+            kept = summed[: max(number, math.ceil(_RANKED * len(summed)))]
+            if len(kept) <= number:
+                break
+        return [x for _, _, x in kept[:number]]
 
 
 def _pieces(part: Part, weight: NDArray[np.float64], x: _Vector) -> Iterator[_Piece]:

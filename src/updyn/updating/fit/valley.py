@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.answers import AS_WELL, Answer
+from updyn.updating.fit.answer import Answer
+from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.null_space import resolve
 from updyn.updating.problem.problem import Problem
 

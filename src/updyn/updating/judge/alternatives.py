@@ -60,7 +60,11 @@ def alternatives(problem: Problem, fit: Fit) -> tuple[Alternative, ...]:
     coordinates, found = problem.coordinates, []
     for rival in fit.rivals:
         values = coordinates.to_values(rival.x).tolist()
-        seen = [_clearest(part, fit.x, rival.x) for part in problem.parts]
+        there = rival.problem or problem
+        seen = [
+            _clearest(part, fit.x, other, rival.x)
+            for part, other in zip(problem.parts, there.parts, strict=True)
+        ]
         difference, sensor = max(seen, default=(0.0, ""))
         if difference < _CLEARLY:
             sensor = ""
@@ -110,8 +114,11 @@ def distinct(
     return tuple(other for other in others if differences(values, std, [other]))
 
 
-def _clearest(part: Part, x: _Vector, other: _Vector) -> tuple[float, str]:
-    """Return where two answers differ most among the DOFs without a sensor, and by how much."""
+def _clearest(part: Part, x: _Vector, there: Part, other: _Vector) -> tuple[float, str]:
+    """Return where two answers differ most among the DOFs without a sensor, and by how much.
+
+    Each of the two has the part in whose model it is solved.
+    """
     system = part.solver.system
     places = part.solver.others(part.rows)
     places = places[:: max(1, -(-len(places) // _PLACES))]
@@ -120,7 +127,8 @@ def _clearest(part: Part, x: _Vector, other: _Vector) -> tuple[float, str]:
         return 0.0, ""
     lines = freq[:: max(1, len(freq) // _LINES)]
     try:
-        H, G = (_motion(part, at, lines, places) for at in (x, other))
+        H = _motion(part, x, lines, places)
+        G = _motion(there, other, lines, places)
     except SolverError:
         return 0.0, ""
     level = np.maximum(np.maximum(np.abs(H), np.abs(G)), np.finfo(float).tiny)

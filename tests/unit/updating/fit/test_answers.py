@@ -9,13 +9,15 @@ import pytest
 from scipy.stats import chi2, f
 
 import updyn
+from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     AS_WELL,
-    Answer,
+    distance,
     elsewhere,
     equals,
     exchanged,
     explains,
+    is_at,
     preferred,
     put_back,
     weakly_held,
@@ -84,6 +86,19 @@ def misfit(problem: Problem):
         return 0.5 * float(np.sum(np.abs(e) ** 2))
 
     return cost
+
+
+def test_a_point_within_what_an_answer_allows_is_that_answer():
+    answer = answer_at(np.zeros(2), std=[0.01, 0.1])
+    assert is_at(np.array([0.02, 0.2]), answer)
+    assert not is_at(np.array([0.04, 0.2]), answer)
+    assert not is_at(np.zeros(2), replace(answer, local=None))
+
+
+def test_the_distance_from_an_answer_counts_standard_deviations():
+    answer = answer_at(np.array([1.0, 2.0]), std=[0.01, 0.1])
+    assert distance(answer, np.array([1.03, 2.4])) == pytest.approx(5.0)
+    assert distance(replace(answer, local=None), np.zeros(2)) == np.inf
 
 
 # -- where to look ------------------------------------------------------------------------------

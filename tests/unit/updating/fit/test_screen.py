@@ -128,3 +128,18 @@ def test_points_where_the_model_cannot_be_solved_are_left_out(problem: Problem, 
     screen = screen_of(problem)
     monkeypatch.setattr(Part, "responses", fails)
     assert screen.promising([TRUTH, TRUTH + 0.1], 1) == []
+
+
+def test_points_are_ranked_by_what_they_leave_for_their_distance(problem: Problem):
+    """As all lines rank them, those that are far off included; more than so many are not returned."""
+    rng = np.random.default_rng(4)
+    points = [TRUTH + d for d in rng.normal(scale=0.6, size=(40, 3))]
+    points.append(TRUTH + 1e-3)  # the best fit, but so close that it says nothing
+    distances = [100.0 * float(np.linalg.norm(x - TRUTH)) for x in points]
+    found = screen_of(problem).ranked(points, distances, 3)
+    shares = [left(problem, x) / far for x, far in zip(points, distances, strict=True)]
+    assert len(found) == 3
+    best = np.argsort(shares)[:6]
+    assert any(found[0] is points[i] for i in best[:2])
+    assert all(any(x is points[i] for i in best) for x in found)
+    assert screen_of(problem).promising(points[:-1], 3) == []  # none fits as well

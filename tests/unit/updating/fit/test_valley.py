@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.fit.answers import AS_WELL, Answer
+from updyn.updating.fit.answer import Answer
+from updyn.updating.fit.answers import AS_WELL
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local

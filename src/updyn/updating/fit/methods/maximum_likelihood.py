@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
-    Answer,
     as_likely,
     differ,
     elsewhere,
@@ -35,6 +35,7 @@ from updyn.updating.fit.method import (
     stopped_at,
 )
 from updyn.updating.fit.methods.searching import SearchingMethod
+from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.search import coarse
 from updyn.updating.fit.trust_region import TrustRegion
@@ -43,7 +44,7 @@ from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
-from updyn.updating.problem.residuals import Each, OutputError
+from updyn.updating.problem.residuals import Each, OutputError, with_prior
 from updyn.updating.problem.session import Stopped
 
 __all__ = ["MaximumLikelihood"]
@@ -66,6 +67,9 @@ _A_TRY, _MOST_TRIES, _SAME = 2, 64, 0.5
 _BACK = (6, 2)
 #: How often further answers are looked for about a better one.
 _HOPS = 2
+#: How often a descent goes on in the model of its end, where that is not the one it began in, and
+#: what a better model leaves of a misfit that is its own error.
+_RENEWED, _FALLING = 6, 0.8
 #: Steps of a descent along a valley; as many as there were before, or so many, are taken in all.
 _FOLLOWING, _FEWEST = 12, 50
 
@@ -128,9 +132,10 @@ class MaximumLikelihood(SearchingMethod):
         if not self.starts or starts.in_vain:
             return self.fit(problem, noises, monitor, starts.points[0])
         first, *others = starts.points
+        models = Models(problem)
         with monitor.stage(self.name):
             answers = [self._answer(problem, noises, first, monitor)]
-            answers += self._further(problem, noises, others, monitor, answers[0])
+            answers += self._further(models, noises, others, monitor, answers[0])
             chosen = preferred(problem, answers)
             if self._is_in_vain(problem, monitor, chosen):
                 return self._judged(problem, noises, chosen)
@@ -140,13 +145,13 @@ class MaximumLikelihood(SearchingMethod):
         ends: list[Answer] = []
         with monitor.stage("other answers"):
             for _ in range(_HOPS):
-                others = self._elsewhere(problem, monitor, chosen)
-                answers += self._further(problem, noises, others, monitor, chosen)
+                others = self._elsewhere(models, monitor, chosen)
+                answers += self._further(models, noises, others, monitor, chosen)
                 before, chosen = chosen, preferred(problem, answers)
                 if not differ(chosen, before):
                     break
             for _ in range(_HOPS):
-                ends, reached = self._valleys(problem, noises, monitor, chosen)
+                ends, reached = self._valleys(models, noises, monitor, chosen)
                 answers += reached
                 before, chosen = chosen, preferred(problem, answers)
                 if not differ(chosen, before):
@@ -162,6 +167,46 @@ class MaximumLikelihood(SearchingMethod):
         if fit.reason == "converged" and not settled:
             return replace(fit, reason="unsettled", rivals=tuple(rivals))
         return replace(fit, rivals=tuple(rivals))
+
+    def answer(
+        self,
+        problem: Problem,
+        noises: Sequence[NoiseModel],
+        x: _Vector,
+        held: int | None = None,
+        beside: Answer | None = None,
+    ) -> Answer | None:
+        """Return what is known where a fit ended; None where no search is made, either."""
+        if not self.starts:
+            return None
+        known, residual = _weigh(problem, noises, x)
+        local = residual.local(problem, x)
+        if local is None:
+            return None
+        here = _unlikelihood(problem, known, residual, x)
+        answer = Answer(x, "", here, known, residual, with_prior(local, problem, x), held)
+        if beside is None:
+            return answer
+        there = beside.residual.local(problem, x)
+        assert there is not None
+        return _least(answer, beside, with_prior(there, problem, x))
+
+    def others(
+        self,
+        models: Models,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        at: Answer,
+        points: Sequence[_Vector],
+    ) -> list[Answer]:
+        """Return what may be other answers that fit as well, ends of valleys last."""
+        with monitor.stage("other answers"):
+            if self._is_in_vain(models.rough, monitor, at):
+                return []
+            points = [*points, *self._elsewhere(models, monitor, at)]
+            found = self._further(models, noises, points, monitor, at)
+            ends, reached = self._valleys(models, noises, monitor, at)
+        return [*equals(at, [*found, *reached], _WORTH), *ends]
 
     def _beside(
         self,
@@ -192,7 +237,7 @@ class MaximumLikelihood(SearchingMethod):
             if x is None:
                 continue
             with monitor.stage(self.name):
-                near = self._further(problem, noises, [x], monitor, best)
+                near = self._further(Models(problem), noises, [x], monitor, best)
             found += near
             for answer in near:
                 gained = best.unlikelihood - answer.unlikelihood
@@ -219,21 +264,22 @@ class MaximumLikelihood(SearchingMethod):
             return explains(problem, answer)
         return True
 
-    def _elsewhere(self, problem: Problem, monitor: Monitor, at: Answer) -> list[_Vector]:
+    def _elsewhere(self, models: Models, monitor: Monitor, at: Answer) -> list[_Vector]:
         """Return points away from an answer from which another may be reached."""
         if monitor.stopped:
             return []
 
         def unlikelihood(x: _Vector) -> float:
             try:
-                return _unlikelihood(problem, at.noises, at.residual, x)
+                return _looked(models, x, at)
             except SolverError:
                 return np.inf
 
+        problem = models.exact
         points: list[_Vector] = []
         with suppress(Stopped):
             most = 2 * len(monitor.history)  # no more work than the fit was
-            further = elsewhere(problem, at, unlikelihood, most)
+            further = elsewhere(problem, at, unlikelihood, most, models)
             loose = restarted(problem, at, self.seed)
             for x in chain(weakly_held(problem, at), loose, put_back(problem, at), further):
                 if not any(np.array_equal(x, point) for point in points):
@@ -242,7 +288,7 @@ class MaximumLikelihood(SearchingMethod):
 
     def _further(
         self,
-        problem: Problem,
+        models: Models,
         noises: Sequence[NoiseModel],
         points: Sequence[_Vector],
         monitor: Monitor,
@@ -258,38 +304,37 @@ class MaximumLikelihood(SearchingMethod):
             if monitor.stopped:
                 break
             with suppress(Stopped, SolverError):
-                x = descend(problem, at.residual, x, monitor, settings).x
+                problem, x = _descended(models, x, monitor, settings, at)
+                if models.is_known(x, at):
+                    continue
                 here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
                 if here <= at.unlikelihood + _WORTH:
                     found.append(self._answer(problem, noises, x, monitor))
         return found
 
     def _valleys(
-        self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, at: Answer
+        self, models: Models, noises: Sequence[NoiseModel], monitor: Monitor, at: Answer
     ) -> tuple[list[Answer], list[Answer]]:
         """Return the far ends of valleys that are open, and the answers reached from there."""
         if at.local is None:
             return [], []
-        lowest = at.local.cost
         settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
 
         def refitted(x: _Vector, held: int) -> Answer | None:
             with suppress(SolverError):
-                there = holding(problem, x, held)
-                outcome = descend(there, at.residual, x, monitor, settings, relax=False)
-                known, residual = _weigh(problem, noises, outcome.x)
-                # The answer is a minimum with its own weights; with renewed ones, next to an error
-                # of the model, it need not be.
-                rise = outcome.local.cost - lowest
-                here = _unlikelihood(problem, known, residual, outcome.x)
-                least = max(here, at.unlikelihood + rise)
-                return Answer(outcome.x, "held", least, known, residual, outcome.local)
+                problem, x = _descended(models, x, monitor, settings, at, held)
+                known, residual = _weigh(problem, noises, x)
+                here = _unlikelihood(problem, known, residual, x)
+                local = at.residual.local(problem, x)
+                assert local is not None
+                local = with_prior(local, problem, x)
+                return _least(Answer(x, "held", here, known, residual, local, held), at, local)
             return None
 
         ends, reached = list[Answer](), list[Answer]()
         most = len(monitor.history) + max(len(monitor.history), _FEWEST)
         with suppress(Stopped):
-            for valley in valleys(problem, at):
+            for valley in valleys(models.exact, at):
                 if monitor.stopped or len(monitor.history) >= most:
                     break
                 if any(valley.is_covered(end.x) for end in ends):
@@ -297,7 +342,7 @@ class MaximumLikelihood(SearchingMethod):
                 end = valley.end(refitted)
                 if end is not None:
                     ends.append(end)
-                    reached += self._further(problem, noises, [end.x], monitor, at)
+                    reached += self._further(models, noises, [end.x], monitor, at)
         return ends, reached
 
     def _answer(
@@ -362,6 +407,67 @@ class MaximumLikelihood(SearchingMethod):
             modal,
             local=local,
         )
+
+
+def _descended(
+    models: Models,
+    x: _Vector,
+    monitor: Monitor,
+    settings: TrustRegion,
+    at: Answer,
+    held: int | None = None,
+) -> tuple[Problem, _Vector]:
+    """Return where a descent ends that is weighted as an answer is, and the model there.
+
+    Where the model is accurate only about the point where it began, it goes on in that of its end,
+    unless it has come back to the answer, or leaves far more than that does.
+    """
+    problem, worse = models.near(x), np.inf
+    for _ in range(_RENEWED):
+        there = problem if held is None else holding(problem, x, held)
+        x = descend(there, at.residual, x, monitor, settings, relax=held is None).x
+        before, problem = problem, models.near(x)
+        if problem is before or monitor.stopped or models.is_known(x, at):
+            break
+        last, worse = worse, _unlikelihood(problem, at.noises, at.residual, x) - at.unlikelihood
+        if worse > max(_FALLING * last, problem.n_numbers / 2, 50):
+            break
+    return problem, x
+
+
+def _looked(models: Models, x: _Vector, at: Answer) -> float:
+    """Return minus the log-likelihood at a point, in a model that is accurate there.
+
+    It is infinite where a descent leads back to the answer. The model is made no more accurate
+    where that would make the point no better.
+    """
+    problem = models.rough
+    here, is_rough = _unlikelihood(problem, at.noises, at.residual, x), models.is_rough(x)
+    while is_rough:
+        before, last, problem = problem, here, models.near(x)
+        here = _unlikelihood(problem, at.noises, at.residual, x)
+        is_rough = problem is not before and here - at.unlikelihood <= _FALLING * (
+            last - at.unlikelihood
+        )
+    return np.inf if models.leads_back(x, at, here) else here
+
+
+def _least(answer: Answer, beside: Answer, local: Local) -> Answer:
+    """Return the far end of a valley as no likelier than the fit with the weights of its beginning.
+
+    The beginning is a minimum with its own weights; with renewed ones, next to an error of the
+    model, it need not be.
+
+    Parameters
+    ----------
+    answer, beside : Answer
+        Far end and beginning.
+    local : Local
+        The reduced problem at the far end, weighted as the beginning is.
+    """
+    assert beside.local is not None
+    least = beside.unlikelihood + local.cost - beside.local.cost
+    return replace(answer, unlikelihood=max(answer.unlikelihood, least))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

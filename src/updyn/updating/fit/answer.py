@@ -1,0 +1,48 @@
+"""`Answer`: where a descent ended, and what is known there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.problem.local import Local
+from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.residuals import Each
+
+__all__ = ["Answer"]
+
+_Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """Where a descent ended.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (n,)
+        The estimate.
+    reason : str
+        Why it ended.
+    unlikelihood : float
+        Minus the logarithm of the likelihood, but for a constant that all answers share.
+    noises : sequence of NoiseModel
+        For each part of the problem, the noise of the last descent.
+    residual : Each
+        The residual, whitened by it.
+    local : Local or None
+        The reduced problem at x, priors included; None after a stop.
+    held : int or None
+        The unknown that was held, at the far end of a valley.
+    """
+
+    x: _Vector
+    reason: str
+    unlikelihood: float
+    noises: Sequence[NoiseModel]
+    residual: Each
+    local: Local | None
+    held: int | None = None
