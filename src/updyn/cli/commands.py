@@ -32,12 +32,11 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from updyn.engines import Engine
-    from updyn.job import Job, Prepared
+    from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
     from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.identifiability import Analysis
     from updyn.updating.problem.selection import Selection
-    from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = [
     "check",
@@ -247,9 +246,10 @@ def demo(
     print_note(f"demo {chosen.name}: inputs in {inputs}")
     out, results = folder, []
     while job is not None:
-        results.append(_run(load_job(job), out))
-        if results[-1].status == "stopped":
+        done = _run(load_job(job), out)
+        if done.stopped:
             return STOPPED
+        results.append(done.result)
         job = _write_inputs(inputs, lambda at: chosen.next_job(results, at), more=True)
         if job is not None:
             out = folder / job.stem
@@ -257,7 +257,7 @@ def demo(
     text = chosen.epilogue(results, inputs)
     if text:
         print_text("\n" + text)
-    return _exit_code(results[-1])
+    return _exit_code(done)
 
 
 def _write_inputs(
@@ -582,8 +582,8 @@ def plan(
 # -- parts that several commands use ---------------------------------------------------------------
 def _run(
     job: Job, out: Path | None, *, engine: Engine | None = None, resume: bool = False
-) -> UpdateResult | JointResult:
-    """Run a job, print its summary and where its results are, and return the update."""
+) -> JobRun:
+    """Run a job, and print its summary and where its results are."""
     from updyn.job import check_out, prepare, run_job
 
     folder = check_out(job, out)
@@ -591,7 +591,7 @@ def _run(
     with show_progress(stderr(), _stages(job)) as display:
         done = run_job(job, folder, display, prepared=ready, engine=engine, resume=resume)
     print_text(joined(RUN, Ran(job, done)))
-    return done.result
+    return done
 
 
 def _stages(job: Job) -> list[Stage]:
@@ -612,9 +612,11 @@ def _stages(job: Job) -> list[Stage]:
     return stages
 
 
-def _exit_code(result: UpdateResult | JointResult) -> int:
+def _exit_code(done: JobRun) -> int:
     """Return the exit code of a run."""
-    return {"converged": DONE, "stopped": STOPPED}.get(result.status, NOT_DETERMINED)
+    if done.stopped:
+        return STOPPED
+    return DONE if done.result.status == "converged" else NOT_DETERMINED
 
 
 def _kinds(

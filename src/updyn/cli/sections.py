@@ -76,7 +76,7 @@ def _results(ran: Ran) -> str:
 def _to_go_on(ran: Ran) -> str:
     """Return how a run that has not finished goes on."""
     status, trust = ran.run.result.status, ran.run.result.trust
-    if status == "stopped":
+    if ran.run.stopped:
         return f"To go on from here: {_AGAIN}"
     # From data that are not to be believed more steps lead nowhere.
     if status == "max-iterations" and (trust is None or trust.credible):

@@ -75,17 +75,33 @@ class JobRun:
         What tables such as ``[uncertainty]`` and ``[plant]`` gave, by their names.
     folder : Path
         Where it was written to.
+    stopped : bool
+        Whether the caller stopped it: of the further tables there is what had been reached.
     """
 
     result: UpdateResult | JointResult
     further: Mapping[str, Any]
     folder: Path
+    stopped: bool = False
 
     def summary(self) -> str:
         """Return the update, and what the further tables gave, as text."""
         texts = [self.result.summary(), *modal_texts(self.result)]
         texts += [JOB_TABLES[name].summary(found) for name, found in self.further.items()]
         return "\n\n".join(text for text in texts if text)
+
+
+@dataclass(slots=True)
+class _Caller:
+    """Who is told of the progress of a run, and whether it was to stop."""
+
+    callback: Callable[[Progress], bool | None]
+    stopped: bool = False
+
+    def __call__(self, progress: Progress) -> bool:
+        """Report the progress; return whether to stop."""
+        self.stopped = bool(self.callback(progress)) or self.stopped
+        return self.stopped
 
 
 def run_job(
@@ -115,8 +131,8 @@ def run_job(
         Where the work is done, as for `updyn.update`.
     resume : bool
         Go on with the run in `out` that was stopped or interrupted, or ended at the largest number
-        of steps: to the same answer as if it had not been. Where nothing was saved, the run begins
-        anew, with a warning.
+        of steps: to the same answer as if it had not been. A further table that was stopped is made
+        anew. Where nothing was saved, the run begins anew, with a warning.
 
     Returns
     -------
@@ -143,24 +159,25 @@ def run_job(
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
+    caller = _Caller(callback or _go_on)
     with open_folder(out):
         check_out(job, out)  # once more: now no other run can change it
         resume = resume and was_saved(out)
         load_libraries()
         with run_journal(out) as journal:
-            result = _update(ready, callback, engine=engine, checkpoint=journal, resume=resume)
+            result = _update(ready, caller, engine=engine, checkpoint=journal, resume=resume)
             result = with_modes(result)
-            further = _further(ready, result, callback, engine)
+            further = _further(ready, result, caller, engine)
         with replaced(out, "run", outputs(job), earlier=("run", "plant")) as new:
             _write(result, job, out, new)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, new)
             if job.output.report:
-                _announce(callback, "report", result)
+                _announce(caller, "report", result)
                 _write_reports(result, new, further)
-        if result.status not in _UNFINISHED:
+        if not (caller.stopped or result.status in _UNFINISHED):
             journal.unlink(missing_ok=True)
-    return JobRun(result, further, out)
+    return JobRun(result, further, out, caller.stopped)
 
 
 def job_selection(prepared: Prepared) -> Selection | None:
@@ -328,20 +345,22 @@ def update_keys(job: Job) -> Iterator[None]:
 def _further(
     ready: Prepared,
     result: UpdateResult | JointResult,
-    callback: Callable[[Progress], bool | None] | None,
+    caller: _Caller,
     engine: Any,
 ) -> dict[str, Any]:
     """Return what the further tables of the job give, by their names."""
     further: dict[str, Any] = {}
     for name in ready.job.tables:
         try:
-            found = JOB_TABLES[name].run(ready, result, further, callback, engine)
+            found = JOB_TABLES[name].run(ready, result, further, caller, engine)
         except UpdynError as error:
             text = f"{ready.job.path}: [{name}] is left out: {error}"
             warnings.warn(text, UpdynWarning, stacklevel=3)
             continue
         if found is not None:
             further[name] = found
+        if caller.stopped:
+            break
     return further
 
 
@@ -359,15 +378,14 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
     write_result_json(result, folder / "result.json")
 
 
-def _announce(
-    callback: Callable[[Progress], bool | None] | None,
-    stage: str,
-    result: UpdateResult | JointResult,
-) -> None:
+def _go_on(progress: Progress) -> None:
+    """Take no notice of the progress."""
+
+
+def _announce(caller: _Caller, stage: str, result: UpdateResult | JointResult) -> None:
     """Show the caller that a stage after the update begins, which cannot be stopped."""
-    if callback is not None:
-        steps = result.first.iterations
-        callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
+    steps = result.first.iterations
+    caller.callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:

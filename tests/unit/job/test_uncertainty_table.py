@@ -116,3 +116,26 @@ def test_a_method_without_likelihood_is_refused_before_the_run(job):
     path.write_text(text)
     with pytest.raises(JobError, match=r"kind 'profile' is of a fit by 'maximum-likelihood'"):
         prepare(load_job(path))
+
+
+def test_a_bootstrap_that_is_stopped_stops_the_run_and_is_made_anew(job, tmp_path):
+    path = job('[uncertainty]\nkind = "bootstrap"\nn = 6\nseed = 5\n[output]\nreport = false\n')
+    whole = run_job(load_job(path), tmp_path / "whole")
+
+    def stop(progress):
+        return progress.stage.startswith("bootstrap 2")
+
+    out = tmp_path / "out"
+    stopped = run_job(load_job(path), out, stop)
+    assert stopped.stopped
+    assert not whole.stopped
+    assert stopped.result.status == whole.result.status
+    assert stopped.result.values == whole.result.values
+    assert (out / "run.journal").exists()
+    again = run_job(load_job(path), out, resume=True)
+    assert not again.stopped
+    assert again.result.values == whole.result.values
+    assert not (out / "run.journal").exists()
+    values = [run.further["uncertainty"].values for run in (whole, stopped, again)]
+    assert len(values[1]) < 6
+    assert np.array_equal(values[0], values[2])
