@@ -166,8 +166,8 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     words = " ".join(section.split())
     assert "in rounds of at most 12 steps" in words
     assert "in a new basis where the one before ended, 12 at most" in words
-    assert "within a hundredth of a factor of the point of the basis" in words
-    assert pytest.approx(0.01) == reducing._NEAR * reducing._TRUST_RADIUS
+    assert "within a fiftieth of a factor of the point of the basis" in words
+    assert pytest.approx(0.02) == reducing._NEAR * reducing._TRUST_RADIUS
     assert f"(a tenth above {reducing._HEAVY:,} DOFs" in words
     assert pytest.approx(0.1) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
     assert "too large above a fifth of what is allowed" in words

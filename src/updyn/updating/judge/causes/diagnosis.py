@@ -20,7 +20,7 @@ from updyn.updating.judge.causes.data_alone import (
     still_shown,
     with_variance,
 )
-from updyn.updating.judge.causes.evidence import spread_of
+from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.misfit import as_likely, log_misfit
 from updyn.updating.judge.causes.ranking import (
@@ -244,11 +244,23 @@ def _likeliest(
         return []
     assert without is not None
     # What freed the unknowns from a poor minimum may not have been the fault.
-    better = tried(here, None, [ranked[0].trial.x])
+    better = tried(here, None, [ranked[0].trial.x, *_imitating(here, ranked[0])])
     lost = max(better.gain(without), 0.0) if better is not None else 0.0
     if ranked[0].log_odds - lost < LIKELY:
         return []
     return [one for one in ranked if is_as_likely(one, ranked[0])]
+
+
+def _imitating(part: Part, found: Ranked) -> list[_Real]:
+    """Return the point at which the unknowns would do what a fault does, where it has a size."""
+    if not found.fault.tunes:
+        return []
+    evidence = Evidence(part, found.trial.x)
+    try:
+        change = np.asarray(found.fault.value * found.fault.slope(evidence), dtype=np.complex128)
+        return [evidence.imitating(change)]
+    except SolverError:
+        return []
 
 
 def _stands(ranked: Sequence[Ranked]) -> bool:

@@ -40,6 +40,8 @@ SMALLEST = 1e-3
 _FACTOR, _LOSS = 0.4, 0.2
 #: Share of the frequency by which its derivative is taken.
 _STEP = 1e-5
+#: Share of the largest change, by unknowns in units of their spread, that is none.
+_ALIKE = 1e-6
 #: Loss factor of soft supports: foam, rubber cords.
 _SOFT_LOSS = 0.05
 
@@ -306,6 +308,23 @@ class Evidence:
         """What the unknowns change in the misfit, to first order, shape (2 m, n)."""
         labels = labels_of(self.frf)
         return self._changes(labels, np.arange(len(labels)))
+
+    def imitating(self, change: _Complex) -> _Real:
+        """Return the point at which the unknowns do most nearly the same to the model.
+
+        Parameters
+        ----------
+        change : ndarray of complex, shape (n_f, n_i, n_j)
+            Of ln H.
+
+        Returns
+        -------
+        ndarray of float, shape (n,)
+            To first order, within the bounds.
+        """
+        wanted = stacked(self.weight * change)
+        step = np.linalg.lstsq(self.changes * self.spread, wanted, rcond=_ALIKE)[0]
+        return np.asarray(np.clip(self.x + self.spread * step, *self.part.coordinates.bounds))
 
     @cached_property
     def normal(self) -> _Real:

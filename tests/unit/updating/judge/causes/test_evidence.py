@@ -7,6 +7,7 @@ import pytest
 
 import updyn
 from updyn.updating.judge.causes.evidence import Evidence, spread_of, stacked
+from updyn.updating.judge.causes.frequency_scale import FrequencyScale
 from updyn.updating.judge.causes.misfit import as_likely, log_misfit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
@@ -26,6 +27,17 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     Q = np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(part))]))[0]
     b = np.random.default_rng(0).standard_normal(len(Q))
     assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+
+
+def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
+    """K - (e^v omega)^2 M is that of e^2v times all masses."""
+    frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 30), ["2:X", "7:X"], ["12:X"])
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    unknowns = updyn.parameters(chain12, mass="all")
+    part = Part.build(chain12, frf, unknowns)
+    evidence = Evidence(part, part.coordinates.home)
+    change = 0.02 * FrequencyScale().slope(evidence)
+    assert evidence.imitating(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
 
 
 def test_values_weigh_as_the_likelihood_says():
