@@ -1341,7 +1341,9 @@ class LineResiduals:
 
     def _by_line(self, U: _Real) -> _Real:
         """Return fields as (N, n_lines, 2, n_j), without a copy."""
-        return U.reshape(len(U), self._c.shape[1], 2, -1)
+        n_lines = self._c.shape[1]
+        # A group without entries has no rows, of which the number of columns cannot be told.
+        return U.reshape(len(U), n_lines, 2, U.shape[1] // (2 * n_lines))
 
     def _times(self, U: _Real) -> _Real:
         """Return Z U, group by group: no matrix of the whole model is put together for a line."""

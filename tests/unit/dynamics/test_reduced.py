@@ -193,6 +193,16 @@ def test_a_basis_that_has_settled_is_certified_as_it_is() -> None:
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
 
 
+def test_a_group_without_entries_is_no_hindrance() -> None:
+    model = plate()
+    empty = sp.csr_array(model.stiffness.shape)
+    groups = {**model.groups, "none": updyn.Group(stiffness=empty, mass=empty)}
+    system = AffineSystem.compile(updyn.Model.from_groups(groups, model.dofs))
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
+    reduction.settle(system.start, BAND)
+    assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
+
+
 def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
     """Terms differ by a factor of e; each pass looks at other lines of them."""
     system = AffineSystem.compile(plate())

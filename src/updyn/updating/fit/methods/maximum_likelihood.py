@@ -200,9 +200,9 @@ class MaximumLikelihood(SearchingMethod):
         points: Sequence[_Vector],
     ) -> list[Answer]:
         """Return what may be other answers that fit as well, ends of valleys last."""
+        if self._is_in_vain(models.rough, monitor, at):
+            return []
         with monitor.stage("other answers"):
-            if self._is_in_vain(models.rough, monitor, at):
-                return []
             points = [*points, *self._elsewhere(models, monitor, at)]
             found = self._further(models, noises, points, monitor, at)
             ends, reached = self._valleys(models, noises, monitor, at)
