@@ -20,7 +20,7 @@ groups off by factors of up to exp(`--away`), loss factors of 0 to 0.3:
 Processor time in real factorisations of the model, that of the start included where it is used; of
 an evaluation, all lines at one state; the error of a receptance over the largest of its line.
 
-    OMP_NUM_THREADS=1 python benchmarks/by_group.py [--models solid:3x3x18,frame:4x19x12]
+    OMP_NUM_THREADS=1 python benchmarks/by_group.py [--models solid:3x3x18:6,frame:4x19:12]
         [--sensors 12] [--away 1.0] [--states 6]
 """
 

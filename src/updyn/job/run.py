@@ -95,12 +95,13 @@ class JobRun:
 class _Caller:
     """Who is told of the progress of a run, and whether it was to stop."""
 
-    callback: Callable[[Progress], bool | None]
+    callback: Callable[[Progress], bool | None] | None
     stopped: bool = False
 
     def __call__(self, progress: Progress) -> bool:
         """Report the progress; return whether to stop."""
-        self.stopped = bool(self.callback(progress)) or self.stopped
+        if self.callback is not None:
+            self.stopped = bool(self.callback(progress)) or self.stopped
         return self.stopped
 
 
@@ -159,7 +160,7 @@ def run_job(
     """
     out = check_out(job, out)
     ready = prepare(job) if prepared is None else prepared
-    caller = _Caller(callback or _go_on)
+    caller = _Caller(callback)
     with open_folder(out):
         check_out(job, out)  # once more: now no other run can change it
         resume = resume and was_saved(out)
@@ -173,7 +174,7 @@ def run_job(
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, new)
             if job.output.report:
-                _announce(caller, "report", result)
+                _announce(callback, "report", result)
                 _write_reports(result, new, further)
         if not (caller.stopped or result.status in _UNFINISHED):
             journal.unlink(missing_ok=True)
@@ -378,14 +379,15 @@ def _write(result: UpdateResult | JointResult, job: Job, out: Path, folder: Path
     write_result_json(result, folder / "result.json")
 
 
-def _go_on(progress: Progress) -> None:
-    """Take no notice of the progress."""
-
-
-def _announce(caller: _Caller, stage: str, result: UpdateResult | JointResult) -> None:
+def _announce(
+    callback: Callable[[Progress], bool | None] | None,
+    stage: str,
+    result: UpdateResult | JointResult,
+) -> None:
     """Show the caller that a stage after the update begins, which cannot be stopped."""
-    steps = result.first.iterations
-    caller.callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
+    if callback is not None:
+        steps = result.first.iterations
+        callback(Progress(stage, len(result.first.history), math.nan, 0, 0, steps))
 
 
 def _by_folder(result: UpdateResult | JointResult, folder: Path) -> list[tuple[Path, UpdateResult]]:

@@ -246,11 +246,7 @@ def put_back(problem: Problem, answer: Answer) -> Iterator[_Vector]:
 
 
 def elsewhere(
-    problem: Problem,
-    answer: Answer,
-    unlikelihood: Callable[[_Vector], float],
-    most: int,
-    models: Models | None = None,
+    models: Models, answer: Answer, unlikelihood: Callable[[_Vector], float], most: int
 ) -> list[_Vector]:
     """Return points, shape (n,), away from an answer that fit fairly well as they stand.
 
@@ -259,20 +255,18 @@ def elsewhere(
 
     Parameters
     ----------
-    problem : Problem
-        Model, data and unknowns.
+    models : Models
+        What they are compared in.
     answer : Answer
         Where they are away from.
     unlikelihood : callable
         Minus the log-likelihood at a point.
     most : int
         Largest number of points that are looked at, most of them on few lines.
-    models : Models, optional
-        What they are compared in on few lines; by default the problem's own model.
     """
+    problem = models.exact
     points = chain(exchanged(problem, answer.x), _moved(problem, answer.x))
     tries = list({x.tobytes(): x for x in points}.values())[:most]
-    models = models or Models(problem)
     screen = Screen.of(models.rough, answer.x, answer.noises, answer.residual)
     if models.ranks:
         near, far = (

@@ -22,6 +22,7 @@ from updyn.updating.fit.answers import (
     put_back,
     weakly_held,
 )
+from updyn.updating.fit.models import Models
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
@@ -114,7 +115,7 @@ def test_stiffnesses_are_exchanged_and_not_their_factors():
     unknowns = updyn.parameters(start, stiffness=["left", "right"])
     problem = problem_of(start, frf, unknowns)
     x = np.log([factors[name] for name in unknowns.names])
-    found = elsewhere(problem, weighted_at(problem, x), misfit(problem), 100)
+    found = elsewhere(Models(problem), weighted_at(problem, x), misfit(problem), 100)
     np.testing.assert_allclose(np.exp(found[0]), [1.75, 0.6], rtol=1e-12)
 
 
@@ -136,7 +137,7 @@ def test_like_groups_change_places_all_at_once_where_the_structure_is_mirrored()
     x = np.log([1.5, 0.8, 1.3, 0.7])
     image = np.log([1.75, 1.3, 0.8, 0.6])
     assert cost(image) == pytest.approx(0.0, abs=1e-12)
-    best = elsewhere(problem, weighted_at(problem, x), cost, 100)[0]
+    best = elsewhere(Models(problem), weighted_at(problem, x), cost, 100)[0]
     np.testing.assert_allclose(best, image, atol=1e-12)
     for only in ([1.75, 0.8, 1.3, 0.6], [1.5, 1.3, 0.8, 0.7]):  # one pair alone fits badly
         assert cost(np.log(only)) > 1e3
@@ -148,7 +149,9 @@ def test_points_that_fit_badly_as_they_stand_are_left_out():
     true = start.scaled({"left": {"stiffness": 1.5}, "right": {"stiffness": 0.7}})
     frf = updyn.response(true, FREQ, ["1:X"], ["2:X"])
     problem = problem_of(start, frf, updyn.parameters(start, stiffness=["left", "right"]))
-    found = elsewhere(problem, weighted_at(problem, np.log([1.5, 0.7])), misfit(problem), 100)
+    found = elsewhere(
+        Models(problem), weighted_at(problem, np.log([1.5, 0.7])), misfit(problem), 100
+    )
     assert not any(np.allclose(np.exp(x), [1.75, 0.6]) for x in found)
 
 

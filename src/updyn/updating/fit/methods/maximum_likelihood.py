@@ -279,7 +279,7 @@ class MaximumLikelihood(SearchingMethod):
         points: list[_Vector] = []
         with suppress(Stopped):
             most = 2 * len(monitor.history)  # no more work than the fit was
-            further = elsewhere(problem, at, unlikelihood, most, models)
+            further = elsewhere(models, at, unlikelihood, most)
             loose = restarted(problem, at, self.seed)
             for x in chain(weakly_held(problem, at), loose, put_back(problem, at), further):
                 if not any(np.array_equal(x, point) for point in points):

@@ -242,14 +242,14 @@ class Fault(ABC):
         return text[0].upper() + text[1:]
 
     @property
+    def named(self) -> str:
+        """What is wrong where, whatever its size: ``kind:channels``."""
+        return f"{self.kind}:{','.join(self.channels)}" if self.channels else self.kind
+
+    @property
     def written(self) -> str:
         """How the fault is written down: ``kind:channels=value``."""
-        text = self.kind
-        if self.channels:
-            text += ":" + ",".join(self.channels)
-        if self.value:
-            text += f"={self.value:.9g}"
-        return text
+        return f"{self.named}={self.value:.9g}" if self.value else self.named
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:

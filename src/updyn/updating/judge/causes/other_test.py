@@ -49,7 +49,7 @@ class OtherTest(Fault):
         assert frf.variance is not None
         clear = np.abs(frf.values) ** 2 > frf.variance
         for channels in each_sensor(frf):
-            own = place_of(channels, frf).spread(np.ones(len(frf.freq)), clear.shape).real > 0.0
+            own = cls(channels)._at(frf) > 0.0
             if clear[own].any() and clear[~own].any():
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 

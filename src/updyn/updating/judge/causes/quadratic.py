@@ -131,9 +131,11 @@ class Quadratic:
             Least mean square: about a poor end of a fit the second order may promise any.
         """
         spread = np.where(self.held, share * self.spread, self.spread)
+        # J^T J in units of the spread: with the prior's 1 added, it is well-posed.
+        scaled = spread[:, None] * self.normal * spread
+        curves, directions = np.linalg.eigh(scaled)
         step = np.zeros(len(spread))
         power = self._power(step)
-        curves, directions = np.linalg.eigh(self._scaled(spread))
         for _ in range(_LEVELS if share < 1.0 else 0):
             each = 2.0 * count / self.n_values / (power + SMALLEST**2)
             pull = directions.T @ (each * spread * self.gradient - self.off / spread)
@@ -141,23 +143,17 @@ class Quadratic:
             power = max(self._power(step), least)
         far = float(np.sum(((self.off + step) / spread) ** 2))
         fitted = -0.5 * count * float(np.log(power + SMALLEST**2)) - 0.5 * far
-        return Outcome(power, fitted - self._occam(spread, count, level))
+        # -ln of the share of what is held that the data leave, whatever the others are.
+        each = 2.0 * count / self.n_values / (level + SMALLEST**2)
+        others = np.linalg.eigvalsh(scaled[np.ix_(~self.held, ~self.held)])
+        occam = 0.5 * (_log_volume(each * curves) - _log_volume(each * others))
+        return Outcome(power, fitted - occam)
 
     def _power(self, step: _Real) -> float:
         left = self.square - 2.0 * self.gradient @ step + step @ self.normal @ step
         return 2.0 * max(float(left), 0.0) / self.n_values
 
-    def _scaled(self, spread: _Real) -> _Real:
-        """Return J^T J in units of the spread: with the prior's 1 added, it is well-posed."""
-        return np.asarray(spread[:, None] * self.normal * spread)
 
-    def _occam(self, spread: _Real, count: float, level: float) -> float:
-        """Return -ln of the share of what is held that the data leave, whatever the others are."""
-        each = 2.0 * count / self.n_values / (level + SMALLEST**2)
-        scaled = self._scaled(spread)
-        sought = scaled[np.ix_(~self.held, ~self.held)]
-        whole, open_ = (
-            float(np.log1p(each * np.maximum(np.linalg.eigvalsh(one), 0.0)).sum())
-            for one in (scaled, sought)
-        )
-        return 0.5 * (whole - open_)
+def _log_volume(curves: NDArray[Any]) -> float:
+    """Return ln det(1 + A) from the eigenvalues of A, none of which is negative but by rounding."""
+    return float(np.log1p(np.maximum(curves, 0.0)).sum())

@@ -37,8 +37,8 @@ class Quantity(Fault):
         frf = evidence.frf
         if frf.freq[0] == 0.0:
             return
-        labels = labels_of(frf)
-        places = [(), *((label,) for label in labels if len(labels) > 1)]
+        each = [(label,) for label in labels_of(frf)]
+        places = [(), *each] if len(each) > 1 else [()]
         for name, power in QUANTITIES.items():
             if name != frf.quantity:
                 yield from (cls(channels, float(power)) for channels in places)
@@ -72,7 +72,7 @@ class Quantity(Fault):
     @property
     def written(self) -> str:
         """``quantity=mobility``, ``quantity:2:Z=mobility``."""
-        return f"{':'.join([self.kind, *filter(None, [','.join(self.channels)])])}={self.name}"
+        return f"{self.named}={self.name}"
 
     @classmethod
     def read(cls, channels: str, value: str) -> Self:
