@@ -46,6 +46,9 @@ __all__ = [
 ]
 
 
+_NEEDED: Any = object()
+
+
 class Kept(Protocol):
     """How a dataset keeps one field of a record."""
 
@@ -132,11 +135,20 @@ class Mixed:
         Dataclass of the field, whose fields are kept by name; None for plain values.
     is_attribute : bool
         Whether the text is an attribute, not a variable.
+    absent : optional
+        What an attribute is that is not there; by default it has to be.
     """
 
-    def __init__(self, kind: Callable[..., Any] | None = None, *, is_attribute: bool = False):
+    def __init__(
+        self,
+        kind: Callable[..., Any] | None = None,
+        *,
+        is_attribute: bool = False,
+        absent: Any = _NEEDED,
+    ):
         self._kind = kind
         self._is_attribute = is_attribute
+        self._absent = absent
 
     def put(self, data: xr.Dataset, name: str, value: Any) -> None:
         """Write the values."""
@@ -151,6 +163,8 @@ class Mixed:
     def take(self, data: xr.Dataset, name: str, path: Path) -> Any:
         """Return the values."""
         if self._is_attribute:
+            if name not in data.attrs and self._absent is not _NEEDED:
+                return self._absent
             text = Text().take(data, name, path)
         else:
             text = str(variable(data, name, path)[()])

@@ -12,7 +12,8 @@ and of profiles, a row for each unknown that was profiled, padded with nan::
     value, drop                                (profile, point)
     others                                     (profile, point, parameter)
     estimate                                   (profile)
-    attributes kind, level, threshold; intervals, ends, missing, better: JSON texts
+    attributes kind, level, threshold; intervals, ends, missing, better,
+    reduction: JSON texts
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ _PROFILES: dict[str, Kept] = {
     "level": Number(float),
     "threshold": Number(float),
     "better": Mixed(is_attribute=True),
+    "reduction": Mixed(is_attribute=True, absent={}),  # files of before have none
 }
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,10 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.likelihood import Gaussian, Point, furthest
+from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import Surrogate, reduced_about
+from updyn.uncertainty.surrogate import excess, reduced_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
@@ -35,8 +36,6 @@ _Complex = NDArray[np.complex128]
 RESAMPLING = ("parametric", "residual")
 #: Largest share of failed refits in draws that can be relied on.
 _FAILED = 0.05
-#: Draws at which the error of a reduced model is evaluated.
-_CHECKED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,22 +147,27 @@ def bootstrap(
         counter.attach(session)
         found: list[tuple[str, _Vector]] = []
         acceleration = np.zeros(len(restored.names))
-        figures: dict[str, Any] = {}
-        try:
-            surrogate, restored = reduced_about(restored, accuracy, seed)
-            acceleration = _acceleration(restored)
-            refits = _refits(restored, kind)
-            items = [(seed, number) for number in range(n)]
-            spread = not restored.problem.spreads
-            for ended in session.map(_refit, refits, items, spread=spread):
+        reduction: Mapping[str, Any] = {}
+        items = [(seed, number) for number in range(n)]
+
+        def refitted(problem: Problem) -> NDArray[np.float64]:
+            found.clear()
+            counter.done = 0
+            refits = _refits(restored.with_problem(problem), kind)
+            for ended in session.map(_refit, refits, items, spread=not problem.spreads):
                 found.append(ended)
                 if counter.step():
                     break
-            drawn = [x for reason, x in found if not reason]
-            figures = _reduction_error(surrogate, drawn, accuracy)
-        except Stopped:
-            pass
-    options = {"n": int(n), "seed": seed, "resampling": kind, **figures}
+            return np.array([x for reason, x in found if not reason])
+
+        with suppress(Stopped):
+            surrogate, solved = reduced_about(restored, accuracy, seed)
+            acceleration = _acceleration(solved)
+            if surrogate is None:
+                refitted(restored.problem)
+            else:
+                reduction = surrogate.settled(refitted)
+    options = {"n": int(n), "seed": seed, "resampling": kind, **reduction}
     return _draws(result, restored, found, acceleration, options)
 
 
@@ -260,16 +264,6 @@ def _acceleration(restored: RestoredFit) -> _Vector:
     return np.asarray(np.sum(U**3, axis=0) / (6.0 * np.where(power > 0, power, 1.0) ** 1.5))
 
 
-def _reduction_error(
-    surrogate: Surrogate | None, ended: list[_Vector], accuracy: float
-) -> dict[str, Any]:
-    """Return size and error of a reduced model for the record; empty where there is none."""
-    if surrogate is None or len(ended) < 2:
-        return {}
-    error = max(surrogate.error(x) for x in furthest(np.array(ended), _CHECKED))
-    return {"basis": surrogate.size, "error": error, "accuracy": accuracy}
-
-
 def _draws(
     result: UpdateResult | JointResult,
     restored: RestoredFit,
@@ -305,11 +299,8 @@ def _draws(
         messages.append(
             f"On a bound the bootstrap says little: use a profile for {', '.join(bounded)}."
         )
-    if options.get("error", 0.0) > options.get("accuracy", np.inf):
-        messages.append(
-            f"The reduced model errs by {options['error']:.1g} at the furthest draws, not"
-            f" {options['accuracy']:g}."
-        )
+    if errs := excess(options, "the furthest draws"):
+        messages.append(errs)
         reliable = False
     spread = np.full(len(parameters), np.nan)
     if len(kept) > 1:

@@ -19,6 +19,7 @@ from updyn.updating.fit.answers import exchanged
 from updyn.updating.fit.search import SEARCH_LINES, SEARCH_STEPS
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import LogError, with_prior
 
 __all__ = ["STARTS", "find_minima"]
@@ -38,7 +39,12 @@ _NEGLIGIBLE = 12.0
 
 
 def find_minima(
-    likelihood: Likelihood, best: Point, starts: int, seed: int, counter: WorkCounter | None = None
+    likelihood: Likelihood,
+    best: Point,
+    whole: Problem,
+    starts: int,
+    seed: int,
+    counter: WorkCounter | None = None,
 ) -> list[Point]:
     """Return the minima that fit the data about as well as the best, ascending in cost.
 
@@ -48,6 +54,8 @@ def find_minima(
         The cost to minimise.
     best : Point
         The known minimum.
+    whole : Problem
+        With the whole models, whose parts are exchanged.
     starts : int
         Random starts; 0 returns the known minimum only.
     seed : int
@@ -69,7 +77,7 @@ def find_minima(
     if starts == 0:
         return found
     problem = likelihood.problem
-    items = [*_random(likelihood, best.x, starts, seed), *_exchanged(likelihood, best.x)]
+    items = [*_random(likelihood, best.x, starts, seed), *_exchanged(likelihood, whole, best.x)]
     for top in problem.session.map(_climb, likelihood, items, spread=not problem.spreads):
         if top is not None and not any(_is_same(top, other) for other in found):
             found.append(top)
@@ -94,9 +102,11 @@ def _random(
         yield np.clip(start, lower, upper), True
 
 
-def _exchanged(likelihood: Likelihood, x: _Vector) -> Iterator[tuple[_Vector, bool]]:
+def _exchanged(
+    likelihood: Likelihood, whole: Problem, x: _Vector
+) -> Iterator[tuple[_Vector, bool]]:
     """Yield the estimate with parts of the structure exchanged, of lowest cost first."""
-    tries = list(exchanged(likelihood.problem, x))
+    tries = list(exchanged(whole, x))
     costs = list(map(likelihood.cost, tries))
     for at in np.argsort(costs, kind="stable")[:_EXCHANGES]:
         if np.isfinite(costs[at]):

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
-from updyn.uncertainty.restored import positions_of, restore
+from updyn.uncertainty.restored import RestoredFit, positions_of, restore
+from updyn.uncertainty.surrogate import excess, reduced_about
+from updyn.updating.problem.coordinates import Coordinates
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -46,6 +51,7 @@ def profile(
     level: float = 0.95,
     starts: int | None = None,
     seed: int = 0,
+    accuracy: float = ACCURACY,
     engine: int | Client | Engine | None = None,
     callback: Callable[[Progress], bool | None] | None = None,
 ) -> Profiles:
@@ -70,6 +76,9 @@ def profile(
         Random starts of a search for further minima; by default 8, for large models none.
     seed : int
         Seed of these starts.
+    accuracy : float
+        Large models are profiled in a reduced model about the estimate, of this error
+        (`updyn.update`); it is checked at the furthest points, and the model is enriched there.
     engine : None, int, dask.distributed Client or Engine
         Where the work is done, as for `updyn.update`; the figures do not depend on it.
     callback : callable, optional
@@ -110,43 +119,70 @@ def profile(
         at = positions_of(names, restored.names)
         counter = WorkCounter("profile", len(at), callback)
         counter.attach(session)
-        likelihood = restored.likelihood()
-        drop = 0.5 * float(chi2.ppf(level, 1))
-        found: dict[int, Profile] = {}
-        better: dict[str, float] = {}
-        try:
-            first = likelihood.descend(restored.x)
-            if first is None:
-                raise SolverError("the model cannot be solved at the estimate")
-            if starts is None:
-                starts = STARTS
-                if likelihood.problem.spreads:
-                    starts = 0
-            found, best = _profiles(likelihood, first, at, drop, (starts, seed), counter)
-            if best.cost < first.cost - _BETTER:
-                values = likelihood.problem.coordinates.to_values(best.x)
-                better = dict(zip(restored.names, values.tolist(), strict=True))
-        except Stopped:  # before the first profile
-            pass
+        run = _Run(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
+        reduction: Mapping[str, Any] = {}
+        with suppress(Stopped):  # before the first profile
+            surrogate, _ = reduced_about(restored, accuracy, seed)
+            if surrogate is None:
+                run.all(restored.problem)
+            else:
+                reduction = surrogate.settled(run.all)
     profiles, missing = [], []
     for k in at:
-        if k in found:
-            profiles.append(_to_values(found[k], likelihood))
+        if k in run.found:
+            profiles.append(_to_values(run.found[k], restored.whole.coordinates))
         else:
             missing.append(restored.names[k])
-    return Profiles(tuple(profiles), level, drop, tuple(missing), better)
+    return Profiles(tuple(profiles), level, run.drop, tuple(missing), run.better, reduction)
+
+
+@dataclass(slots=True, eq=False)
+class _Run:
+    """The profiles of some unknowns: what is asked for, and what has been found."""
+
+    restored: RestoredFit
+    at: Sequence[int]
+    drop: float
+    starts: int | None
+    seed: int
+    counter: WorkCounter
+    found: dict[int, Profile] = field(default_factory=dict)
+    better: dict[str, float] = field(default_factory=dict)
+
+    def all(self, problem: Problem) -> NDArray[np.float64]:
+        """Profile the unknowns in a problem, as it is to be solved.
+
+        Returns
+        -------
+        ndarray of float, shape (m, n)
+            The points of all profiles, in the optimiser's coordinates.
+        """
+        restored = self.restored.with_problem(problem)
+        likelihood = restored.likelihood()
+        self.found, self.better = {}, {}
+        first = likelihood.descend(restored.x)
+        if first is None:
+            raise SolverError("the model cannot be solved at the estimate")
+        starts = self.starts
+        if starts is None:
+            starts = 0 if restored.is_reduced or problem.spreads else STARTS
+        minima = find_minima(likelihood, first, restored.whole, starts, self.seed, self.counter)
+        self.found, best = _profiles(likelihood, minima, self.at, self.drop, self.counter)
+        if best.cost < first.cost - _BETTER:
+            values = problem.coordinates.to_values(best.x)
+            self.better = dict(zip(restored.names, values.tolist(), strict=True))
+        points = [one.others for one in self.found.values()]
+        return np.concatenate([np.zeros((0, problem.n)), *points])
 
 
 def _profiles(
     likelihood: Likelihood,
-    best: Point,
+    minima: list[Point],
     at: Sequence[int],
     drop: float,
-    search: tuple[int, int],
     counter: WorkCounter,
 ) -> tuple[dict[int, Profile], Point]:
     """Profile the unknowns, again from a better fit where one is found on the way."""
-    minima = find_minima(likelihood, best, *search, counter)
     for number in range(_ROUNDS):
         best = minima[0]
         found: dict[int, Profile] = {}
@@ -176,16 +212,15 @@ def _one(likelihood: Likelihood, item: tuple[Sequence[Point], int, float]) -> tu
     return ProfileTracer(likelihood, minima, k, drop).run()
 
 
-def _to_values(found: Profile, likelihood: Likelihood) -> Profile:
+def _to_values(found: Profile, coordinates: Coordinates) -> Profile:
     """Return a profile in the unit of its unknown."""
-    coordinates = likelihood.problem.coordinates
     parameters = coordinates.parameters
     k = parameters.names.index(found.name)
     given = (parameters.lower, parameters.upper)
 
     def value(x: float) -> float:
         # The exponential of the logarithm of a bound may miss it by the last digit.
-        for end, bound in zip(likelihood.bounds, given, strict=True):
+        for end, bound in zip(coordinates.bounds, given, strict=True):
             if abs(x - float(end[k])) <= 1e-12 * max(1.0, abs(x)):
                 return float(bound[k])
         return float(coordinates.to_values(np.full(len(parameters), x))[k])
@@ -308,6 +343,10 @@ class Profiles(Mapping[str, Profile]):
     better : dict of str to float
         Values of all unknowns at a better fit than the given one, if one was found; the profiles
         are then about that fit.
+    reduction : dict
+        Of a reduced model: ``basis``, its size; ``error``, the largest error of a receptance at the
+        furthest points, as a share of the largest of its line; ``accuracy``, the one wanted. Empty
+        where the whole model was solved.
     """
 
     items_: tuple[Profile, ...]
@@ -315,6 +354,7 @@ class Profiles(Mapping[str, Profile]):
     threshold: float
     missing: tuple[str, ...] = ()
     better: Mapping[str, float] = field(default_factory=dict)
+    reduction: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Profile:
         """Return the profile of an unknown.
@@ -356,6 +396,8 @@ class Profiles(Mapping[str, Profile]):
             )
         if self.missing:
             remarks.append(f"Stopped before {', '.join(self.missing)}.")
+        if errs := excess(self.reduction, "the furthest points"):
+            remarks.append(errs)
         return " ".join(remarks)
 
     def summary(self) -> str:

@@ -47,20 +47,20 @@ class RestoredFit:
     ----------
     results : tuple of UpdateResult
         One for each test.
-    problem : Problem
+    whole : Problem
         Model, data of the fit and unknowns.
+    problem : Problem
+        The same, as it is solved: with reduced models of large ones.
     x : ndarray of float, shape (n,)
         The estimate, in the optimiser's coordinates.
-    noises : tuple of NoiseModel
-        Noise model of each part at the end of the fit; nothing is estimated any more.
     inflation : float
         Factor on the standard deviations of the noise, as the fit applied it.
     """
 
     results: tuple[UpdateResult, ...]
+    whole: Problem
     problem: Problem
     x: _Vector
-    noises: tuple[NoiseModel, ...]
     inflation: float
 
     @property
@@ -73,9 +73,29 @@ class RestoredFit:
         """Names of the unknowns."""
         return self.first.parameters.names
 
+    @property
+    def is_reduced(self) -> bool:
+        """Whether it is solved in reduced models, which know nothing of what is far from it."""
+        return self.problem is not self.whole
+
     def with_problem(self, problem: Problem) -> RestoredFit:
         """Return the fit with a problem that is solved by other means."""
         return replace(self, problem=problem)
+
+    def noises(self) -> tuple[NoiseModel, ...]:
+        """Return the noise model of each part at the end of the fit, with nothing left to estimate.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved at the estimate.
+        """
+        n, n_values = self.problem.n, self.problem.n_values
+        # The unknowns that count against a part, for unbiased weights: its share of the data.
+        return tuple(
+            _noise(result, part, self.x, -(-n * part.n_values // n_values))
+            for result, part in zip(self.results, self.problem.parts, strict=True)
+        )
 
     def variances(self) -> list[NDArray[np.float64]]:
         """Return E|dH|^2 of each part, inflation included, in the unit of its data squared.
@@ -86,7 +106,7 @@ class RestoredFit:
             If the model cannot be solved at the estimate.
         """
         variances = []
-        for noise, part in zip(self.noises, self.problem.parts, strict=True):
+        for noise, part in zip(self.noises(), self.problem.parts, strict=True):
             variance = noise.variance(part.responses(self.x), part.frf)
             variances.append(variance * self.inflation**2)
         return variances
@@ -106,7 +126,7 @@ class RestoredFit:
 
     def initial_noises(self) -> tuple[NoiseModel, ...]:
         """Return the noise models at the start of the fit, their levels not estimated yet."""
-        return tuple(map(_initial_noise, self.results, self.problem.parts, self.noises))
+        return tuple(map(_initial_noise, self.results, self.problem.parts, self.noises()))
 
     def method(self) -> Any:
         """Return the method with the options of the fit, without its search."""
@@ -142,8 +162,6 @@ def restore(
     OptionError
         If it is no result, its method lacks the attribute, it is regularised, or the fit did not
         end at a minimum.
-    SolverError
-        If the model cannot be solved at the estimate.
     """
     results = parts_of(result)
     first = results[0]
@@ -171,13 +189,8 @@ def restore(
         parts.append(_part(one, session, name))
     problem = Problem.of(parts)
     x = problem.coordinates.to_x(estimate_of(first))
-    noises = []
-    for part_result, part in zip(results, problem.parts, strict=True):
-        # The unknowns that count against this part, for unbiased weights: its share of the data.
-        n_unknowns = -(-problem.n * part.n_values // problem.n_values)
-        noises.append(_noise(part_result, part, x, n_unknowns))
     inflation = float(first.noise.get("inflation", 1.0))
-    return RestoredFit(results, problem, x, tuple(noises), inflation)
+    return RestoredFit(results, problem, problem, x, inflation)
 
 
 def estimate_of(result: UpdateResult) -> _Vector:

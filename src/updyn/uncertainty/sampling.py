@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,12 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point, furthest
+from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import Surrogate, reduced_about
+from updyn.uncertainty.surrogate import excess, reduced_about
+from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -46,10 +48,6 @@ _ROUND = 25
 _MOVES = (0.7, 0.2, 0.1)
 #: Least length of a chain, in autocorrelation times.
 _LONG = 20
-#: Times that a reduced model is enriched at its furthest draws.
-_ENRICHMENTS = 2
-#: Draws at which the error of a reduced model is evaluated.
-_CHECKED = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,22 +148,13 @@ def sample(
         counter = WorkCounter("sampling", int(n), callback)
         counter.attach(session)
         run = _Run(restored, int(n), seed, starts, max_evaluations, counter)
-        surrogate: Surrogate | None = None
-        try:
-            surrogate, run.restored = reduced_about(restored, accuracy, seed)
-            run.all()
-            if surrogate is not None:
-                for _ in range(_ENRICHMENTS):
-                    far = run.furthest()
-                    run.error = max(map(surrogate.error, far))
-                    if run.error <= accuracy:
-                        break
-                    surrogate.enrich(list(far))
-                    run.restored = restored.with_problem(surrogate.problem())
-                    run.all()
-        except Stopped:
-            pass
-    return run.draws(result, surrogate, accuracy)
+        with suppress(Stopped):
+            surrogate, _ = reduced_about(restored, accuracy, seed)
+            if surrogate is None:
+                run.all(restored.problem)
+            else:
+                run.reduction = surrogate.settled(run.all)
+    return run.draws(result)
 
 
 @dataclass(slots=True, eq=False)
@@ -182,15 +171,27 @@ class _Run:
     n_modes: int = 1
     evaluations: int = 0
     accepted: float = 0.0
-    error: float = 0.0
+    reduction: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def walkers(self) -> int:
         """Number of walkers of an ensemble: even, at least twice the number of unknowns."""
         return max(16, 2 * (len(self.restored.x) + 1))
 
-    def all(self) -> None:
-        """Find the modes of the posterior, warm up, and draw until the draws are enough."""
+    def all(self, problem: Problem) -> NDArray[np.float64]:
+        """Find the modes of the posterior, warm up, and draw until the draws are enough.
+
+        Parameters
+        ----------
+        problem : Problem
+            As it is to be solved.
+
+        Returns
+        -------
+        ndarray of float, shape (m, n)
+            The draws, in the optimiser's coordinates.
+        """
+        self.restored = self.restored.with_problem(problem)
         self.chains, self.evaluations = None, 0
         likelihood = self.restored.likelihood()
         best = likelihood.descend(self.restored.x)
@@ -199,9 +200,10 @@ class _Run:
         starts = self.starts
         if starts is None:
             starts = STARTS
-            if self._is_large:
+            if self.restored.is_reduced:
                 starts = 0
-        minima = find_minima(likelihood, best, starts, self.seed, self.counter)
+        whole = self.restored.whole
+        minima = find_minima(likelihood, best, whole, starts, self.seed, self.counter)
         self.n_modes = len(minima)
         mixture = Mixture.of(likelihood, minima)
         states = self._begin(likelihood, mixture, minima)
@@ -222,11 +224,10 @@ class _Run:
             is_long = effective * self.chains.shape[1] >= _LONG * self.chains[..., 0].size
             agree = found["r_hat"].max() <= CHAINS_AGREE
             if self.counter.asks() or (effective >= self.n and is_long and agree):
-                return
-
-    @property
-    def _is_large(self) -> bool:
-        return any(part.solver.tier != "dense" for part in self.restored.problem.parts)
+                break
+        if self.chains is None:
+            return np.zeros((0, len(self.restored.x)))
+        return self.chains.reshape(-1, self.chains.shape[-1])
 
     def _begin(
         self, likelihood: Likelihood, mixture: Mixture, minima: Sequence[Point]
@@ -259,15 +260,7 @@ class _Run:
         drawn = np.concatenate([chain.transpose(1, 0, 2) for chain in chains])
         return list(after), drawn, float(np.mean(shares))
 
-    def furthest(self) -> NDArray[np.float64]:
-        """Return the draws furthest from the mean, in the optimiser's coordinates."""
-        if self.chains is None:
-            return np.zeros((0, len(self.restored.x)))
-        return furthest(self.chains.reshape(-1, self.chains.shape[-1]), _CHECKED)
-
-    def draws(
-        self, result: UpdateResult | JointResult, surrogate: Surrogate | None, accuracy: float
-    ) -> Draws:
+    def draws(self, result: UpdateResult | JointResult) -> Draws:
         """Return the draws with their diagnostics, and a message on what limits their use."""
         coordinates = self.restored.problem.coordinates
         parameters = coordinates.parameters
@@ -278,9 +271,8 @@ class _Run:
             "evaluations": self.evaluations,
             "acceptance": self.accepted,
             "ensembles": _ENSEMBLES,
+            **self.reduction,
         }
-        if surrogate is not None:
-            options |= {"basis": surrogate.size, "error": self.error, "accuracy": accuracy}
         none = Draws(
             kind="sampling",
             names=tuple(parameters.names),
@@ -299,7 +291,7 @@ class _Run:
             return none
         chains = coordinates.to_values(self.chains)
         diagnostics = diagnose(chains, _ENSEMBLES)
-        problems = self._problems(diagnostics, parameters.names, surrogate, accuracy)
+        problems = self._problems(diagnostics, parameters.names)
         message = " ".join(problems)
         if self.n_modes > 1 and not problems:
             message = (
@@ -314,13 +306,7 @@ class _Run:
             message=message,
         )
 
-    def _problems(
-        self,
-        diagnostics: dict[str, _Vector],
-        names: list[str],
-        surrogate: Surrogate | None,
-        accuracy: float,
-    ) -> list[str]:
+    def _problems(self, diagnostics: dict[str, _Vector], names: list[str]) -> list[str]:
         """Return why the draws cannot be relied on, one sentence each; empty where they can."""
         problems = []
         r_hat = diagnostics["r_hat"]
@@ -341,12 +327,8 @@ class _Run:
             problems.append(
                 f"Ended after {self.evaluations} evaluations; allow more by max_evaluations."
             )
-        if surrogate is not None and self.error > accuracy:
-            problems.append(
-                f"The reduced model errs by {self.error:.1g} at the furthest draws, not"
-                f" {accuracy:g}."
-            )
-        return problems
+        errs = excess(self.reduction, "the furthest draws")
+        return [*problems, errs] if errs else problems
 
 
 def _log_prob(likelihood: Likelihood, X: NDArray[np.float64]) -> _Vector:

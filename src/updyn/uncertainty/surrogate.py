@@ -1,26 +1,28 @@
-"""Reduced models about the estimate, for sampling and refitting large models, and their error.
+"""Reduced models about the estimate, for the uncertainty of large ones, and their error.
 
 A basis is built at the estimate and enriched at a few points about it, as far from it as draws are,
-until the residual of the full model certifies its accuracy there. Afterwards its error is evaluated
-at the draws furthest from the mean.
+until the residual of the full model says that it is accurate there. Afterwards its error is
+evaluated at the points furthest from their mean. At no line is the full model solved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
-from updyn.uncertainty.likelihood import Gaussian, Point
+from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import reduction_of
 from updyn.updating.problem.problem import Problem
 
-__all__ = ["Surrogate", "reduced_about"]
+__all__ = ["Surrogate", "excess", "reduced_about"]
 
 _Vector = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ _Vector = NDArray[np.float64]
 _POINTS = 4
 #: Their distance from the estimate, in standard deviations.
 _DISTANCE = 2.0
+#: Points at which the error is evaluated afterwards, and how often it is mended there.
+_CHECKED, _ENRICHMENTS = 4, 2
 
 
 @dataclass(slots=True, eq=False)
@@ -54,34 +58,31 @@ class Surrogate:
         """Number of basis vectors of all parts."""
         return sum(r.basis.size for r in self._reductions)
 
-    def begin(self, points: Sequence[_Vector]) -> None:
-        """Build the bases at the first point and enrich them at all points.
+    def begin(self, x: _Vector) -> None:
+        """Build the bases at the estimate.
 
         Parameters
         ----------
-        points : sequence of ndarray of float, shape (n,)
-            In the optimiser's coordinates, the estimate first.
+        x : ndarray of float, shape (n,)
+            In the optimiser's coordinates.
 
         Raises
         ------
         SolverError
-            If the model cannot be solved at the estimate.
+            If the model cannot be solved there.
         Stopped
             If the user wants to stop.
         """
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
-            reduction.build(part.state(points[0]))
-        self.enrich(points)
+            reduction.build(part.state(x))
+            reduction.settle(part.state(x), part.frf.freq)
 
     def enrich(self, points: Sequence[_Vector]) -> None:
         """Enrich the bases at some points; skip those where the model cannot be solved."""
-        for number, x in enumerate(points):
+        for x in points:
             for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
-                try:
+                with suppress(SolverError):
                     reduction.settle(part.state(x), part.frf.freq)
-                except SolverError:
-                    if number == 0:
-                        raise
 
     def problem(self) -> Problem:
         """Return the problem with the current reduced models."""
@@ -104,6 +105,54 @@ class Surrogate:
                 return np.inf
             errors.append(found.error)
         return max(errors)
+
+    def settled(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
+        """Run something in the reduced models, again in better ones while they err too much.
+
+        Parameters
+        ----------
+        run : callable
+            Given the problem with the reduced models, returns the points, shape (m, n), that are
+            to be reached; at the furthest the error is evaluated.
+
+        Returns
+        -------
+        dict
+            For the record: ``"basis"``, its size; ``"error"``, the largest error there;
+            ``"accuracy"``, the one wanted. Empty where no point was reached.
+
+        Raises
+        ------
+        Stopped
+            If the user wants to stop.
+        """
+        for number in range(_ENRICHMENTS + 1):
+            reached = run(self.problem())
+            if not len(reached):
+                return {}
+            far = furthest(reached, min(_CHECKED, len(reached)))
+            error = max(map(self.error, far))
+            if error <= self.accuracy or number == _ENRICHMENTS:
+                break
+            self.enrich(list(far))
+        return {"basis": self.size, "error": error, "accuracy": self.accuracy}
+
+
+def excess(options: Mapping[str, Any], where: str) -> str:
+    """Return what is to be said of a reduced model that errs too much; empty where it does not.
+
+    Parameters
+    ----------
+    options : mapping of str
+        With what `Surrogate.settled` returns, or without.
+    where : str
+        In words, at which points.
+    """
+    if not options.get("error", 0.0) > options.get("accuracy", np.inf):
+        return ""
+    return (
+        f"The reduced model errs by {options['error']:.1g} at {where}, not {options['accuracy']:g}."
+    )
 
 
 def reduced_about(
@@ -136,13 +185,14 @@ def reduced_about(
     """
     if all(part.solver.tier == "dense" for part in restored.problem.parts):
         return None, restored
-    likelihood = restored.likelihood()
+    surrogate = Surrogate(restored.whole, accuracy)
+    surrogate.begin(restored.x)
+    likelihood = restored.with_problem(surrogate.problem()).likelihood()
     local = likelihood.local(restored.x)
     if local is None:
         raise SolverError("the model cannot be solved at the estimate")
     z = np.random.default_rng([seed, 1]).standard_normal((_POINTS, len(restored.x)))
     z *= _DISTANCE * np.sqrt(len(restored.x)) / np.linalg.norm(z, axis=1)[:, None]
     points = np.clip(Gaussian(likelihood, Point(restored.x, local)).at(z), *likelihood.bounds)
-    surrogate = Surrogate(restored.problem, accuracy)
-    surrogate.begin([restored.x, *points])
+    surrogate.enrich(list(points))
     return surrogate, restored.with_problem(surrogate.problem())

@@ -7,6 +7,9 @@ import pytest
 
 import updyn
 from uncertain_cases import noisy
+from updyn.uncertainty.minima import _exchanged
+from updyn.uncertainty.restored import restore
+from updyn.uncertainty.surrogate import Surrogate, reduced_about
 
 N = 60
 
@@ -76,9 +79,47 @@ def test_sampling_is_made_in_a_reduced_model(result) -> None:
 
 
 def test_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) -> None:
-    from updyn.uncertainty import surrogate
-
-    monkeypatch.setattr(surrogate.Surrogate, "error", lambda self, x: 0.01)
+    monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
     found = updyn.bootstrap(result, 3)
     assert not found.converged
     assert "The reduced model errs by 0.01 at the furthest draws, not 1e-05" in found.message
+
+
+def test_a_profile_is_made_in_a_reduced_model(result) -> None:
+    found = updyn.profile(result)
+    assert found.reduction["basis"] < N
+    assert found.reduction["error"] <= found.reduction["accuracy"] == 1e-5
+    assert not found.message
+    whole = updyn.update(
+        result.start,
+        result.frf,
+        result.parameters,
+        noise={"relative": 0.02},
+        tier="dense",
+        starts=0,
+    )
+    exact = updyn.profile(whole, starts=0)
+    assert exact.reduction == {}
+    for name, (lower, upper) in exact.intervals().items():
+        assert found.intervals()[name] == pytest.approx((lower, upper), abs=0.02 * result.std[name])
+
+
+def test_parts_are_exchanged_by_their_own_stiffness(result) -> None:
+    """Not by that of the reduced model: the projected matrices of a part have other sizes."""
+    restored = restore(result)
+    surrogate, reduced = reduced_about(restored, 1e-5, 0)
+    assert surrogate is not None
+    points = [x for x, _ in _exchanged(reduced.likelihood(), reduced.whole, restored.x)]
+    sizes = {name: abs(group.stiffness).sum() for name, group in result.start.groups.items()}
+    swapped = {
+        "near.stiffness": result.values["far.stiffness"] * sizes["far"] / sizes["near"],
+        "far.stiffness": result.values["near.stiffness"] * sizes["near"] / sizes["far"],
+    }
+    expected = restored.whole.coordinates.to_x(np.array([swapped[n] for n in restored.names]))
+    assert any(np.allclose(x, expected, atol=1e-12) for x in points)
+
+
+def test_a_profile_of_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) -> None:
+    monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
+    found = updyn.profile(result, ["near.stiffness"])
+    assert "The reduced model errs by 0.01 at the furthest points, not 1e-05" in found.message

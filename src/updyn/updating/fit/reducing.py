@@ -75,6 +75,9 @@ _AT_START = 10.0
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller, and
 #: takes less time, where factorisations do: up to so many DOFs (`benchmarks/large.py`).
 _NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 0.5, 20_000
+#: Bases that a fit makes anew. After them what the next one lacks is added, and as the basis then
+#: holds all along the way, each goes so many times as far as the one before.
+_RENEWED, _FURTHER = 2, 2.0
 #: A larger basis is compressed.
 _LARGE = 400
 #: Points about the start whose vectors make the basis of a search: two for each factor, between
@@ -446,13 +449,14 @@ class Reducing:
         fit = Fit.blind(x, "stopped")
         is_ready = True  # the basis is that of x, or enriched there
         try:
-            for _ in range(_ROUNDS):
+            for number in range(_ROUNDS):
                 with monitor.stage("reduce"):
-                    if not is_ready and not self._is_near(x):
+                    if not is_ready and number < _RENEWED and not self._is_near(x):
                         self._make(x)
                     elif not is_ready:
                         self._enrich(x)
-                problem, box = self.inside(problem), self._box()
+                share = _FURTHER ** max(number + 1 - _RENEWED, 0)
+                problem, box = self.inside(problem), self._box(share)
                 boxed = problem.with_box(box if held is None else _holding(box, x, held))
                 before = len(monitor.history)
                 steps = left
