@@ -10,13 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from updyn.dofs import Dof, DofSet
+from updyn.dynamics.fields import ACCURACY
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
-from updyn.uncertainty.restored import estimate_of, restore
+from updyn.uncertainty.restored import estimate_of, restore, solved_by
+from updyn.uncertainty.surrogate import Surrogate, excess
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.noise import Stated, level_by_unit
-from updyn.updating.problem.problem import Part
+from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.result import JointResult, UpdateResult, result_of_test
 
 __all__ = [
@@ -29,6 +31,8 @@ _Complex = NDArray[np.complex128]
 
 #: Most draws that a band is made of.
 _DRAWS = 1000
+#: Solves of a line from which those at draws are left to a reduced model; it takes about 20.
+_SOLVES = 100
 #: Change of H along an undetermined combination, as a share of |H|, that makes a band infinite.
 _OPEN = 1e-6
 
@@ -44,6 +48,7 @@ def predict(
     quantity: str | None = None,
     test: str | None = None,
     seed: int = 0,
+    accuracy: float = ACCURACY,
 ) -> Band:
     """Predict an FRF with an uncertainty band.
 
@@ -67,6 +72,9 @@ def predict(
         Of several tests, the one whose model is used.
     seed : int
         Seed of the noise that is added to draws.
+    accuracy : float
+        Large models are solved at draws in a reduced model about the estimate, of this error
+        (`updyn.update`); it is checked at the furthest draws.
 
     Returns
     -------
@@ -80,7 +88,7 @@ def predict(
     DofError
         If a response or a reference is no DOF of the model.
     SolverError
-        If the model cannot be solved at a line.
+        If the model cannot be solved at a line, or the reduced model is not accurate enough.
 
     Notes
     -----
@@ -117,7 +125,7 @@ def predict(
     if noise:
         variance = _noise(result, problem, x)
     if draws is not None:
-        return _from_draws(problem, x, draws, level, variance, seed)
+        return _from_draws(problem, x, draws, level, variance, seed, accuracy)
     return _from_laplace(problem, x, about, result, level, variance)
 
 
@@ -134,7 +142,9 @@ def _problem(
     blank = np.zeros((len(lines), len(rows), len(columns)), dtype=np.complex128)
     frf = FRF(lines, blank, rows, columns, quantity or result.frf.quantity)
     # Calibration factors belong to a measurement by the same sensors, not to the structure.
-    return replace(Part.build(result.start, frf, result.parameters), as_read=as_read)
+    tier, backend = solved_by(result)
+    part = Part.build(result.start, frf, result.parameters, tier=tier, backend=backend)
+    return replace(part, as_read=as_read)
 
 
 def _noise(result: UpdateResult, part: Part, x: _Real) -> _Real:
@@ -242,15 +252,22 @@ def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
 
 
 def _from_draws(
-    part: Part, x: _Real, draws: Draws, level: float, noise: _Real | None, seed: int
+    part: Part,
+    x: _Real,
+    draws: Draws,
+    level: float,
+    noise: _Real | None,
+    seed: int,
+    accuracy: float,
 ) -> Band:
     values = draws.values
     if len(values) < 2:
         raise OptionError(f"{len(values)} draws are too few for a band")
     even = np.linspace(0, len(values) - 1, min(_DRAWS, len(values)))
     at = np.unique(even.round().astype(np.intp))
-    H = part.responses(x)
-    drawn = np.array([part.responses(part.coordinates.to_x(values[i])) for i in at])
+    X = np.array([part.coordinates.to_x(values[i]) for i in at])
+    H, solved = part.responses(x), _solved_at(part, x, X, accuracy)
+    drawn = np.array([solved.responses(one) for one in X])
     if noise is not None:
         normal = np.random.default_rng(seed).standard_normal((2, *drawn.shape)) / np.sqrt(2.0)
         drawn = drawn + np.sqrt(noise) * (normal[0] + 1j * normal[1])
@@ -264,6 +281,19 @@ def _from_draws(
         _frf(part, H), level, draws.kind, noise is not None,
         low, high, left, right, drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
     )  # fmt: skip
+
+
+def _solved_at(part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
+    """Return a part as it is solved at draws, shape (m, n): in a reduced model where that pays."""
+    few = len(X) * part.n_lines < _SOLVES
+    if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
+        return part
+    surrogate = Surrogate(Problem.of([part]), accuracy)
+    surrogate.begin(x)
+    reduction = surrogate.settled(lambda problem: X)
+    if errs := excess(reduction, "the furthest draws"):
+        raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")
+    return surrogate.problem().parts[0]
 
 
 def _frf(part: Part, H: _Complex) -> FRF:

@@ -26,6 +26,7 @@ __all__ = [
     "parts_of",
     "positions_of",
     "restore",
+    "solved_by",
     "std_of",
 ]
 
@@ -244,15 +245,18 @@ def positions_of(names: Sequence[str] | str | None, known: Sequence[str]) -> lis
 def _part(result: UpdateResult, session: Session, name: str) -> Part:
     """Return model and fitted data of one test."""
     frf = result.frf.select(lines=result.lines, responses=result.fitted_responses)
-    tier = result.options.get("tier")
-    if tier == "reduced":
-        tier = "sparse"
-    backend = None
-    if tier != "dense":
-        backend = result.options.get("backend")
+    tier, backend = solved_by(result)
     return Part.build(
         result.start, frf, result.parameters, tier=tier, backend=backend, session=session, name=name
     )
+
+
+def solved_by(result: UpdateResult) -> tuple[str | None, str | None]:
+    """Return tier and backend of the whole model of an update, for `Part.build`."""
+    tier = result.options.get("tier")
+    if tier == "reduced":
+        tier = "sparse"
+    return tier, None if tier == "dense" else result.options.get("backend")
 
 
 def _noise(result: UpdateResult, part: Part, x: _Vector, n_unknowns: int) -> NoiseModel:

@@ -7,6 +7,8 @@ import pytest
 
 import updyn
 from uncertain_cases import noisy
+from updyn.errors import SolverError
+from updyn.uncertainty import prediction
 from updyn.uncertainty.minima import _exchanged
 from updyn.uncertainty.restored import restore
 from updyn.uncertainty.surrogate import Surrogate, reduced_about
@@ -123,3 +125,17 @@ def test_a_profile_of_a_reduced_model_that_is_not_good_enough_is_told(result, mo
     monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
     found = updyn.profile(result, ["near.stiffness"])
     assert "The reduced model errs by 0.01 at the furthest points, not 1e-05" in found.message
+
+
+@pytest.mark.parametrize("freq", [np.linspace(0.5, 6.0, 40), [2.0]])
+def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -> None:
+    draws = updyn.bootstrap(result, 110)
+    reduced = updyn.predict(draws, freq, ["40:X"], ["60:X"])
+    with monkeypatch.context() as patch:
+        patch.setattr(prediction, "_SOLVES", np.inf)
+        whole = updyn.predict(draws, freq, ["40:X"], ["60:X"])
+    assert np.allclose(reduced.lower, whole.lower, rtol=1e-3)
+    assert np.allclose(reduced.upper, whole.upper, rtol=1e-3)
+    monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
+    with pytest.raises(SolverError, match=r"errs by 0\.01 at the furthest draws.*accuracy="):
+        updyn.predict(draws, freq, ["40:X"], ["60:X"])
