@@ -420,14 +420,18 @@ def _descended(
     """Return where a descent ends that is weighted as an answer is, and the model there.
 
     Where the model is accurate only about the point where it began, it goes on in that of its end,
-    unless it has come back to the answer, or leaves far more than that does.
+    unless it has come back to the answer, or leaves far more than that does. All of them together
+    take no more steps than one may.
     """
-    problem, worse = models.near(x), np.inf
+    problem, worse, left = models.near(x), np.inf, settings.max_iterations
     for _ in range(_RENEWED):
         there = problem if held is None else holding(problem, x, held)
-        x = descend(there, at.residual, x, monitor, settings, relax=held is None).x
+        begun = len(monitor.history)
+        some = replace(settings, max_iterations=left)
+        x = descend(there, at.residual, x, monitor, some, relax=held is None).x
+        left -= len(monitor.history) - begun
         before, problem = problem, models.near(x)
-        if problem is before or monitor.stopped or models.is_known(x, at):
+        if problem is before or left <= 0 or monitor.stopped or models.is_known(x, at):
             break
         last, worse = worse, _unlikelihood(problem, at.noises, at.residual, x) - at.unlikelihood
         if worse > max(_FALLING * last, problem.n_numbers / 2, 50):
