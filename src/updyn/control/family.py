@@ -41,8 +41,9 @@ _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By the error that is limited, the route that serves where the one of the nominal plant does not
 #: for all members.
 _CLOSEST = {"relative": "rational", "peak": "complex"}
-#: Draws by which the basis of all members is enriched, and how much wider they are than others.
-_TRAINING, _WIDE = 6, 1.5
+#: Draws by which the basis of all members is enriched: so many, or by the number of unknowns; and
+#: how much wider they are than others.
+_TRAINING, _FOR_EACH, _WIDE = 6, 2.0 / 3.0, 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -509,8 +510,13 @@ def _from_covariance(result: UpdateResult, n: int, seed: int) -> _Drawn:
     for name, part in zip(parameters.names, clipped.mean(axis=0), strict=True):
         if part > 0.0:
             cut[name] = float(part)
-    wide = _WIDE * np.random.default_rng(0).standard_normal((_TRAINING, len(x)))
+    wide = _WIDE * np.random.default_rng(0).standard_normal((_number(len(x)), len(x)))
     return _Drawn(drawn, values(wide)[0], "covariance", cut=cut)
+
+
+def _number(n_unknowns: int) -> int:
+    """Return how many draws the basis of all members is enriched by."""
+    return max(_TRAINING, int(np.ceil(_FOR_EACH * n_unknowns)))
 
 
 def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Drawn:
@@ -529,6 +535,6 @@ def _from_draws(result: UpdateResult | JointResult, draws: Draws, n: int) -> _Dr
             " members"
         )
     some = []
-    for count in (n, min(_TRAINING, len(known))):
+    for count in (n, min(_number(len(known.names)), len(known))):
         some.append(known.values[np.linspace(0, len(known) - 1, count).round().astype(np.intp)])
     return _Drawn(some[0], some[1], known.kind, known.message)

@@ -46,6 +46,10 @@ _ACCURACY = 1e-8
 _LINES = (1.0, 0.7, 0.35)
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
+#: Where no mode is below this share of the band's upper end, none is a rigid-body motion.
+_SLOW = 1e-3
+#: A rigid-body motion that ports see by less than this share of its largest is not seen by them.
+_UNSEEN = 1e-9
 #: A negative omega^2 down to this share of that of the band's upper end is rounding.
 _UNSTABLE = 1e-6
 _TWO_PI = 2.0 * np.pi
@@ -406,8 +410,8 @@ class _Projecting:
             )
             matrices.append(whole)
         eye = np.eye(self.system.n)
-        said = f"all {self.system.n} DOFs of the model"
-        return self._made(self.system, matrices, lambda dofs: eye[dofs], said, None)
+        said, rigid = f"all {self.system.n} DOFs of the model", _rigid_motions(self.model).shape[1]
+        return self._made(self.system, matrices, lambda dofs: eye[dofs], rigid, said, None)
 
     def reduced(self, backend: str | None, accuracy: float) -> tuple[Reduction, str]:
         """Return the basis of the start, and what is said of it."""
@@ -432,7 +436,21 @@ class _Projecting:
     def of(self, reduction: Reduction, said: str) -> Projection:
         """Return the model on a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
-        return self._made(solver.system, basis.terms, basis.at, said, solver)
+        return self._made(
+            solver.system, basis.terms, basis.at, self._rigid_seen(reduction), said, solver
+        )
+
+    def _rigid_seen(self, reduction: Reduction) -> int:
+        """Return how many rigid-body motions the ports can tell apart: the basis has no others."""
+        slow = max(self.band[0], _SLOW * self.band[1])
+        if reduction.below(self.system.start, slow) == 0:
+            return 0
+        motions = _rigid_motions(self.model)
+        if not motions.size:
+            return 0
+        (into, _), (out, _) = self._ports
+        sizes = np.linalg.svd(motions[np.union1d(into, out)], compute_uv=False)
+        return int((sizes > _UNSEEN * np.abs(motions).max()).sum())
 
     @property
     def _ports(self) -> tuple[tuple[NDArray[np.intp], _Real], tuple[NDArray[np.intp], _Real]]:
@@ -446,6 +464,7 @@ class _Projecting:
         system: AffineSystem,
         matrices: Sequence[_Real],
         at: Callable[[NDArray[np.intp]], _Real],
+        rigid: int,
         said: str,
         solver: ReducedSolver | None,
     ) -> Projection:
@@ -455,15 +474,15 @@ class _Projecting:
             tuple(matrices),
             weights_out @ at(out),
             weights_in @ at(into),
-            _rigid_count(self.model),
+            rigid,
             self.band,
             said,
             solver,
         )
 
 
-def _rigid_count(model: Model) -> int:
-    """Return the number of rigid-body modes."""
+def _rigid_motions(model: Model) -> _Real:
+    """Return the rigid-body modes, shape (N, r), of unit modal mass."""
     n = 8
     while True:
         try:
@@ -475,9 +494,9 @@ def _rigid_count(model: Model) -> int:
             if n == 0:
                 raise
             continue
-        rigid = int((found.frequency == 0.0).sum())
-        if rigid < n or n == model.n_dofs:
-            return rigid
+        rests = found.frequency == 0.0
+        if not rests.all() or n == model.n_dofs:
+            return np.asarray(found.shapes[:, rests])
         n = min(2 * n, model.n_dofs)
 
 

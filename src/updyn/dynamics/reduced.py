@@ -580,6 +580,28 @@ class Reduction:
             self._checked(definite, state, freq.tolist(), _MARGIN * self.accuracy)
         self._sparse.release()
 
+    def below(self, state: State, frequency: float) -> int | None:
+        """Return how many modes of the whole model lie below a frequency, by Sylvester's law.
+
+        Parameters
+        ----------
+        state : State
+            The model.
+        frequency : float
+            In Hz; above 0.
+
+        Returns
+        -------
+        int or None
+            None where the backend does not count, or the frequency is a natural one.
+        """
+        try:
+            return self._factorised(state, (2.0 * np.pi * frequency) ** 2).negative
+        except SolverError:
+            return None
+        finally:
+            self._sparse.release()
+
     def definite(self, state: State) -> Factorised:
         """Return K + omega_max^2 M of a state, factorised; it holds until the next factorisation.
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -448,3 +449,39 @@ class TestRefused:
         )
         with pytest.raises(ModelError, match=r"indefinite .*no stable plant"):
             updyn.plant(model, ["1:X"], ["1:X"], (1.0, 5.0))
+
+
+def _free_row(n: int, stiffness: float, first: int, n_dofs: int) -> updyn.Group:
+    """n masses of 1 kg in a free row, from one DOF on."""
+    K, M = sp.lil_array((n_dofs, n_dofs)), sp.lil_array((n_dofs, n_dofs))
+    for i in range(first, first + n):
+        M[i, i] = 1.0
+        if i > first:
+            K[i - 1, i - 1] += stiffness
+            K[i, i] += stiffness
+            K[i - 1, i] = K[i, i - 1] = -stiffness
+    return updyn.Group(K.tocsr(), M.tocsr(), loss_factor=0.02)
+
+
+def test_a_rigid_body_motion_that_the_ports_do_not_see_is_no_mode_of_the_plant() -> None:
+    """As that of the other axis of a mount: the elastic modes of this one stay where they are."""
+    n = 200
+    rows = {"one": _free_row(n, 4e6, 0, 2 * n), "other": _free_row(n, 1e6, n, 2 * n)}
+    model = updyn.Model.from_groups(rows, [f"{i + 1}:X" for i in range(2 * n)])
+    plant = updyn.plant(model, ["1:X"], ["1:X", "200:X"], (0.2, 20.0), quantity="mobility")
+    # A free row of n masses has omega_j = 2 sqrt(k/m) sin(j pi / 2n), j = 0, 1, ...
+    expected = 2.0 * np.sqrt(4e6) * np.sin(np.arange(5) * np.pi / (2 * n)) / (2.0 * np.pi)
+    np.testing.assert_allclose(plant.modes[:4], expected[:4], rtol=1e-3)
+    freq = np.linspace(0.2, 20.0, 100)
+    H = updyn.response(model, freq, ["1:X", "200:X"], ["1:X"], quantity="mobility").values
+    error = np.abs(plant.response(freq).values - H).max(axis=0)
+    assert (error < 0.02 * np.abs(H).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("backend", ["superlu", None])
+def test_rigid_body_motions_are_counted_whatever_the_backend(backend) -> None:
+    n = 320
+    model = updyn.Model.from_groups({"row": _free_row(n, 1e7, 0, n)}, [f"{i}:X" for i in range(n)])
+    plant = updyn.plant(model, ["0:X"], ["0:X"], (2.0, 20.0), quantity="mobility", backend=backend)
+    assert plant.modes[0] == 0.0
+    assert plant.modes[1] > 1.0
