@@ -31,8 +31,8 @@ _Complex = NDArray[np.complex128]
 
 #: Most draws that a band is made of.
 _DRAWS = 1000
-#: Solves of a line from which those at draws are left to a reduced model; it takes about 20.
-_SOLVES = 100
+#: Solves of a line from which a reduced model is made: it takes about 20.
+_SOLVES = 40
 #: Change of H along an undetermined combination, as a share of |H|, that makes a band infinite.
 _OPEN = 1e-6
 
@@ -73,8 +73,8 @@ def predict(
     seed : int
         Seed of the noise that is added to draws.
     accuracy : float
-        Large models are solved at draws in a reduced model about the estimate, of this error
-        (`updyn.update`); it is checked at the furthest draws.
+        Where that takes less time, large models are solved in a reduced model about the estimate,
+        of this error (`updyn.update`); it is checked at the furthest draws.
 
     Returns
     -------
@@ -121,11 +121,13 @@ def predict(
     result = result_of_test(about, test)
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
+    at = x[None] if draws is None else _some(draws, problem)
+    problem = _in_fewer(problem, x, at, accuracy)
     variance = None
     if noise:
         variance = _noise(result, problem, x)
     if draws is not None:
-        return _from_draws(problem, x, draws, level, variance, seed, accuracy)
+        return _from_draws(problem, x, at, draws.kind, level, variance, seed)
     return _from_laplace(problem, x, about, result, level, variance)
 
 
@@ -251,23 +253,20 @@ def _solved(part: Part, x: _Real) -> tuple[_Complex, _Complex]:
     return np.concatenate(H), np.concatenate(dH, axis=1)
 
 
-def _from_draws(
-    part: Part,
-    x: _Real,
-    draws: Draws,
-    level: float,
-    noise: _Real | None,
-    seed: int,
-    accuracy: float,
-) -> Band:
+def _some(draws: Draws, part: Part) -> _Real:
+    """Return evenly chosen draws in the optimiser's coordinates, shape (m, n)."""
     values = draws.values
     if len(values) < 2:
         raise OptionError(f"{len(values)} draws are too few for a band")
     even = np.linspace(0, len(values) - 1, min(_DRAWS, len(values)))
-    at = np.unique(even.round().astype(np.intp))
-    X = np.array([part.coordinates.to_x(values[i]) for i in at])
-    H, solved = part.responses(x), _solved_at(part, x, X, accuracy)
-    drawn = np.array([solved.responses(one) for one in X])
+    chosen = np.unique(even.round().astype(np.intp))
+    return np.array([part.coordinates.to_x(values[i]) for i in chosen])
+
+
+def _from_draws(
+    part: Part, x: _Real, X: _Real, kind: str, level: float, noise: _Real | None, seed: int
+) -> Band:
+    H, drawn = part.responses(x), np.array([part.responses(one) for one in X])
     if noise is not None:
         normal = np.random.default_rng(seed).standard_normal((2, *drawn.shape)) / np.sqrt(2.0)
         drawn = drawn + np.sqrt(noise) * (normal[0] + 1j * normal[1])
@@ -278,20 +277,20 @@ def _from_draws(
     turned = angle + np.angle(drawn * np.exp(-1j * angle))
     left, right = np.quantile(turned, tails, axis=0)
     return Band(
-        _frf(part, H), level, draws.kind, noise is not None,
+        _frf(part, H), level, kind, noise is not None,
         low, high, left, right, drawn.real.std(axis=0, ddof=1), drawn.imag.std(axis=0, ddof=1),
     )  # fmt: skip
 
 
-def _solved_at(part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
-    """Return a part as it is solved at draws, shape (m, n): in a reduced model where that pays."""
+def _in_fewer(part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
+    """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
     few = len(X) * part.n_lines < _SOLVES
     if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
         return part
     surrogate = Surrogate(Problem.of([part]), accuracy)
     surrogate.begin(x)
     reduction = surrogate.settled(lambda problem: X)
-    if errs := excess(reduction, "the furthest draws"):
+    if errs := excess(reduction, "the furthest points"):
         raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")
     return surrogate.problem().parts[0]
 

@@ -137,5 +137,15 @@ def test_bands_of_draws_are_made_in_a_reduced_model(result, monkeypatch, freq) -
     assert np.allclose(reduced.lower, whole.lower, rtol=1e-3)
     assert np.allclose(reduced.upper, whole.upper, rtol=1e-3)
     monkeypatch.setattr(Surrogate, "error", lambda self, x: 0.01)
-    with pytest.raises(SolverError, match=r"errs by 0\.01 at the furthest draws.*accuracy="):
+    with pytest.raises(SolverError, match=r"errs by 0\.01 at the furthest points.*accuracy="):
         updyn.predict(draws, freq, ["40:X"], ["60:X"])
+
+
+def test_a_band_of_the_covariance_is_made_in_a_reduced_model(result, monkeypatch) -> None:
+    asked = result, np.linspace(0.5, 6.0, 60), ["40:X"], ["60:X"]
+    reduced = updyn.predict(*asked)
+    monkeypatch.setattr(prediction, "_SOLVES", np.inf)
+    whole = updyn.predict(*asked)
+    np.testing.assert_allclose(reduced.frf.values, whole.frf.values, rtol=1e-3)
+    for side in ("lower", "upper", "phase_lower", "phase_upper", "std_real", "std_imag"):
+        np.testing.assert_allclose(getattr(reduced, side), getattr(whole, side), rtol=2e-3)
