@@ -65,17 +65,9 @@ class Convergence(OfUnknowns):
         return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the stages, the costs of the last one, and the titles of the figures."""
-        history = content.result.history
-        stages: dict[str, list[float]] = {}
-        refused = 0
-        for step in history:
-            costs = stages.setdefault(step.stage, [])
-            if step.accepted:
-                costs.append(step.cost)
-            else:
-                refused += 1
-        last = list(stages.values())[-1:]
+        """Return the stages, the costs of the fit that ended at the answer, titles of figures."""
+        result = content.result
+        stages = list(dict.fromkeys(step.stage for step in result.history))
         titles = [
             ("factor-paths", "Paths of the factors"),
             ("calibration-paths", "Paths of the calibration factors"),
@@ -83,11 +75,12 @@ class Convergence(OfUnknowns):
         for kind in VALUES:
             titles.append((f"{figure_name(kind)}-paths", f"Paths: {quantity_words(kind)}"))
         return {
-            "taken": content.result.iterations,
-            "refused": refused,
-            "stages": list(stages),
-            "explained": _explained(list(stages)),
-            "last_costs": last[0] if last else [],
+            "taken": result.iterations,
+            "refused": sum(not step.accepted for step in result.history),
+            "stages": stages,
+            "explained": _explained(stages),
+            "n_fits": len(_fits(result.history)),
+            "last": next(reversed(_leading(result)), None),
             "titles": titles,
         }
 
@@ -124,6 +117,18 @@ class _Fit:
     def own(self, made: int) -> int:
         """Return the iterations made since the fit began."""
         return made - self.taken[0][0]
+
+    @property
+    def costs(self) -> tuple[float, float]:
+        """Cost where it began and where it ended."""
+        return self.taken[0][1].cost, self.taken[-1][1].cost
+
+    def goes_on_from(self, other: _Fit) -> bool:
+        """Whether it begins where another fit of its stage ended, or with a step from there."""
+        first, last = self.taken[0][1], other.taken[-1][1]
+        if self.stage != other.stage:
+            return False
+        return first.step > 0.0 or first.values == last.values
 
 
 def _fits(history: Sequence[Iteration]) -> list[_Fit]:
@@ -263,9 +268,12 @@ def _iterations(fits: Sequence[_Fit]) -> dict[str, Any]:
         "range": [-0.03 * last - 0.3, 1.03 * last + 0.3],
         "zeroline": False,
     }
-    if last <= 6:
-        axis["dtick"] = 1
-    return axis
+    return _whole(axis, last)
+
+
+def _whole(axis: dict[str, Any], last: int) -> dict[str, Any]:
+    """Return an axis of iterations up to `last` without marks between them where these are few."""
+    return axis | {"dtick": 1} if last <= 6 else axis
 
 
 def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | None:
@@ -319,7 +327,7 @@ def value_paths(result: UpdateResult, chosen: Sequence[Parameter]) -> Figure | N
         "data": traces,
         "height": 380,
         "layout": {
-            "xaxis": {"title": {"text": "iteration"}, "zeroline": False},
+            "xaxis": _whole({"title": {"text": "iteration"}, "zeroline": False}, len(steps)),
             "yaxis": {"title": {"text": axis_title(chosen[0])}},
             "showlegend": True,
             "legend": {"orientation": "v"},
@@ -343,20 +351,26 @@ def _paths(result: UpdateResult) -> tuple[list[int | None], list[Iteration | Non
 
 
 def _leading(result: UpdateResult) -> list[_Fit]:
-    """Return of each stage the fit that ended nearest to the answer, up to where that is reached.
+    """Return the fits that led to the answer, in order.
 
-    Other tries of a search, and descents that look for other answers, are not its way.
+    Of each stage the one that ended nearest to the answer, after those that it goes on from under
+    other weights, up to the stage in which the answer is reached. Other tries of a search, and
+    descents that look for other answers, are not its way.
     """
-    nearest: dict[str, tuple[float, _Fit]] = {}
-    for fit in _fits(result.history):
-        off = _distance(result, fit.taken[-1][1])
-        if fit.stage not in nearest or off < nearest[fit.stage][0]:
-            nearest[fit.stage] = off, fit
-    least = min((off for off, _ in nearest.values()), default=0.0)
-    leading = []
-    for off, fit in nearest.values():
-        leading.append(fit)
-        if off <= least + _THERE:
+    fits = _fits(result.history)
+    off = [_distance(result, fit.taken[-1][1]) for fit in fits]
+    nearest: dict[str, int] = {}
+    for i, fit in enumerate(fits):
+        if fit.stage not in nearest or off[i] < off[nearest[fit.stage]]:
+            nearest[fit.stage] = i
+    least = min(off, default=0.0)
+    leading: list[_Fit] = []
+    for last in nearest.values():
+        first = last
+        while first > 0 and fits[first].goes_on_from(fits[first - 1]):
+            first -= 1
+        leading += fits[first : last + 1]
+        if off[last] <= least + _THERE:
             break
     return leading
 

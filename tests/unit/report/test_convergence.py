@@ -72,26 +72,59 @@ def test_costs_that_are_nearly_alike_have_a_linear_axis():
     assert figure["data"][0]["y"][1] == pytest.approx(47.12)  # zero stands at the foot
 
 
-def test_paths_are_those_of_the_fits_that_led_to_the_answer():
-    """Another try of the search, an earlier weighting and a look for other answers are not drawn."""
-    result = realistic()
-    answer = result.values["bay 2.stiffness"]
-    ends = (
+def entries(*given):
+    """Stage, cost, step and value of each entry as a history."""
+    return tuple(
+        Iteration(stage, number, cost, step, 1.0, True, {"bay 2.stiffness": value})
+        for number, (stage, cost, step, value) in enumerate(given)
+    )
+
+
+def led_to(answer):
+    """Two tries of a search, a fit that goes on under new weights, and a look for other answers."""
+    return entries(
         ("search", 9.0, 0.0, 1.0), ("search", 1.0, 0.5, 5.0 * answer),
         ("search", 8.0, 0.0, 1.5), ("search", 0.5, 0.9, 1.02 * answer),
         ("fit", 70.0, 0.0, 1.02 * answer), ("fit", 50.0, 0.1, 1.01 * answer),
         ("fit", 60.0, 0.0, 1.01 * answer), ("fit", 59.0, 0.01, answer),
         ("other answers", 99.0, 0.0, 20.0), ("other answers", 59.0, 0.1, answer),
     )  # fmt: skip
-    history = tuple(
-        Iteration(stage, number, cost, step, 1.0, True, {"bay 2.stiffness": value})
-        for number, (stage, cost, step, value) in enumerate(ends)
-    )
-    found = realistic(history=history)
+
+
+def test_paths_are_those_of_the_fits_that_led_to_the_answer():
+    """Another try of the search and a look for other answers are not drawn; earlier weights are."""
+    answer = realistic().values["bay 2.stiffness"]
+    found = realistic(history=led_to(answer))
     (trace,) = value_paths(found, [found.parameters.items[0]])["data"]
-    assert trace["x"] == [0, 1, None, 2, 3]
-    drawn = [1.5, 1.02 * answer, None, 1.01 * answer, answer]
+    assert trace["x"] == [0, 1, None, 2, 3, None, 4, 5]
+    drawn = [1.5, 1.02 * answer, None, 1.02 * answer, 1.01 * answer, None, 1.01 * answer, answer]
     assert trace["y"] == pytest.approx(drawn)
+
+
+def test_a_path_begins_where_the_fit_does_not_at_its_last_weights():
+    """New weights raise the cost at a step that the fit takes on its way: it is one path."""
+    answer = realistic().values["bay 2.stiffness"]
+    found = realistic(
+        history=entries(
+            ("fit", 70.0, 0.0, 1.0), ("fit", 50.0, 0.4, 0.9),
+            ("fit", 60.0, 0.1, 0.95 * answer), ("fit", 59.0, 0.1, answer),
+            ("fit", 99.0, 0.0, 4.0), ("fit", 80.0, 0.1, 3.0),
+        )
+    )  # fmt: skip
+    figure = value_paths(found, [found.parameters.items[0]])
+    (trace,) = figure["data"]
+    assert trace["x"] == [0, 1, None, 2, 3]
+    assert trace["y"] == pytest.approx([1.0, 0.9, None, 0.95 * answer, answer])
+    assert figure["layout"]["xaxis"]["dtick"] == 1  # no half iterations
+
+
+def test_the_costs_in_words_are_those_of_one_fit():
+    """Costs under other weights, or of a look for other answers, cannot be compared with them."""
+    answer = realistic().values["bay 2.stiffness"]
+    words = Page(render(realistic(history=led_to(answer)))).words
+    assert "In the fit that ended at the answer (fit) the cost went from 60 to 59." in words
+    alone = entries(("fit", 70.0, 0.0, 1.0), ("fit", 50.0, 0.4, answer))
+    assert "The cost went from 70 to 50." in Page(render(realistic(history=alone))).words
 
 
 def test_steps_without_a_cost_are_left_out():
