@@ -12,7 +12,7 @@ import numpy as np
 from updyn import __version__
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal import ModeSet
-from updyn.report.formats import counted, number, percentage
+from updyn.report.formats import counted, extent, number, percentage, unit
 from updyn.report.page import assemble
 from updyn.report.plots import Figure, numbers
 from updyn.report.section import Content, Section
@@ -59,25 +59,23 @@ def write_modes_page(modes: ModeSet, frf: FRF, path: str | PathLike[str], title:
 def render(modes: ModeSet, frf: FRF, title: str = "") -> str:
     """Return the page as text."""
     title = title or "Modes"
-    low, high = float(frf.freq[0]), float(frf.freq[-1])
-    channels = len(frf.responses) * len(frf.references)
-    about = (
-        f"{counted(channels, 'FRF')}, {counted(len(frf.freq), 'line')} from {number(low)} to"
-        f" {number(high)} Hz"
-    )
-    sure = int(np.nanargmin(modes.quality))
     head = render_template(
-        "updyn.report/identified_head.html",
-        title=title,
-        about=about,
-        verdict=(
-            f"{counted(len(modes), 'mode')}; the least sure is the one at"
-            f" {number(float(modes.frequency[sure]))} Hz, which explains"
-            f" {100.0 * float(modes.quality[sure]):.2f} % of what the others leave there."
-        ),
+        "updyn.report/identified_head.html", title=title, about=extent(frf), verdict=_verdict(modes)
     )
     return assemble(
         Content(further={"identified": Identified(modes, frf)}), head, title, __version__
+    )
+
+
+def _verdict(modes: ModeSet) -> str:
+    """Return in words how many modes there are, and which is the least sure."""
+    count = counted(len(modes), "mode")
+    if not np.isfinite(modes.quality).any():
+        return f"{count}."
+    least = int(np.nanargmin(modes.quality))
+    return (
+        f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
+        f" explains {100.0 * float(modes.quality[least]):.2f} % of what the others leave there."
     )
 
 
@@ -207,14 +205,21 @@ def _diagram(found: Identified) -> Figure:
         },
         "yaxis": {"title": {"text": "order"}, "domain": [0.0, _DIAGRAM], "range": [0.0, top + 2.0]},
         "yaxis2": {
-            "title": {"text": "accelerance, rms"},
+            "title": {"text": f"accelerance, rms ({_units(frf)})"},
             "type": "log",
+            "exponentformat": "power",
             "domain": [_DIAGRAM + 0.04, 1.0],
         },
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
         "hovermode": "closest",
     }
     return {"data": traces, "height": 560, "layout": layout}
+
+
+def _units(frf: FRF) -> str:
+    """Return the units of the accelerances, each once."""
+    of = (unit("accelerance", i, j) for i in frf.responses.labels for j in frf.references.labels)
+    return ", ".join(dict.fromkeys(of))
 
 
 def _level(frf: FRF) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

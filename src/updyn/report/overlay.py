@@ -36,8 +36,10 @@ class AllChannels(Section):
     first_screen = True
 
     def applies(self, content: Content) -> bool:
-        """Whether the page shows several channels of one test."""
-        return super().applies(content) and _n_channels(content.data) > 1
+        """Whether the page shows several channels of one test, at lines to draw curves through."""
+        if not super().applies(content):
+            return False
+        return _n_channels(content.data) > 1 and len(content.data.freq) > 1
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the number of channels, the sets of curves and the units among them."""

@@ -24,6 +24,8 @@ __all__ = ["write_plan"]
 
 #: Steps of the colour scale of the picture.
 _STEPS = 4
+#: Standard deviations below this one, and above its inverse, have the colour of these.
+_LEAST = 1e-12
 #: Quantities by which a part is coloured, the first that is an unknown.
 _QUANTITIES = ("stiffness", "mass", "viscous", "loss_factor", "mass_damping", "stiffness_damping")
 _ABOUT = (
@@ -288,7 +290,9 @@ def _picture(plan: Plan) -> str:
                     known.setdefault(drive.group, (p.name, _relative(plan, p.name)))
     if not known:
         return ""
-    logs = {group: math.log(std) for group, (_, std) in known.items()}
+    logs = {
+        group: math.log(min(max(std, _LEAST), 1.0 / _LEAST)) for group, (_, std) in known.items()
+    }
     low, high = min(logs.values()), max(max(logs.values()), min(logs.values()) + math.log(2.0))
     parts = {}
     for group, (name, _) in known.items():

@@ -62,13 +62,12 @@ def by_size(
 
 
 def _edges(values: NDArray[np.float64], *, logarithmic: bool) -> NDArray[np.float64]:
-    """Return the limits of the steps, shape (_STEPS + 1,)."""
+    """Return the limits of the steps, shape (_STEPS + 1,); of zeros alone (2,), of nothing (0,)."""
     known = values[np.isfinite(values)]
-    if logarithmic:
-        known = known[known > 0.0]
-    high = float(known.max(initial=0.0))
-    low = float(known.min(initial=high))
-    if logarithmic and 0.0 < low < high:
+    if not known.any():
+        return np.zeros(2 if known.size else 0)
+    low, high = float(known[known > 0.0].min()), float(known.max())
+    if logarithmic and low < high:
         return np.geomspace(low, high, _STEPS + 1)
     return np.linspace(0.0, high, _STEPS + 1)
 
@@ -78,7 +77,7 @@ def _look(name: str, unit: str, size: float, edges: NDArray[np.float64]) -> tupl
     if np.isnan(size):
         return -1, ""
     if np.isinf(size):
-        return _STEPS, f": {name.lower()} not determined"
+        return len(edges[1:]), f": {name.lower()} not determined"
     step = int(np.searchsorted(edges[1:-1], size))
     return step, f": {name.lower()} {_written(size)} {unit}".rstrip()
 

@@ -11,6 +11,9 @@ from pages_read import values
 from report_case import realistic, smallest
 from updyn.report.channels import channel_curves, worst_and_median
 from updyn.report.data import gather
+from updyn.report.overlay import ALL_CHANNELS
+from updyn.report.page import render
+from updyn.report.section import Content
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +85,20 @@ def test_of_a_single_line_the_models_are_points():
     figure = channel_curves(gather(dataclasses.replace(result, data=one, lines=one.freq)), 0, 0)
     assert [len(values(trace["x"])) for trace in figure["data"]] == [1] * 6
     assert {trace["mode"] for trace in figure["data"]} == {"markers"}
+
+
+def test_channels_that_are_all_zero_have_no_section():
+    """A heading alone would be all that is left of it."""
+    result = smallest()
+    nothing = dataclasses.replace(result.frf, values=0.0 * result.frf.values)
+    page = render(dataclasses.replace(result, data=nothing))
+    assert '<section id="frfs">' in page
+    assert 'id="channels"' not in page
+
+
+def test_curves_of_all_channels_need_two_lines():
+    """Over a single line there is no frequency axis to draw."""
+    result = realistic()
+    assert ALL_CHANNELS.applies(Content(result))
+    one = result.frf.select(lines=result.frf.freq[20:21])
+    assert not ALL_CHANNELS.applies(Content(dataclasses.replace(result, data=one, lines=one.freq)))

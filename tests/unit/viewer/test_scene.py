@@ -158,6 +158,16 @@ def test_sizes_fall_into_steps():
     assert by_size("x", "", [0.0, np.nan], list("ab")).step_of_group == [0, -1]
 
 
+def test_the_legend_has_no_steps_without_sizes():
+    """Where nothing is determined, eight steps up to 0 would say nothing."""
+    unknown = by_size("Standard deviation", "%", [np.inf, np.nan], list("ab"), logarithmic=True)
+    assert unknown.steps == [("same", "not determined")]
+    assert unknown.step_of_group == [0, -1]
+    zero = by_size("Standard deviation", "%", [0.0, np.inf], list("ab"), logarithmic=True)
+    assert zero.steps == [("seq-0", "up to 0"), ("same", "not determined")]
+    assert zero.step_of_group == [0, 1]
+
+
 def test_what_does_not_fit_together_is_refused():
     scene = block_scene()
     with pytest.raises(InputError, match="has 1 groups; the body has 2"):
