@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -10,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.correlation import csf, fdac
-from updyn.correlation.figures import figure_text
+from updyn.correlation.figures import ONE_AT_BEST, figure_text
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
-from updyn.report.formats import figure_of_agreement, held_out, percentage
+from updyn.report.formats import figure_of_agreement, held_out, number, percentage
 from updyn.report.plots import (
     DIVERGING,
     MODEL_COLOURS,
@@ -284,7 +285,9 @@ def _scores(
 def _figure(name: str, figures: Mapping[str, float]) -> str:
     """Return a figure of agreement as the terminal shows it."""
     value = figures.get(name)
-    return "–" if value is None else figure_text(name, value).replace("-", "−")
+    if value is None or not math.isfinite(value) or not name.startswith(ONE_AT_BEST):
+        return number(value, 3)
+    return figure_text(name, value).replace("-", "−")
 
 
 class Agreement(Section):

@@ -76,7 +76,8 @@ def _determined(start: Start) -> Part:
     rank, n = start.identifiability.rank, start.identifiability.n_parameters
     said = f"The data can determine all of {counted(n, 'unknown')}."
     if rank < n:
-        said = f"The data can determine {rank} independent combinations of {n} unknowns."
+        combinations = counted(rank, "independent combination")
+        said = f"The data can determine {combinations} of {counted(n, 'unknown')}."
     return Part("Determined", rank >= n, said)
 
 

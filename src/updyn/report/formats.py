@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
@@ -207,14 +210,18 @@ def extent(data: FRF | ModeSet) -> str:
     """Return the numbers of channels and lines, or of modes and DOFs, and the frequency range."""
     if isinstance(data, ModeSet):
         modes, dofs = counted(len(data), "mode"), counted(len(data.dofs), "DOF")
-        first, last = number(float(data.frequency[0])), number(float(data.frequency[-1]))
-        return f"{modes} at {dofs}, {first} to {last} Hz"
+        return f"{modes} at {dofs}, {_span(data.frequency, '')}"
     frf = data
     responses = counted(len(frf.responses), "response")
     references = counted(len(frf.references), "reference")
-    first, last = number(float(frf.freq[0])), number(float(frf.freq[-1]))
     lines = counted(len(frf.freq), "line")
-    return f"{responses} × {references}, {lines} from {first} to {last} Hz"
+    return f"{responses} × {references}, {lines} {_span(frf.freq, 'from ', 'at ')}"
+
+
+def _span(freq: NDArray[np.float64], of_several: str, of_one: str = "") -> str:
+    """Return the first and the last of some frequencies, or the only one, after a word."""
+    first, last = number(float(freq[0])), number(float(freq[-1]))
+    return f"{of_one}{first} Hz" if len(freq) == 1 else f"{of_several}{first} to {last} Hz"
 
 
 def decibels(value: float) -> str:

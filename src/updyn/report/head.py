@@ -156,10 +156,11 @@ def _before_and_after(
     """Return a figure before and after; `sign` is 1 where more is better, else -1."""
     if before is None:
         return title, say(after), ideal
+    first, last = say(before), say(after)
     hint = f"start → updated; {ideal}"
-    if sign * after < sign * before:
+    if sign * after < sign * before and last != first:  # a difference that shows
         hint = f"worse than the start; {ideal}"
-    return title, f"{say(before).removesuffix(' dB').removesuffix(' %')} → {say(after)}", hint
+    return title, f"{first.removesuffix(' dB').removesuffix(' %')} → {last}", hint
 
 
 # -- several tests -------------------------------------------------------------------------------
@@ -222,8 +223,8 @@ def _test_cells(name: str, test: UpdateResult) -> list[str]:
     cells = [name, extent(test.data)]
     say = {name: said for name, _, said, _, _ in _KEY_FIGURES}
     for figure in _FIGURES:
-        both = [say[figure](when.get(figure, math.nan)) for when in (before, after)]
-        cells.append(" → ".join(both))
+        both = [say[figure](when[figure]) for when in (before, after) if figure in when]
+        cells.append(" → ".join(both) or "–")
     cells.append("–" if test.adequacy is None else residual_tile(test.adequacy)[1])
     return cells
 
@@ -358,5 +359,5 @@ def _determined(result: UpdateResult) -> Part:
     elif rank == 0:
         said = f"The data determine none of the {n} unknowns."
     else:
-        said = f"The data determine {rank} independent combinations of the {n} unknowns."
+        said = f"The data determine {counted(rank, 'independent combination')} of {n} unknowns."
     return Part("Determined", rank >= n, said)

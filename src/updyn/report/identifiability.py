@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -128,6 +128,7 @@ def singular_values(ident: Identifiability) -> Figure | None:
         traces.append(_singular_trace(lost, values, ~determined, foot, "@before", "x"))
     axis: dict[str, Any] = {
         "title": {"text": "combination number, best determined first"},
+        "range": [0.4, values.size + 0.6],
         "zeroline": False,
     }
     if values.size <= 20:
@@ -209,7 +210,7 @@ def correlation_map(parameters: ParameterSet, covariance: NDArray[np.float64]) -
     matrix = correlations(np.asarray(covariance, dtype=np.float64))
     if not np.isfinite(matrix).any():
         return None
-    return _signed_map(matrix, names, names, "correlation")
+    return _signed_map(matrix, names, names, "correlation", _coefficient)
 
 
 def combinations_map(ident: Identifiability) -> Figure | None:
@@ -229,10 +230,10 @@ def combinations_map(ident: Identifiability) -> Figure | None:
     if not directions:
         return None
     involved = list(dict.fromkeys(name for weights in directions for name in weights))
-    matrix = np.array([[weights.get(name, 0.0) for weights in directions] for name in involved])
+    matrix = np.array([[weights.get(name, np.nan) for weights in directions] for name in involved])
     rows = [f"{group}: {quantity_words(quantity)}" for group, _, quantity in map(_split, involved)]
     columns = [f"combination {number}" for number in range(1, len(directions) + 1)]
-    return _signed_map(matrix, labels(rows), columns, "weight")
+    return _signed_map(matrix, labels(rows), columns, "weight", _weight)
 
 
 def _split(name: str) -> tuple[str, str, str]:
@@ -240,7 +241,11 @@ def _split(name: str) -> tuple[str, str, str]:
 
 
 def _signed_map(
-    matrix: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str], what: str
+    matrix: NDArray[np.float64],
+    rows: Sequence[str],
+    columns: Sequence[str],
+    what: str,
+    say: Callable[[float], str],
 ) -> Figure:
     """Return a heat map on the scale -1 to 1, with the values in its cells where these are few."""
     height = max(rows_height(len(rows), extra=220), 320)
@@ -258,18 +263,23 @@ def _signed_map(
         "colorbar": colour_bar(what, (-1, -0.5, 0, 0.5, 1), height - 100),
     }
     if matrix.size <= PRINTED_CELLS:
-        trace["text"] = [list(map(_coefficient, row)) for row in matrix]
+        trace["text"] = [list(map(say, row)) for row in matrix]
         trace["texttemplate"] = "%{text}"
     axis: dict[str, Any] = {
         "type": "category",
         "showgrid": False,
         "zeroline": False,
     }
-    across = axis | {"tickangle": -50, "tickfont": names_font(columns)}
+    across = axis | {"autotickangles": [0, -50, -90], "tickfont": names_font(columns)}
     if len(columns) <= 40:
         across["dtick"] = 1
     down = axis | {"autorange": "reversed", "dtick": 1, "tickfont": names_font(rows)}
     return {"data": [trace], "height": height, "layout": {"xaxis": across, "yaxis": down}}
+
+
+def _weight(value: float) -> str:
+    """Return a weight as text, blank where there is none."""
+    return number(value, 2) if np.isfinite(value) else ""
 
 
 def _coefficient(value: float) -> str:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.modes import Modes
 from updyn.geometry import Geometry
-from updyn.report.formats import number, padded
+from updyn.report.formats import counted, figure_of_agreement, number, padded, percentage
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
     PRINTED_CELLS,
@@ -35,6 +36,8 @@ _MARKS = 30
 _MARKS_ACROSS = 10
 #: Rows of the table that are not folded away.
 SHOWN_ROWS = 20
+#: Sensors of which COMAC is drawn.
+MOST_SENSORS = 100
 #: Smallest and largest height in pixels of a map of modes.
 _HEIGHTS = 240, 560
 #: Height in pixels of a picture of the sensors, and lines of the geometry that it has at most.
@@ -100,32 +103,38 @@ def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, An
     return {
         "title": {"text": label(title)},
         "tickvals": at,
-        "ticktext": [number(frequency[i], 4) for i in at],
+        "ticktext": [padded(frequency[i], 4) for i in at],
         "showgrid": False,
         "zeroline": False,
     }
 
 
 def comac_bars(table: ModalTable) -> Figure | None:
-    """Return COMAC by sensor before and after; None where no modes are paired."""
+    """Return COMAC by sensor before and after; None where no modes are paired.
+
+    Of more than `MOST_SENSORS` those that agree least in the last of the models.
+    """
     found = {}
     for name, correlation in table.correlations.items():
         values = correlation.comac()
         if np.isfinite(values).any():
-            found[name] = (correlation.dofs.labels, values, len(correlation.pairs.mac))
+            found[name] = (values, len(correlation.pairs.mac))
+            sensors = correlation.dofs.labels
     if not found:
         return None
-    traces, names = [], labels(next(iter(found.values()))[0])
+    last, _ = next(reversed(found.values()))
+    shown = np.sort(np.argsort(last, kind="stable")[:MOST_SENSORS])
+    traces, names = [], labels(sensors[i] for i in shown)
     looks = {"start": ("@before", "diamond-open"), "updated": ("@after", "circle")}
-    for name, (_, values, n) in found.items():
+    for name, (values, n) in found.items():
         colour, symbol = looks[name]
         traces.append(
             {
                 "type": "scatter",
                 "mode": "markers",
-                "name": f"{name} ({n} pairs)",
-                "x": numbers(values),
-                "y": list(range(len(values))),
+                "name": f"{name} ({counted(n, 'pair')})",
+                "x": numbers(values[shown]),
+                "y": list(range(len(names))),
                 "text": names,
                 "marker": {"color": colour, "symbol": symbol, "size": 9},
                 "hovertemplate": f"%{{text}}: COMAC {name} %{{x:.3f}}<extra></extra>",
@@ -279,23 +288,26 @@ def _verdict(table: ModalTable) -> str:
     n, pairs = len(found.measured), found.pairs
     text = f"{len(pairs.mac)} of {n} modes of the test have a mode of the {which} model."
     if len(pairs.mac):
-        figures = found.figures()
-        text += (
-            f" Of these pairs the MAC is {number(figures['mac_median'], 3)} in the median and"
-            f" {number(figures['mac_min'], 3)} at least; frequencies differ by"
-            f" {number(figures['frequency_change_median'], 2)} % in the median and"
-            f" {number(figures['frequency_change_max'], 2)} % at most."
-        )
+        text += _pairs_in_words(found)
     alone = len(found.unpaired_computed)
     if alone:
-        text += f" {_counted_modes(alone)} of the model in this band is not found in the test."
-        if alone > 1:
-            text = text.replace("band is not", "band are not")
+        are = "is" if alone == 1 else "are"
+        modes = counted(alone, "mode")
+        text += f" {modes} of the model in this band {are} not found in the test."
     return text
 
 
-def _counted_modes(n: int) -> str:
-    return "1 mode" if n == 1 else f"{n} modes"
+def _pairs_in_words(found: ModeCorrelation) -> str:
+    """Return in words how well the modes of the pairs agree."""
+    figures = found.figures()
+    mac, least = (figure_of_agreement(figures[f"mac_{name}"]) for name in ("median", "min"))
+    change, most = (percentage(figures[f"frequency_change_{n}"] / 100.0) for n in ("median", "max"))
+    if len(found.pairs.mac) == 1:
+        return f" The MAC of the pair is {mac}; its frequencies differ by {change}."
+    return (
+        f" Of these pairs the MAC is {mac} in the median and {least} at least; frequencies differ"
+        f" by {change} in the median and {most} at most."
+    )
 
 
 class ModesSection(Section):
@@ -341,6 +353,8 @@ class ModesSection(Section):
             "notes": table.notes,
             "rows": rows,
             "shown": SHOWN_ROWS,
+            "most_sensors": MOST_SENSORS,
+            "n_sensors": len(table.test.dofs) if table.test is not None else 0,
             "reduction": _reduction_error(table),
             "alike": _alike(table),
         }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import UpdynError
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
-from updyn.report.formats import number, quantity_words
+from updyn.report.formats import number, quantity_words, unit
 from updyn.report.plots import (
     Figure,
     error_bars,
@@ -258,6 +258,7 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
     """Return the band of one channel, with the updated model and the data."""
     freq = band.frf.freq
     measured = np.abs(result.frf.select(lines=freq).values[:, i, j])
+    unit_of = unit(band.frf.quantity, str(band.frf.responses[i]), str(band.frf.references[j]))
     tiny = np.finfo(np.float32).tiny
     line = {"type": "scatter", "mode": "lines", "x": numbers(freq), "hoverinfo": "skip"}
     edge = {"width": 0, "color": "@after"}
@@ -285,7 +286,7 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
         "x": numbers(freq),
         "y": numbers(measured),
         "marker": {"color": "@measured", "size": 3},
-        "hovertemplate": "%{x:.5g} Hz: %{y:.4g}<extra></extra>",
+        "hovertemplate": f"%{{x:.5g}} Hz: %{{y:.4g}} {unit_of}<extra></extra>",
     }
     return {
         "data": [line | lower, line | upper, line | model, data],
@@ -293,9 +294,10 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
         "layout": {
             "xaxis": {"title": {"text": "frequency (Hz)"}},
             "yaxis": {
-                "title": {"text": f"|{band.frf.quantity}|"},
+                "title": {"text": f"{band.frf.quantity} ({unit_of})"},
                 "type": "log",
                 "dtick": log_step(measured),
+                "exponentformat": "power",
             },
             "showlegend": True,
         },

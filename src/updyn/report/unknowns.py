@@ -17,6 +17,7 @@ from updyn.report.formats import (
     figure_name,
     interval,
     number,
+    padded,
     quantity_words,
 )
 from updyn.report.of_unknowns import OfUnknowns, by_figure, names_of
@@ -107,7 +108,7 @@ def _parameter_row(result: UpdateResult, parameter: Parameter) -> dict[str, Any]
         number(p.start),
         estimate(value, std),
         change(p, value),
-        number(std, 2) if determined else "–",
+        padded(std, 2) if determined else "–",
         spanned,
         f"{number(p.lower, 3)} to {number(p.upper, 3)}",
         "; ".join(_parameter_notes(result, p)),

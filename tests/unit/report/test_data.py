@@ -13,13 +13,15 @@ from pages_read import Page
 from pages_read import values as plotted
 from report_case import all_figures, chain, measured, realistic, smallest
 from updyn.correlation import csf, fdac
+from updyn.modal import ModeSet
 from updyn.report import data as report_data
-from updyn.report.agreement import csf_lines, fdac_maps, level_difference
+from updyn.report.agreement import AGREEMENT, csf_lines, fdac_maps, level_difference
 from updyn.report.data import gather, keep_lines
 from updyn.report.formats import (
     change,
     decibels,
     estimate,
+    extent,
     figure_of_agreement,
     interval,
     number,
@@ -32,6 +34,7 @@ from updyn.report.identifiability import correlations
 from updyn.report.overlay import MEASURED_SHARE, overlay
 from updyn.report.plots import log_bars, log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
+from updyn.report.section import Content
 from updyn.updating.problem.parameters import Parameter
 
 
@@ -293,6 +296,31 @@ def test_numbers_in_words():
     assert [change(viscous, v) for v in (0.04, 10.96, 34.5)] == ["−96 %", "+996 %", "+3350 %"]
     assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"
     assert unit("receptance", "1:Z", "2:Z") == "m/N"
+
+
+def test_the_extent_of_a_single_line_is_where_it_is(result):
+    one = result.frf.select(lines=result.frf.freq[10:11])
+    assert extent(one) == f"5 responses × 2 references, 1 line at {number(one.freq[0])} Hz"
+    two = result.frf.select(lines=result.frf.freq[:2])
+    assert extent(two).endswith(f", 2 lines from 4 to {number(two.freq[1])} Hz")
+    shape = np.ones((1, 1))
+    assert extent(ModeSet([12.5], shape, ["1:Z"])) == "1 mode at 1 DOF, 12.5 Hz"
+
+
+def test_figures_of_agreement_in_the_table_are_numbers_or_a_dash(result):
+    figures = {"frac_median": 0.99995, "residual_median": 7.77e-14, "residual_max": np.inf}
+    worse = {"frac_median": np.nan, "residual_median": 0.5, "residual_max": 2.0}
+    found = dataclasses.replace(result, correlation={"before": worse, "after": figures})
+    shown = AGREEMENT.context(Content(found))["scores"]
+    assert shown == [
+        ("frac_median", "–", ">0.9999"),
+        ("residual_median", "0.5", "7.77·10⁻¹⁴"),
+        ("residual_max", "2", "∞"),
+    ]
+
+
+def test_units_of_channels():
+    assert unit("receptance", "1:Z", "2:Z") == "m/N"
     assert unit("mobility", "1:RX", "2:RZ") == "(rad/s)/(N m)"
 
 
@@ -302,6 +330,8 @@ def test_key_figures_say_when_they_got_worse(result):
     better = {"before": {"frac_median": 0.4}, "after": {"frac_median": 0.9}, "validation": {}}
     assert "worse" not in Page(head(result, better)).words
     assert "FRAC" not in Page(head(result, {})).words
+    rounding = {"before": {"frac_median": 1.0 - 1e-9}, "after": {"frac_median": 1.0 - 2e-9}}
+    assert ">0.999 → >0.999 start → updated" in Page(head(result, rounding)).words
 
 
 def test_checksums_see_every_part(result):

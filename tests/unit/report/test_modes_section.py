@@ -11,7 +11,8 @@ import updyn
 from pages_read import Page, attributes, dump
 from report_case import realistic
 from updyn.report import modes
-from updyn.report.modes import MODES, SHOWN_ROWS, comac_maps, modal_rows
+from updyn.report.formats import figure_of_agreement, percentage
+from updyn.report.modes import MODES, SHOWN_ROWS, comac_bars, comac_maps, modal_rows
 from updyn.report.page import render
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import SEQUENTIAL
@@ -36,6 +37,7 @@ def test_figures_are_those_of_the_table(result):
         assert np.array(trace["z"], dtype=float) == pytest.approx(values, abs=1e-6)
         assert (trace["zmin"], trace["zmax"], trace["colorscale"]) == (0.0, 1.0, SEQUENTIAL)
     axes = figures["mac-start"]["layout"]
+    assert {len(text) for text in axes["yaxis"]["ticktext"]} == {5}  # four digits and a point
     assert axes["yaxis"]["title"]["text"] == "start model (Hz)"
     assert axes["xaxis"]["title"]["text"] == "test (Hz)"
     comac = {t["name"]: t["x"] for t in figures["comac"]["data"]}
@@ -124,6 +126,39 @@ def test_many_modes_are_folded_away(result, monkeypatch):
     assert axes["yaxis"]["tickvals"] == list(range(0, 36, 2))
     monkeypatch.setattr(modes, "SHOWN_ROWS", 35)
     assert "<summary>1 further mode<" in render(with_many)
+
+
+def test_agreement_in_words_is_no_rounding(result):
+    """A MAC that is nearly 1 is not 1, and frequencies that differ by rounding do not differ."""
+    table = result.modes
+    shapes = table.test.shapes * (1.0 + 1e-3 * np.cos(np.arange(len(table.test.dofs))))[:, None]
+    near = dataclasses.replace(
+        table.test, frequency=table.test.frequency * (1.0 + 1e-12), shapes=shapes
+    )
+    words = Page(
+        render(dataclasses.replace(result, modes=ModalTable(near, None, table.test)))
+    ).words
+    assert "Of these pairs the MAC is >0.999 in the median and >0.999 at least;" in words
+    assert "frequencies differ by <0.0001 % in the median and <0.0001 % at most." in words
+    first = table.test.select([0])
+    alone = ModalTable(first, None, table.updated.select([0]))
+    words = Page(render(dataclasses.replace(result, modes=alone))).words
+    change = abs(alone.rows[0].updated.change)
+    assert f"The MAC of the pair is {figure_of_agreement(alone.rows[0].updated.mac)};" in words
+    assert f"its frequencies differ by {percentage(change / 100.0)}." in words
+    assert comac_bars(alone)["data"][0]["name"] == "updated (1 pair)"
+
+
+def test_of_many_sensors_those_that_agree_least_are_drawn(result, monkeypatch):
+    monkeypatch.setattr(modes, "MOST_SENSORS", 3)
+    found = result.modes.correlations["updated"]
+    start, updated = comac_bars(result.modes)["data"]
+    lowest = np.sort(np.argsort(found.comac())[:3])
+    assert updated["x"] == pytest.approx(found.comac()[lowest])
+    assert updated["text"] == [found.dofs.labels[i] for i in lowest]
+    assert start["x"] == pytest.approx(result.modes.correlations["start"].comac()[lowest])
+    said = f"Of {len(found.dofs)} sensors the 3 with the lowest values are shown."
+    assert said in Page(render(result)).words
 
 
 @pytest.mark.needs("browser")

@@ -52,6 +52,7 @@ def test_the_map_has_the_misfit_of_every_channel_and_band(found):
 def test_the_section_says_where_and_what_would_explain_it(found):
     text = words()
     assert found.verdict in text
+    assert "Marked: serially correlated" in text
     assert "Residual model error the model cannot follow the data everywhere" in text
     assert "6:-Z / 12:Z 121.6 to 159.3 147.9 3.72 12 lines < 10⁻⁹ < 10⁻⁹" in text
     assert "stiffness of bay 9 93 % up by 22 % 40 %" in text
@@ -87,6 +88,7 @@ def test_noise_is_called_noise_and_its_size_is_relative_where_it_was_estimated()
     assert "compared with that of all the rest (F)" in text
     assert "over the typical misfit, as the size of the noise was taken from it, by channel" in text
     assert "Places that stand out" not in text
+    assert "Marked:" not in text  # nothing is
     figure = misfit_map(quiet)
     assert len(figure["data"]) == 1
     assert figure["layout"]["showlegend"] is False
@@ -131,3 +133,10 @@ def test_the_page_of_several_tests_says_what_is_left_of_each_and_the_worst_of_al
         for row in re.findall(r"<tr>.*?</tr>", section)[1:]
     ]
     assert last == ["noise", "model error", "–"]
+
+
+def test_a_test_of_modes_has_no_agreement_of_frfs():
+    of_modes = realistic(correlation={"before": {}, "after": {}}, adequacy=None)
+    html = render(JointResult({"free": realistic(), "modes": of_modes}, "Two tests"))
+    section = html[html.index('<section id="tests">') :].split("</section>")[0]
+    assert re.findall(r"<td[^>]*>([^<]*)</td>", section.split("<tr>")[-1])[1:] == ["–"] * 5

@@ -15,7 +15,7 @@ from pages_read import Page, attributes, dump, unfolded
 from report_case import realistic
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.report import Start, write_start
-from updyn.report.identifiability import combinations_map
+from updyn.report.identifiability import combinations_map, singular_values
 from updyn.updating.problem.data import Test
 from updyn.updating.update import start_analysis
 from viewer_case import block
@@ -136,8 +136,32 @@ def test_undetermined_combinations_are_a_matrix():
     assert trace["x"] == [f"combination {i + 1}" for i in range(len(ident.null_directions))]
     z = np.array(trace["z"], dtype=float)
     for column, weights in zip(z.T, ident.null_directions, strict=True):
-        assert sorted(column[column != 0.0]) == sorted(weights.values())
+        assert sorted(column[np.isfinite(column)]) == sorted(weights.values())
     assert combinations_map(replace(ident, null_directions=[])) is None
+
+
+def test_a_combination_is_blank_where_it_has_no_weight_and_small_weights_are_no_zeros():
+    directions = [{"a.mass": 1.0, "b.mass": -0.0031}, {"c.mass": 1.0}]
+    (trace,) = combinations_map(replace(realistic().identifiability, null_directions=directions))[
+        "data"
+    ]
+    assert trace["z"] == [[1.0, None], [-0.0031, None], [None, 1.0]]
+    assert trace["text"] == [["1", ""], ["−0.0031", ""], ["", "1"]]
+
+
+def test_singular_values_are_marked_at_their_numbers_only():
+    ident = replace(realistic().identifiability, singular_values=tuple(np.geomspace(2, 0.1, 20)))
+    axis = singular_values(ident)["layout"]["xaxis"]
+    assert axis["range"] == [0.4, 20.6]
+    assert axis["dtick"] == 1
+
+
+def test_one_combination_of_one_unknown_is_said_so(start, tmp_path):
+    said = write_start(
+        replace(start, identifiability=replace(start.identifiability, rank=1, n_parameters=2)),
+        tmp_path / "check.html",
+    ).read_text(encoding="utf-8")
+    assert "The data can determine 1 independent combination of 2 unknowns." in said
 
 
 @pytest.mark.needs("browser")

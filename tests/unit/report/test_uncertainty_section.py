@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
+from updyn.frf import unit
 from updyn.report.page import render
 from updyn.report.uncertainty import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
@@ -101,6 +102,10 @@ def test_the_band_is_that_of_the_channel_known_least(result):
     assert (np.array(low["y"]) <= line["y"]).mean() > 0.95
     assert (np.array(high["y"]) >= line["y"]).mean() > 0.95
     assert len(measured["y"]) == 40
+    axis = figure["layout"]["yaxis"]
+    unit_of = unit(result.frf.quantity, *channel.split(" / "))
+    assert axis["title"]["text"] == f"{result.frf.quantity} ({unit_of})"
+    assert axis["exponentformat"] == "power"  # not 2µ
 
 
 def test_the_page_shows_it_and_what_it_is_worth(result):

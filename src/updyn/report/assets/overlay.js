@@ -15,7 +15,7 @@ const updynOverlay = (() => {
   }
   const freq = data.freq ? new Float64Array(bytes(data.freq)) : new Float64Array(0);
   const grid = data.grid ? new Float64Array(bytes(data.grid)) : new Float64Array(0); // lines of the models' curves
-  const n = freq.length;
+  const n = freq.length, FEW = 200; // measured lines up to which they are points
   const linesOf = (name) => name === "measured" ? freq : grid;
   const sets = {};
   for (const name of ["measured", "before", "after"]) if (data[name]) sets[name] = new Float32Array(bytes(data[name]));
@@ -53,7 +53,7 @@ const updynOverlay = (() => {
     for (const name of Object.keys(sets)) {
       const lines = linesOf(name), level = magnitude(sets[name], k, lines.length);
       // Few measured lines are points: nothing is known between them. A single one is a point of the models, too.
-      const isPoints = (name === "measured" && n <= 200) || lines.length === 1;
+      const isPoints = (name === "measured" && n <= FEW) || lines.length === 1;
       const points = isPoints ? { mode: "markers", marker: { color: styles[name].color, size: 7 } } : {};
       const common = { type: "scatter", mode: "lines", line: styles[name], name: words[name], ...points };
       out.push({ ...common, legendgroup: name, x: lines, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${words[name]}<extra></extra>` });
@@ -78,8 +78,11 @@ const updynOverlay = (() => {
       fillcolor: "@" + name, line: { width: 0 } };
   }
 
-  function span(log) { // from the first line to the last, whatever markers would like
-    return n > 1 ? [freq[0], freq[n - 1]].map((f) => log ? Math.log10(f) : f) : undefined;
+  function span(log) { // from the first line to the last, whatever markers would like; points are not cut in half
+    if (n < 2) return undefined;
+    const [low, high] = [freq[0], freq[n - 1]].map((f) => log ? Math.log10(f) : f);
+    const room = n <= FEW ? 0.01 * (high - low) : 0;
+    return [low - room, high + room];
   }
 
   function decades(drawn) {

@@ -41,8 +41,8 @@ const updynReport = (() => {
       ...paint(own),
     };
     for (const key of Object.keys(out)) if (/^[xy]axis\d*$/.test(key)) out[key] = axis(out[key]);
-    // The legend stands above the data, never on them.
-    out.legend = { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", ...(own.legend || {}) };
+    // The legend stands above the data, never on them, and as near to those of a high figure as of a low one.
+    out.legend = { orientation: "h", x: 0, xanchor: "left", y: 1 + 7 / height, yanchor: "bottom", ...(own.legend || {}) };
     if (out.legend.orientation === "v") Object.assign(out.legend, { x: 1.02, y: 1, yanchor: "top" });
     return out;
   }
