@@ -159,8 +159,9 @@ def _best(
         return []
     least = min(known.values())
     limit = max(least * (1.0 + 1e-9), 1e-9)  # beyond rounding there is no better or worse
-    best = [method for method, v in known.items() if v <= limit]
-    return [(name, say(least), _listed(best))]
+    shown = say(least)
+    best = [method for method, v in known.items() if v <= limit or say(v) == shown]
+    return [(name, shown, _listed(best))]
 
 
 def _decibels(value: float) -> str:
@@ -202,8 +203,22 @@ class Methods(ComparisonSection):
             kinds.append("text" if key in ("method", "status") else "")
         rows = []
         for row in comparison:
-            rows.append({"cells": cells(row, shown), "converged": row.status == "converged"})
+            typeset = list(map(_typeset, cells(row, shown)))
+            rows.append({"cells": typeset, "converged": row.status == "converged"})
         return {"truth": bool(comparison.truth), "head": head, "kinds": kinds, "methods": rows}
+
+
+def _typeset(cell: str) -> str:
+    """Return a cell of the terminal's table as the page writes it: dashes and powers of ten."""
+    if cell == "-":
+        return "–"
+    try:
+        value = float(cell)
+    except ValueError:
+        return cell
+    if "e" in cell or not math.isfinite(value):
+        return number(value, 2)
+    return cell.replace("-", "−")
 
 
 class Frfs(ComparisonSection):
@@ -339,7 +354,7 @@ class Limits(ComparisonSection):
                 here.append(f"{row.status}: {reason(row)}")
             if row.applies and row.left:
                 here.append(f"left at their start: {', '.join(row.left)}")
-            rows.append([row.method, limits(row), row.reference, "; ".join(here)])
+            rows.append([row.method, _typeset(limits(row)), row.reference, "; ".join(here)])
         return {"rows": rows}
 
 

@@ -14,7 +14,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.modal import ModeSet
 from updyn.report.formats import counted, extent, number, percentage, unit
 from updyn.report.page import assemble
-from updyn.report.plots import Figure, numbers
+from updyn.report.plots import Figure, log_range, numbers
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset, render_template, write_page
 
@@ -205,9 +205,8 @@ def _diagram(found: Identified) -> Figure:
         },
         "yaxis": {"title": {"text": "order"}, "domain": [0.0, _DIAGRAM], "range": [0.0, top + 2.0]},
         "yaxis2": {
-            "title": {"text": f"accelerance, rms ({_units(frf)})"},
-            "type": "log",
-            "exponentformat": "power",
+            "title": {"text": f"accelerance,<br>rms ({_unit(frf)})"},
+            **log_range(level),
             "domain": [_DIAGRAM + 0.04, 1.0],
         },
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
@@ -216,10 +215,10 @@ def _diagram(found: Identified) -> Figure:
     return {"data": traces, "height": 560, "layout": layout}
 
 
-def _units(frf: FRF) -> str:
-    """Return the units of the accelerances, each once."""
-    of = (unit("accelerance", i, j) for i in frf.responses.labels for j in frf.references.labels)
-    return ", ".join(dict.fromkeys(of))
+def _unit(frf: FRF) -> str:
+    """Return the unit of the accelerances, where they have one in common."""
+    of = {unit("accelerance", i, j) for i in frf.responses.labels for j in frf.references.labels}
+    return of.pop() if len(of) == 1 else "several units"
 
 
 def _level(frf: FRF) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:

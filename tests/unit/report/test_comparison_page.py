@@ -5,16 +5,18 @@ from __future__ import annotations
 import html
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import updyn
-from pages_read import attributes, dump, values
+from pages_read import Page, attributes, dump, values
 from updyn.comparison import Comparison, Fewest, Row
 from updyn.demos.gear_train import known_masses, true_model, true_values
 from updyn.report import write_comparison
-from updyn.report.comparison import gather_curves, is_geometric
+from updyn.report.comparison import gather_curves, is_geometric, render
+from updyn.report.formats import number
 
 LINES = np.linspace(5.0, 60.0, 12) / (2.0 * np.pi)
 NAMES = ["equation-error", "log", "rfm", "frf-sensitivity", "reduced-frf"]
@@ -135,8 +137,23 @@ def test_table_and_limits(found, text):
     )
     assert cells["equation-error"][heads.index("held out")] == "0 dB"
     assert cells["rfm"][0] == "does not apply"
+    error = cells["equation-error"][heads.index("error")]
+    assert error == number(found["equation-error"].error_max, 2)
+    assert "·10" in error
+    assert cells["frf-sensitivity"][heads.index("error")] == "–"
     assert "rfm needs the motion of all 7 DOFs" in text
     assert "Bao, Wang &amp; Cheng 2010" in text
+
+
+def test_methods_that_read_alike_are_all_the_best(found):
+    """Of 0.0390 and 0.0391 dB, both 0.039 dB on the page, neither is better to the reader."""
+    misfits = {"equation-error": 0.0390, "log": 0.0391, "reduced-frf": 0.3}
+    rows = []
+    for row in found.rows:
+        after = {"db_error_median": misfits.get(row.method, np.nan)}
+        rows.append(replace(row, fitted=dict(row.fitted) | {"after": after}))
+    words = Page(render(replace(found, rows=tuple(rows)))).words
+    assert "Least misfit after 0.039 dB equation-error and log" in words
 
 
 def test_nothing_is_interpreted_and_nothing_is_loaded(text):
