@@ -26,6 +26,7 @@ from updyn.report.plots import (
     existing,
     label,
     labels,
+    linear_frequency,
     numbers,
     rows_height,
 )
@@ -153,7 +154,7 @@ def _by_line(
         "data": traces,
         "height": 300,
         "layout": {
-            "xaxis": {"title": {"text": "frequency (Hz)"}},
+            "xaxis": linear_frequency(data.freq),
             "yaxis": {"title": {"text": criterion}, "range": [-0.02, 1.04]},
             "showlegend": True,
         },

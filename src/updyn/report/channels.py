@@ -15,6 +15,7 @@ from updyn.report.plots import (
     Panel,
     curve,
     existing,
+    linear_frequency,
     log_range,
     numbers,
     stacked,
@@ -162,14 +163,7 @@ def channel_curves(data: ReportData, i: int, j: int) -> Figure | None:
         Panel(f"{data.quantity} ({unit_of})", level, log_range(np.concatenate(drawn)), 2.2),
         Panel("phase (°)", phase, degrees),
     ]
-    axis = {"title": {"text": "frequency (Hz)"}, "range": _ends(data.freq)}
-    return stacked(panels, axis, height=430)
-
-
-def _ends(freq: NDArray[np.float64]) -> list[float]:
-    low, high = float(freq[0]), float(freq[-1])
-    margin = 0.01 * (high - low) or 0.01 * high
-    return [low - margin, high + margin]
+    return stacked(panels, linear_frequency(data.freq), height=430)
 
 
 def _measured(x: NDArray[np.float64], y: NDArray[np.float64], said: str) -> dict[str, Any]:

@@ -19,7 +19,15 @@ from updyn.frf import FRF
 from updyn.report.data import EVALUATION_BUDGET, computed, fine_grid, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
-from updyn.report.plots import Figure, existing, label, log_bars, log_step, numbers
+from updyn.report.plots import (
+    Figure,
+    existing,
+    label,
+    linear_frequency,
+    log_bars,
+    log_step,
+    numbers,
+)
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template, write_page
 from updyn.updating.problem.data import Test
@@ -633,9 +641,9 @@ def _size(values: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _frame(curves: Curves, traces: list[dict[str, Any]], height: int) -> Figure:
-    x: dict[str, Any] = {"title": {"text": "frequency (Hz)"}}
+    x = linear_frequency(curves.lines)
     if is_geometric(curves.lines):
-        x |= {"type": "log", "dtick": log_step(curves.lines)}
+        x = {"title": x["title"], "type": "log", "dtick": log_step(curves.lines)}
     both = np.concatenate(
         [_size(curves.measured), _size(curves.before), *map(_size, curves.after.values())]
     )

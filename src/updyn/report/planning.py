@@ -120,7 +120,8 @@ def _key_figures(plan: Plan) -> list[tuple[str, str, str]]:
         out.append(("One more sensor", gain, f"{plan.further[0].label}, on all uncertainties"))
     if plan.further_references:
         gain = f"−{percentage(plan.further_references[0].gain)}"
-        out.append(("One more force", gain, f"{plan.further_references[0].label}"))
+        which = f"{plan.further_references[0].label}, on all uncertainties"
+        out.append(("One more force", gain, which))
     for name, gain_of in plan.doubled.items():
         out.append((f"Twice the {name}", f"−{percentage(gain_of)}", "on all uncertainties"))
     return out

@@ -33,6 +33,7 @@ __all__ = [
     "label",
     "labels",
     "level_line",
+    "linear_frequency",
     "log_bars",
     "log_frequency",
     "log_range",
@@ -240,6 +241,18 @@ def stacked(
     if shapes:
         layout["shapes"] = shapes
     return {"data": traces, "height": height, "layout": layout}
+
+
+def linear_frequency(freq: ArrayLike) -> dict[str, Any]:
+    """Return a frequency axis over some lines in Hz, with room for markers at both ends."""
+    lines = np.asarray(freq, dtype=np.float64)
+    low, high = float(lines[0]), float(lines[-1])
+    margin = 0.01 * (high - low) or 0.01 * high
+    return {
+        "title": {"text": "frequency (Hz)"},
+        "range": [low - margin, high + margin],
+        "zeroline": False,
+    }
 
 
 def log_frequency(freq: ArrayLike, title: str = "frequency (Hz)") -> dict[str, Any]:

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.resonance_lines import even_lines, resonance_lines
 from updyn.errors import UpdynError
 from updyn.report.data import EVALUATION_BUDGET, keep_lines
-from updyn.report.formats import number, quantity_words, unit
+from updyn.report.formats import estimate, number, padded, quantity_words, unit
 from updyn.report.plots import (
     Figure,
     error_bars,
     labels,
+    linear_frequency,
     log_step,
     names_font,
     numbers,
@@ -24,7 +26,7 @@ from updyn.report.section import Content, Section
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.prediction import Band, predict
 from updyn.uncertainty.profile import Profiles
-from updyn.updating.result import JointResult, UpdateResult
+from updyn.updating.result import JointResult, UpdateResult, gains_of
 
 __all__ = ["UNCERTAINTY", "band_figure", "ends_of", "intervals_figure", "level_of"]
 
@@ -75,13 +77,16 @@ class Uncertainty(Section):
         diagnosed = isinstance(found, Draws) and "r_hat" in found.diagnostics
         diagnostics = ["R-hat", "effective draws"] if diagnosed else []
         head = ["unknown", "value", "std. dev.", f"{percent}, lower", "upper", *diagnostics, "note"]
+        rows = _rows(content.result, found)
+        if not any(cells[-1] for cells in rows):  # no column of blanks
+            head, rows = head[:-1], [cells[:-1] for cells in rows]
         return {
             "kind": _kind(found),
             "message": found.message,
             "percent": percent,
             "head": head,
-            "kinds": ("", *[""] * (len(head) - 2), "note-cell"),
-            "rows": _rows(content.result, found),
+            "kinds": ["note-cell" if name == "note" else "" for name in head],
+            "rows": rows,
         }
 
 
@@ -89,18 +94,21 @@ UNCERTAINTY = Uncertainty()
 
 
 def _rows(result: UpdateResult, found: Draws | Profiles) -> list[list[str]]:
-    """Return the cells of each unknown."""
+    """Return the cells of each unknown, the note last."""
     out = []
     for name, (low, high) in ends_of(found).items():
-        values = [result.values[name], result.std[name], low, high]
-        note = ""
+        value, std = result.values[name], result.std[name]
+        cells = [name, estimate(value, std), padded(std, 2)]
+        cells += [estimate(low, std), estimate(high, std)]
         if isinstance(found, Profiles):
-            note = found[name].note
+            cells.append(found[name].note)
         elif "r_hat" in found.diagnostics:
             k = found.names.index(name)
-            values.append(float(found.diagnostics["r_hat"][k]))
-            values.append(float(found.diagnostics["ess_bulk"][k]))
-        out.append([name, *map(number, values), note])
+            figures = (found.diagnostics[key][k] for key in ("r_hat", "ess_bulk"))
+            cells += [*(number(float(figure)) for figure in figures), ""]
+        else:
+            cells.append("")
+        out.append(cells)
     return out
 
 
@@ -239,25 +247,44 @@ def band_figure(result: UpdateResult, found: Draws | Profiles) -> tuple[Figure, 
         solves = min(len(found), _DRAWS)
         at = np.unique(np.linspace(0, len(found) - 1, solves).round().astype(np.intp))
         source = replace(found, chains=found.values[at][None], result=result)
-    if solves * len(lines) * result.model.n_dofs > _AFFORDED:
+    for freq in (_resolving(result, lines), lines):
+        if solves * len(freq) * result.model.n_dofs > _AFFORDED:
+            continue
+        try:
+            band = predict(source, freq, frf.responses, frf.references, level=level_of(found))
+        except UpdynError:  # it may be singular between the lines only
+            continue
+        break
+    else:
         return None
-    try:
-        band = predict(source, lines, frf.responses, frf.references, level=level_of(found))
-    except UpdynError:
-        return None
+    measured = np.searchsorted(freq, lines)
     with np.errstate(divide="ignore", invalid="ignore"):
-        width = np.median(np.log(band.upper / band.lower), axis=0)
+        width = np.median(np.log(band.upper[measured] / band.lower[measured]), axis=0)
     widest = int(np.argmax(np.where(np.isfinite(width), width, -1.0)))
     i, j = map(int, np.unravel_index(widest, width.shape))
     if not np.isfinite(width[i, j]):
         return None
-    return _drawn(band, result, i, j), f"{frf.responses[i]} / {frf.references[j]}"
+    return _drawn(band, result, lines, i, j), f"{frf.responses[i]} / {frf.references[j]}"
 
 
-def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
-    """Return the band of one channel, with the updated model and the data."""
+def _resolving(result: UpdateResult, lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return few lines with further ones in Hz, between which the curves have their peaks."""
+    room = _LINES - len(lines)
+    if room < 2 or len(lines) < 2:
+        return lines
+    low, high = float(lines[0]), float(lines[-1])
+    if result.options.get("tier") == "reduced":  # the modes of the whole model would take long
+        return np.union1d(lines, even_lines(low, high, room))
+    return np.union1d(lines, resonance_lines(result.model, low, high, room))
+
+
+def _drawn(band: Band, result: UpdateResult, lines: NDArray[np.float64], i: int, j: int) -> Figure:
+    """Return the band of one channel, with the updated model and the data at some lines."""
     freq = band.frf.freq
-    measured = np.abs(result.frf.select(lines=freq).values[:, i, j])
+    gains = gains_of(result)  # the band is that of the structure, not of what its sensors read
+    measured = np.abs(result.frf.select(lines=lines).values[:, i, j])
+    if gains is not None:
+        measured = measured / np.abs(gains[i, j])
     unit_of = unit(band.frf.quantity, str(band.frf.responses[i]), str(band.frf.references[j]))
     tiny = np.finfo(np.float32).tiny
     line = {"type": "scatter", "mode": "lines", "x": numbers(freq), "hoverinfo": "skip"}
@@ -283,7 +310,7 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
         "type": "scatter",
         "mode": "markers",
         "name": "measured",
-        "x": numbers(freq),
+        "x": numbers(lines),
         "y": numbers(measured),
         "marker": {"color": "@measured", "size": 3},
         "hovertemplate": f"%{{x:.5g}} Hz: %{{y:.4g}} {unit_of}<extra></extra>",
@@ -292,7 +319,7 @@ def _drawn(band: Band, result: UpdateResult, i: int, j: int) -> Figure:
         "data": [line | lower, line | upper, line | model, data],
         "height": 380,
         "layout": {
-            "xaxis": {"title": {"text": "frequency (Hz)"}},
+            "xaxis": linear_frequency(lines),
             "yaxis": {
                 "title": {"text": f"{band.frf.quantity} ({unit_of})"},
                 "type": "log",

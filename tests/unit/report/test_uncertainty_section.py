@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.frf import unit
+from updyn.report.formats import estimate, padded
 from updyn.report.page import render
 from updyn.report.uncertainty import band_figure, intervals_figure
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Interval, Profile, Profiles
+from updyn.updating.problem.parameters import Parameter, ParameterSet
 
 
 @pytest.fixture(scope="module")
@@ -90,6 +95,11 @@ def test_bars_are_standard_deviations_of_laplace(result):
     assert len(figure["layout"]["yaxis"]["ticktext"]) == 2
 
 
+def split(channel):
+    response, reference = channel.split(" / ")
+    return [response], [reference]
+
+
 def test_the_band_is_that_of_the_channel_known_least(result):
     figure, channel = band_figure(result, draws(result))
     low, high, line, measured = figure["data"]
@@ -102,6 +112,11 @@ def test_the_band_is_that_of_the_channel_known_least(result):
     assert (np.array(low["y"]) <= line["y"]).mean() > 0.95
     assert (np.array(high["y"]) >= line["y"]).mean() > 0.95
     assert len(measured["y"]) == 40
+    assert measured["x"] == pytest.approx(result.frf.freq)
+    # Between the lines of the data the model is drawn to its peak.
+    dense = updyn.response(result.model, np.linspace(1.0, 9.0, 20_001), *split(channel)).values
+    assert max(line["y"]) == pytest.approx(np.abs(dense).max(), rel=5e-3)
+    assert max(line["y"]) > max(line["y"][i] for i in np.searchsorted(line["x"], measured["x"]))
     axis = figure["layout"]["yaxis"]
     unit_of = unit(result.frf.quantity, *channel.split(" / "))
     assert axis["title"]["text"] == f"{result.frf.quantity} ({unit_of})"
@@ -117,3 +132,39 @@ def test_the_page_shows_it_and_what_it_is_worth(result):
     assert '<section id="uncertainty">' not in render(result)
     one = profiles(result, {"base.stiffness": (0.9, 5.0)})
     assert "no upper end within its bounds" in render(result, one)
+
+
+def test_ends_have_the_digits_of_the_standard_deviation(result):
+    """1.1000 to 1.1008 is not 1.1 to 1.101."""
+    std = result.std["base.stiffness"]
+    table = render(result, profiles(result, {"base.stiffness": (0.98765, 1.02345)}))
+    section = table[table.index('<section id="uncertainty">') :].split("</section>")[0]
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", section)
+    shown = [estimate(value, std) for value in (result.values["base.stiffness"], 0.98765, 1.02345)]
+    assert [cells[0], *cells[2:4]] == shown
+    assert cells[1] == padded(std, 2)
+    assert ">note<" in section  # here there is one
+    quiet = render(result, draws(result))
+    section = quiet[quiet.index('<section id="uncertainty">') :].split("</section>")[0]
+    assert ">note<" not in section
+
+
+def test_what_a_sensor_reads_too_much_is_taken_off(result):
+    """The band is that of the structure."""
+    found = profiles(result, {"base.stiffness": (0.9, 1.1)})
+    _, channel = band_figure(result, found)
+    i = result.frf.responses.labels.index(channel.split(" / ")[0])
+    gain = Parameter(result.frf.responses.labels[i], "calibration", 1.0, 0.5, 2.0, prior_std=0.3)
+    read = result.frf.values.copy()
+    read[:, i] *= 1.3
+    odd = replace(
+        result,
+        data=replace(result.frf, values=read),
+        parameters=ParameterSet((*result.parameters, gain)),
+        values=dict(result.values) | {gain.name: 1.3},
+        std=dict(result.std) | {gain.name: 0.01},
+        covariance=np.pad(result.covariance, (0, 1), constant_values=0.0),
+    )
+    figure, same = band_figure(odd, found)
+    assert same == channel
+    assert figure["data"][3]["y"] == pytest.approx(np.abs(result.frf.values[:, i, 0]), rel=1e-6)
