@@ -105,6 +105,7 @@ def _channels(made: Canvas, one: FRF, name: str, number: int, level: str) -> int
                 "color": colour,
                 "linestyle": dash,
                 "label": f"{name}{response} / {reference}",
+                **_shown(len(one.freq)),
             }
             number += 1
             made.first.plot(one.freq, size[:, i, j], **look)
@@ -259,7 +260,7 @@ def _one_channel(
             x, y = wrapped_phase(measured.freq, measured.values[:, 0, 0])
             axes.plot(x, y, **_measured_look(len(measured.freq)))
             for number, one in enumerate(fitted.values()):
-                look = _computed_look(number, len(fitted))
+                look = _computed_look(number, len(fitted)) | _shown(len(one.freq))
                 axes.plot(*wrapped_phase(one.freq, one.values[:, 0, 0]), **look)
             phase_axis(axes)
         _frequency_axis(made, log_frequency)
@@ -277,7 +278,8 @@ def _levels(
     axes.plot(measured.freq, size, label="measured", **_measured_look(len(measured.freq)))
     for number, (name, one) in enumerate(fitted.items()):
         size = level_values(one.values[:, i, j], level)
-        axes.plot(one.freq, size, label=name, **_computed_look(number, len(fitted)))
+        look = _computed_look(number, len(fitted)) | _shown(len(one.freq))
+        axes.plot(one.freq, size, label=name, **look)
     own = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
     level_axis(axes, measured.quantity, own, level)
 
@@ -288,6 +290,11 @@ def _measured_look(n_lines: int) -> dict[str, Any]:
     if n_lines <= _MOST_POINTS:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 3.6}
     return {"color": colour, "linewidth": 2.8}
+
+
+def _shown(n_lines: int) -> dict[str, Any]:
+    """Return what a curve needs to be seen: of a single line a marker, as nothing is connected."""
+    return {"marker": "o", "markersize": 5.0} if n_lines == 1 else {}
 
 
 def _computed_look(number: int, count: int) -> dict[str, Any]:

@@ -54,7 +54,8 @@ def stabilisation(
     diagram = modes.diagram
     if diagram is None:
         raise OptionError(
-            "plots.stabilisation: these modes have no diagram; updyn.identify_modes(frf) makes one"
+            "plots.stabilisation: these modes have no diagram; updyn.identify_modes(frf) makes one,"
+            " except of few lines without noise, which it fits all at once"
         )
     panels = {"level": 1.0, "diagram": 2.0} if frf is not None else {"diagram": 1.0}
     if ax is not None:

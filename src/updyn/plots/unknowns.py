@@ -218,7 +218,7 @@ def _panels(
 ) -> None:
     _singular_values(made.axes["values"], ident)
     if "null" in made.axes:
-        weights = [[d.get(name, 0.0) for name in involved] for d in ident.null_directions]
+        weights = [[d.get(name, np.nan) for name in involved] for d in ident.null_directions]
         rows = [f"combination {number}" for number in range(1, len(weights) + 1)]
         columns = list(map(_words, involved))
         title = "weight (–)"

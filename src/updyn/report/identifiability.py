@@ -90,7 +90,7 @@ def _answers(result: UpdateResult) -> dict[str, Any] | None:
     return {
         "count": 1 + len(others),
         "head": ["group", "quantity", "this result", *_numbered(len(others))],
-        "kinds": ("", "text", *[""] * (1 + len(others))),
+        "kinds": ("", "word", *[""] * (1 + len(others))),
         "rows": rows,
         "about": [
             ["odds of this result over it", "", "–", *odds],

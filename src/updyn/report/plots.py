@@ -407,7 +407,7 @@ def phases(
 def wrapped_phase(
     x: ArrayLike, H: NDArray[np.complex128]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return lines and phase in -180 to 180 degrees, with a gap where it goes round.
+    """Return lines and phase in -180 to 180 degrees, with gaps where it goes round and at zeros.
 
     Parameters
     ----------
@@ -420,7 +420,8 @@ def wrapped_phase(
     -------
     lines, degrees : ndarray of float, shape (n_f + number of gaps,)
     """
-    lines, degrees = np.asarray(x, dtype=np.float64), np.degrees(np.angle(H))
+    lines = np.asarray(x, dtype=np.float64)
+    degrees = np.where(H == 0.0, np.nan, np.degrees(np.angle(H)))
     after = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
     return np.insert(lines, after, lines[after]), np.insert(degrees, after, np.nan)
 

@@ -80,7 +80,7 @@ class Unknowns(OfUnknowns):
                 row["cells"].pop()
         return {
             "head": head,
-            "kinds": ("", "text", "", "", "", "", "", "", "note-cell"),
+            "kinds": ("", "word", "", "", "", "", "", "", "note-cell"),
             "parts": parts,
             "sensors": sensors,
             "titles": titles,

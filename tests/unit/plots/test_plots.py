@@ -86,6 +86,28 @@ def test_zeros_are_gaps_of_a_level():
     np.testing.assert_allclose(drawn, [0.0, np.nan, 20 * np.log10(2.0)])
 
 
+def test_a_zero_has_no_phase():
+    values = np.array([1j, 0.0, 0.0, -1j]).reshape(4, 1, 1)
+    one = updyn.FRF([1.0, 2.0, 3.0, 4.0], values, ["1:X"], ["1:X"], "mobility")
+    phase = plots.frf(one).axes[1].lines[0]
+    np.testing.assert_allclose(phase.get_ydata(), [90.0, np.nan, np.nan, -90.0])
+    np.testing.assert_array_equal(phase.get_xdata(), one.freq)
+
+
+def test_a_single_line_is_a_point(data, correlation):
+    """Nothing is drawn of a curve through one point."""
+    one = data.select(lines=data.freq[40:41])
+    for panel in plots.frf(one["4:Z", "12:Z"]).axes:
+        assert [line.get_marker() for line in panel.lines] == ["o"]
+    computed = correlation.computed.select(lines=data.freq[40:41])
+    for panel in plots.overlay(one["4:Z", "12:Z"], computed).axes:
+        assert [line.get_marker() for line in panel.lines] == ["o", "o"]
+    two = plots.overlay(one["4:Z"], computed, computed).axes[0]
+    assert [line.get_marker() for line in two.lines] == ["o", "o", "o"]
+    many = plots.frf(data["4:Z", "12:Z"]).axes[0]
+    assert [line.get_marker() for line in many.lines] == ["None"]
+
+
 def test_several_frfs_are_told_apart_and_have_one_quantity(data):
     one = data.select(responses=["4:Z"], references=["12:Z"])
     shown = plots.frf(one, one, labels=["Monday", "Tuesday"], coherence=False)

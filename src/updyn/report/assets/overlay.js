@@ -29,12 +29,13 @@ const updynOverlay = (() => {
     return out;
   }
 
-  // Degrees in -180..180; where the phase wraps the line is broken, not drawn across.
+  // Degrees in -180..180; where the phase wraps the line is broken, not drawn across. A zero has none.
   function phase(values, k, lines) {
     const x = [], y = [];
     for (let i = 0, at = 2 * lines.length * k, last = null; i < lines.length; i++, at += 2) {
-      const now = Math.atan2(values[at + 1], values[at]) * 180 / Math.PI;
-      if (last !== null && Math.abs(now - last) > 180) { x.push(lines[i]); y.push(null); }
+      const zero = values[at] === 0 && values[at + 1] === 0;
+      const now = zero ? null : Math.atan2(values[at + 1], values[at]) * 180 / Math.PI;
+      if (last !== null && now !== null && Math.abs(now - last) > 180) { x.push(lines[i]); y.push(null); }
       x.push(lines[i]); y.push(now); last = now;
     }
     return { x, y };
