@@ -14,7 +14,7 @@ from updyn.correlation import csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
-from updyn.report.formats import figure_of_agreement, held_out, number, percentage
+from updyn.report.formats import figure_of_agreement, held_out, number, percentage, unit
 from updyn.report.plots import (
     DIVERGING,
     MODEL_COLOURS,
@@ -291,6 +291,10 @@ def _figure(name: str, figures: Mapping[str, float]) -> str:
     return figure_text(name, value).replace("-", "−")
 
 
+def _units(data: ReportData) -> set[str]:
+    return {unit(data.quantity, i, j) for i in data.responses for j in data.references}
+
+
 class Agreement(Section):
     """FRF correlation at the start and updated, CSAC and CSF over frequency."""
 
@@ -320,6 +324,7 @@ class Agreement(Section):
             "held_out": any(data.held_out),
             "scores": _scores(correlation.get("before"), correlation.get("after")),
             "one_channel": len(data.responses) * len(data.references) == 1,
+            "several_units": len(_units(data)) > 1,
         }
 
 

@@ -14,6 +14,7 @@ from pages_read import values as plotted
 from report_case import all_figures, chain, measured, realistic, smallest
 from updyn.correlation import csf, fdac
 from updyn.modal import ModeSet
+from updyn.model import Model
 from updyn.report import data as report_data
 from updyn.report.agreement import AGREEMENT, csf_lines, fdac_maps, level_difference
 from updyn.report.data import gather, keep_lines
@@ -32,6 +33,7 @@ from updyn.report.formats import (
 from updyn.report.head import head
 from updyn.report.identifiability import correlations
 from updyn.report.overlay import MEASURED_SHARE, overlay
+from updyn.report.page import render
 from updyn.report.plots import log_bars, log_range, numbers
 from updyn.report.provenance import data_checksum, model_checksum
 from updyn.report.section import Content
@@ -317,6 +319,16 @@ def test_figures_of_agreement_in_the_table_are_numbers_or_a_dash(result):
         ("residual_median", "0.5", "7.77·10⁻¹⁴"),
         ("residual_max", "2", "∞"),
     ]
+
+
+def test_figures_over_channels_of_several_units_are_said_to_be_so(result):
+    said = "The channels have several units."
+    assert said not in Page(render(result)).words
+    model = result.start
+    turned = Model.from_groups(model.groups, ["1:RX", *model.dofs.labels[1:]])
+    frf = dataclasses.replace(result.frf, responses=["1:RX", *result.frf.responses.labels[1:]])
+    odd = dataclasses.replace(result, start=turned, model=turned, data=frf)
+    assert said in Page(render(odd)).words
 
 
 def test_units_of_channels():
