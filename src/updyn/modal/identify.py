@@ -287,7 +287,8 @@ class _Measured:
         freq = frf.freq[moving]
         if len(freq) < _FEWEST:
             raise DataError(
-                f"modes: {len(freq)} lines are too few to identify a mode; expected at least"
+                f"modes: {len(freq)} {'line is' if len(freq) == 1 else 'lines are'} too few to"
+                " identify a mode; expected at least"
                 f" {_FEWEST}, better 30"
             )
         omega = 2.0 * np.pi * freq

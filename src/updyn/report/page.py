@@ -15,14 +15,9 @@ from updyn.report.templates import render_template, write_page
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles
 from updyn.updating.result import JointResult, UpdateResult
+from updyn.viewer.page import POLICY
 
-__all__ = ["POLICY", "assemble", "render", "write_report"]
-
-#: Content security policy: the page loads nothing but itself.
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:;"
-    " font-src data:; base-uri 'none'; form-action 'none'"
-)
+__all__ = ["assemble", "render", "write_report"]
 
 
 def write_report(

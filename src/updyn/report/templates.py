@@ -11,7 +11,6 @@ filters are the functions of `updyn.report.formats`.
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from importlib import resources
 from os import PathLike
@@ -21,11 +20,12 @@ from typing import TYPE_CHECKING, Any
 from updyn.io.atomic import atomic_path
 from updyn.report import formats
 from updyn.style import css
+from updyn.viewer.encoding import embedded_json
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-__all__ = ["asset", "embedded_json", "render_template", "write_page"]
+__all__ = ["asset", "render_template", "write_page"]
 
 #: Functions of `updyn.report.formats` that templates use as filters.
 _FILTERS = (
@@ -92,14 +92,6 @@ def asset(name: str) -> str:
         .replace("</style", "<\\/style")
         .replace("<!--", "<\\!--")
     )
-
-
-def embedded_json(value: Any) -> str:
-    """Return data as JSON that cannot end the script element that holds it, nor start a comment."""
-    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
-    for sign in "<>&":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
 
 
 def write_page(page: str, path: str | PathLike[str]) -> Path:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from updyn.viewer.scene import Body, Entries, Layer, ModeShapes, OperatingShapes, Reference, Scene
 
-__all__ = ["FORMAT", "as_json", "encoded"]
+__all__ = ["FORMAT", "as_json", "embedded_json", "encoded"]
 
 #: Version of the JSON; the script refuses another.
 FORMAT = 1
@@ -32,7 +32,12 @@ def as_json(scene: Scene) -> str:
     -------
     str
     """
-    text = json.dumps(encoded(scene), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    return embedded_json(encoded(scene))
+
+
+def embedded_json(value: Any) -> str:
+    """Return data as JSON that cannot end the script element that holds it, nor start a comment."""
+    text = json.dumps(value, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return text

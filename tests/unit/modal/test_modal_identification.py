@@ -190,6 +190,7 @@ def test_is_deterministic() -> None:
     [
         ({"damping": "structral"}, OptionError, "damping 'structral': did you mean 'structural'"),
         ({"band": (5.0, 7.0)}, DataError, "3 lines are too few to identify a mode"),
+        ({"band": (LINES[9], LINES[9] + 0.1)}, DataError, "1 line is too few to identify a mode"),
     ],
 )
 def test_bad_input_is_refused(
