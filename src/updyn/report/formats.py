@@ -150,6 +150,8 @@ def _largest(direction: Mapping[str, float]) -> tuple[list[tuple[str, float]], s
 
 def change(parameter: Parameter, value: float) -> str:
     """Return the change from the start: in percent, or as a difference where the start is zero."""
+    if math.isnan(value):
+        return number(value)
     if parameter.start == 0.0:
         return "0 %" if value == 0.0 else f"from 0 to {number(value, 3)}"
     percent = 100.0 * (value / parameter.start - 1.0)

@@ -297,6 +297,7 @@ def test_numbers_in_words():
     viscous = Parameter("a", "viscous", 1.0, 0.01, 100.0)
     assert [change(viscous, v) for v in (0.04, 10.96, 34.5)] == ["−96 %", "+996 %", "+3350 %"]
     assert change(Parameter("a", "loss_factor", 0.0, 0.0, 1.0), 0.02) == "from 0 to 0.02"
+    assert change(viscous, np.nan) == "–"  # of a failed fit
     assert unit("receptance", "1:Z", "2:Z") == "m/N"
 
 

@@ -79,12 +79,26 @@ const updynReport = (() => {
     if (queue.length) setTimeout(next);
   }
 
-  // On a narrow page the legend stands in rows above the data, and the figure grows by them.
+  // A name along an axis without what is beyond its first letters; an entity counts as one, a tag as none.
+  const NAME = 20;
+  function shortened(text) {
+    const parts = text.match(/<[^>]*>|&\w+;|[^]/gu) ?? [], letters = parts.filter((part) => !/^<./.test(part));
+    if (letters.length <= NAME) return text;
+    let n = 0;
+    return parts.map((part) => (/^<./.test(part) || ++n < NAME ? part : n === NAME ? "…" : "")).join("");
+  }
+
+  // On a narrow page the legend stands in rows above the data, and the figure grows by them; names leave room to data.
   function fitted(figure, place) {
-    const { data, layout: own, height } = figure;
-    if (!own.showlegend || place.clientWidth > 640) return { data, own, height };
+    const { data, height } = figure, own = { ...figure.layout };
+    if (place.clientWidth > 640) return { data, own, height };
+    for (const key of Object.keys(own)) {
+      if (/^yaxis\d*$/.test(key) && own[key].ticktext) own[key] = { ...own[key], ticktext: own[key].ticktext.map(shortened) };
+    }
+    if (!own.showlegend) return { data, own, height };
     const entries = data.filter((trace) => trace.showlegend !== false).length;
-    return { data, own: { ...own, legend: { orientation: "h" } }, height: height + 12 * Math.max(entries - 2, 0) };
+    own.legend = { orientation: "h" };
+    return { data, own, height: height + 12 * Math.max(entries - 2, 0) };
   }
 
   function repaint() {
