@@ -79,13 +79,17 @@ const updynReport = (() => {
     if (queue.length) setTimeout(next);
   }
 
-  // A name along an axis without what is beyond its first letters; an entity counts as one, a tag as none.
-  const NAME = 20;
+  // A long name along an axis with its beginning and its end, which tells it from others; an entity counts as one letter,
+  // a tag as none.
+  const FIRST = 11, LAST = 9;
   function shortened(text) {
     const parts = text.match(/<[^>]*>|&\w+;|[^]/gu) ?? [], letters = parts.filter((part) => !/^<./.test(part));
-    if (letters.length <= NAME) return text;
+    if (letters.length <= FIRST + LAST) return text;
     let n = 0;
-    return parts.map((part) => (/^<./.test(part) || ++n < NAME ? part : n === NAME ? "…" : "")).join("");
+    return parts.map((part) => {
+      if (/^<./.test(part) || ++n < FIRST || n > letters.length - LAST) return part;
+      return n === FIRST ? "…" : "";
+    }).join("");
   }
 
   // On a narrow page the legend stands in rows above the data, and the figure grows by them; names leave room to data.
