@@ -367,6 +367,42 @@ class DofSet(Sequence[Dof]):
         return "nearest: " + ", ".join(self[best].labels)
 
 
+def positions(
+    given: ArrayLike, n: int, what: str, error: type[InputError] = DofError
+) -> NDArray[np.intp]:
+    """Return the positions of items that are named by their numbers from 0, or by a flag for each.
+
+    Parameters
+    ----------
+    given : array_like of int or bool
+        The numbers, each once; or `n` flags.
+    n : int
+        How many items there are.
+    what : str
+        How to call them in an error.
+    error : type
+        The error to raise.
+
+    Returns
+    -------
+    ndarray of int, shape (k,)
+
+    Raises
+    ------
+    InputError
+        Of type `error`, if one is not there or named twice, or something else is given.
+    """
+    array = _array_of(given, what, error)
+    if array.dtype.kind == "b" and array.shape == (n,):
+        return np.flatnonzero(array)
+    found = whole_numbers(array, what, error).reshape(-1)
+    if found.size and (found.min() < 0 or found.max() >= n):
+        raise error(f"{what}: expected numbers from 0 to {n - 1}, found {found.tolist()}")
+    if len(np.unique(found)) < len(found):
+        raise error(f"{what}: expected each number once, found {found.tolist()}")
+    return found.astype(np.intp)
+
+
 def whole_numbers(
     given: ArrayLike, what: str, error: type[InputError] = DofError
 ) -> NDArray[np.int64]:
@@ -391,10 +427,7 @@ def whole_numbers(
     InputError
         Of type `error`, if one is not a whole number.
     """
-    try:
-        array = np.asarray(given)
-    except (ValueError, OverflowError) as cause:
-        raise error(f"{what}: expected whole numbers in an array ({cause})") from cause
+    array = _array_of(given, what, error)
     if array.dtype.kind not in "iuf":
         raise error(f"{what}: expected whole numbers, found {array.dtype}")
     if array.dtype.kind == "f":
@@ -407,6 +440,13 @@ def whole_numbers(
             f" {array[bad][0]}"
         )
     return array.astype(np.int64)
+
+
+def _array_of(given: ArrayLike, what: str, error: type[InputError]) -> NDArray[Any]:
+    try:
+        return np.asarray(given)
+    except (ValueError, OverflowError) as cause:
+        raise error(f"{what}: expected whole numbers in an array ({cause})") from cause
 
 
 def _read(label: object) -> tuple[int, int, int]:

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.dofs import Dof, DofSet
+from updyn.dofs import Dof, DofSet, positions
 from updyn.dynamics import eigen
-from updyn.errors import ModelError, SolverError, UpdynWarning
+from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 from updyn.model import Matrix, Model
 
 __all__ = ["Modes", "modes"]
@@ -76,8 +76,19 @@ class Modes:
         return np.asarray(self.shapes[match.index] * match.sign[:, None])
 
     def select(self, which: ArrayLike) -> Modes:
-        """Return some of the modes, by their numbers from 0 or by a flag for each."""
-        at = np.asarray(which)
+        """Return some of the modes.
+
+        Parameters
+        ----------
+        which : array_like of int or bool
+            Their numbers from 0, in the order wanted, each once; or a flag for each mode.
+
+        Raises
+        ------
+        DataError
+            If one is not there or named twice, or something else is given.
+        """
+        at = positions(which, len(self), "modes", DataError)
         return Modes(self.frequency[at], self.loss_factor[at], self.shapes[:, at], self.dofs)
 
 

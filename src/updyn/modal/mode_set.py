@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from updyn.dofs import Dof, DofSet, whole_numbers
+from updyn.dofs import Dof, DofSet, positions
 from updyn.errors import DataError
 from updyn.frf import check_band
 from updyn.modal.stabilisation import Diagram
@@ -329,7 +329,7 @@ class ModeSet:
         """
         keep = np.arange(len(self))
         if modes is not None:
-            keep = self._positions(modes)
+            keep = positions(modes, len(self), "modes", DataError)
         if band is not None:
             low, high = check_band(band)
             keep = keep[(self.frequency[keep] >= low) & (self.frequency[keep] <= high)]
@@ -347,20 +347,6 @@ class ModeSet:
             std_shapes=None if self.std_shapes is None else self.std_shapes[:, keep],
             diagram=self.diagram,
         )
-
-    def _positions(self, modes: ArrayLike) -> NDArray[np.intp]:
-        """Return the positions of modes that are named by number, or by a flag for each."""
-        given = np.asarray(modes)
-        if given.dtype.kind == "b" and given.shape == (len(self),):
-            return np.flatnonzero(given)
-        found = whole_numbers(given, "modes", DataError).reshape(-1)
-        if found.size and (found.min() < 0 or found.max() >= len(self)):
-            raise DataError(
-                f"modes: expected numbers from 0 to {len(self) - 1}, found {found.tolist()}"
-            )
-        if len(np.unique(found)) < len(found):
-            raise DataError(f"modes: expected each number once, found {found.tolist()}")
-        return found.astype(np.intp)
 
 
 def _restored(given: dict[str, Any]) -> ModeSet:

@@ -10,7 +10,7 @@ import updyn
 from places import DATA
 from updyn.dynamics import eigen
 from updyn.elements.beam import Support, beam
-from updyn.errors import ModelError, SolverError, UpdynWarning
+from updyn.errors import DataError, ModelError, SolverError, UpdynWarning
 
 
 @pytest.fixture(scope="module")
@@ -366,3 +366,17 @@ def test_large_viscous_complex_model_is_refused_by_name():
     with pytest.raises(ModelError, match="in state space, for at most 400 DOFs; the model has 500"):
         updyn.modes(model, 3, complex=True)
     assert updyn.modes(model, 3).frequency == pytest.approx(chain_frequencies(n)[:3], rel=1e-9)
+
+
+def test_modes_are_selected_by_number_or_by_flag():
+    found = updyn.modes(chain(5), 4)
+    np.testing.assert_array_equal(found.select([2, 0]).frequency, found.frequency[[2, 0]])
+    np.testing.assert_array_equal(found.select([2, 0]).shapes, found.shapes[:, [2, 0]])
+    np.testing.assert_array_equal(found.select(np.arange(4) > 1).frequency, found.frequency[2:])
+    assert len(found.select([])) == 0
+
+
+@pytest.mark.parametrize("given", [[0.5], [4], [-1], [0, 0], ["1"], [True, False], [[0], [1, 2]]])
+def test_modes_that_are_not_there_are_refused(given):
+    with pytest.raises(DataError, match="modes: expected"):
+        updyn.modes(chain(5), 4).select(given)
