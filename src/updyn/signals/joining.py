@@ -7,16 +7,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, UpdynWarning
 from updyn.frf import FRF
+from updyn.geometry import Geometry
 
 __all__ = ["joined_frfs"]
 
 #: Lines of two setups are the same where they differ by this share at most.
 _SAME_LINE = 1e-9
+#: Positions (in m) and directions of a node are the same where they differ by this at most, or by
+#: this share.
+_SAME_PLACE = 1e-6
 _Unsigned = tuple[int, str]
+_Real = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +49,14 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
     FRF
         Responses and references in the order in which they are met. Where a DOF was measured with
         both senses (5:Z and 5:-Z), the first is taken, and values of the other change sign. With
-        variance where all setups have it, and the number of averages where it is one.
+        variance where all setups have it, and the number of averages where it is one. Geometry is
+        that of all setups that have one.
 
     Raises
     ------
     DataError
-        If quantities or lines differ, a pair was measured twice, or one was not measured; the
-        message names the setups.
+        If quantities or lines differ, a pair was measured twice or not at all, or a node has two
+        positions or directions; the message names the setups.
 
     Examples
     --------
@@ -91,6 +98,7 @@ def joined_frfs(frfs: Sequence[FRF], names: Sequence[str]) -> FRF:
         coherence=extras.get("coherence"),
         variance=extras.get("variance"),
         averages=counts.pop() if len(counts) == 1 else None,
+        geometry=_joined_geometry(frfs, names),
         source="\n".join(frf.source for frf in frfs if frf.source),
         decay=first.decay,
     )
@@ -132,6 +140,34 @@ def _common(frfs: Sequence[FRF], names: Sequence[str]) -> list[str]:
                 stacklevel=3,
             )
     return found
+
+
+def _joined_geometry(frfs: Sequence[FRF], names: Sequence[str]) -> Geometry | None:
+    """Return the nodes, lines and faces of all setups that have some; None where none has."""
+    known = [(n, f.geometry) for n, f in zip(names, frfs, strict=True) if f.geometry is not None]
+    if not known:
+        return None
+    nodes: dict[int, tuple[str, _Real, _Real]] = {}
+    for name, geometry in known:
+        axes = geometry.axes
+        if axes is None:
+            axes = np.broadcast_to(np.eye(3), (len(geometry.nodes), 3, 3))
+        for node, xyz, own in zip(geometry.nodes.tolist(), geometry.xyz, axes, strict=True):
+            before, there, turned = nodes.setdefault(node, (name, xyz, own))
+            for what, one, other in (("position", xyz, there), ("directions", own, turned)):
+                if not np.allclose(one, other, rtol=_SAME_PLACE, atol=_SAME_PLACE):
+                    raise DataError(
+                        f"{name} gives node {node} the {what} {one.tolist()}, {before}"
+                        f" {other.tolist()}; a node stands in one place"
+                    )
+    has_axes = any(geometry.axes is not None for _, geometry in known)
+    return Geometry(
+        list(nodes),
+        [xyz for _, xyz, _ in nodes.values()],
+        np.unique(np.vstack([geometry.lines for _, geometry in known]), axis=0),
+        [own for _, _, own in nodes.values()] if has_axes else None,
+        np.unique(np.vstack([geometry.faces for _, geometry in known]), axis=0),
+    )
 
 
 def _lines(frf: FRF) -> str:

@@ -90,3 +90,44 @@ def test_a_setup_without_variance_is_told():
 def test_what_does_not_fit_names_both_files(other, message):
     with pytest.raises(DataError, match=message):
         updyn.joined_frfs([measured(["3:Z"], ["1:X"]), other], ["a.lvm", "b.lvm"])
+
+
+def placed(frf, nodes, xyz, **more):
+    return replace(frf, geometry=updyn.Geometry(nodes, xyz, **more))
+
+
+def test_the_geometry_of_all_setups_is_kept():
+    """Nodes once each, lines and faces of all setups; a setup without geometry adds none."""
+    turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    one = placed(measured(["3:Z"], ["1:X"]), [1, 3], [[0, 0, 0], [1, 0, 0]], lines=[[1, 3]])
+    two = placed(
+        measured(["4:Z"], ["1:X"]),
+        [4, 1],
+        [[0, 2, 0], [0, 0, 0]],
+        lines=[[1, 4]],
+        axes=[turned, np.eye(3)],
+        faces=[[1, 4, 4, 1]],
+    )
+    bare = measured(["5:Z"], ["1:X"])
+    found = updyn.joined_frfs([one, bare, two], ["a", "b", "c"]).geometry
+    assert found.nodes.tolist() == [1, 3, 4]
+    assert found.xyz.tolist() == [[0, 0, 0], [1, 0, 0], [0, 2, 0]]
+    assert found.lines.tolist() == [[1, 3], [1, 4]]
+    assert found.faces.tolist() == [[1, 4, 4, 1]]
+    np.testing.assert_array_equal(found.axes, [np.eye(3), np.eye(3), turned])
+    assert updyn.joined_frfs([one, bare], ["a", "b"]).geometry.axes is None
+    assert updyn.joined_frfs([measured(["3:Z"], ["1:X"]), bare], ["a", "b"]).geometry is None
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"xyz": [[0.1, 0, 0]]}, r"b gives node 1 the position \[0.1, 0.0, 0.0\], a \[0.0, 0.0,"),
+        ({"xyz": [[0, 0, 0]], "axes": [-np.eye(3)]}, "b gives node 1 the directions"),
+    ],
+)
+def test_a_node_in_two_places_is_refused(other, message):
+    one = placed(measured(["3:Z"], ["1:X"]), [1], [[0, 0, 0]])
+    two = placed(measured(["4:Z"], ["1:X"]), [1], **other)
+    with pytest.raises(DataError, match=message):
+        updyn.joined_frfs([one, two], ["a", "b"])
