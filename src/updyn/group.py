@@ -95,7 +95,7 @@ class Group:
     ModelError
         If a matrix is not square, real, finite and symmetric (to 1e-10 of its largest entry), sizes
         differ, a damping coefficient is not a finite number of at least 0, or there is nothing that
-        a Rayleigh coefficient or a loss table could act on.
+        a damping coefficient above 0 or a loss table could act on.
 
     Examples
     --------
@@ -141,11 +141,11 @@ class Group:
         self, loss_factor: Any, mass_damping: Any, stiffness_damping: Any, loss_table: Any
     ) -> None:
         object.__setattr__(self, "loss_factor", _damping("loss factor", loss_factor))
-        for name, value in (
-            ("mass_damping", mass_damping),
-            ("stiffness_damping", stiffness_damping),
-        ):
-            object.__setattr__(self, name, _damping(name, value))
+        object.__setattr__(self, "mass_damping", _damping("mass_damping", mass_damping))
+        own = _damping("stiffness_damping", stiffness_damping)
+        object.__setattr__(self, "stiffness_damping", own)
+        for name in VALUES:
+            value = getattr(self, name)
             if value and not self.has(name):
                 raise ModelError(
                     f"{name} {value:g}: the group has no {GROUP_QUANTITIES[name]} that it could"

@@ -472,3 +472,10 @@ def test_a_whole_number_beyond_64_bits_is_a_number(model):
         1e30 * model.groups["spring"].stiffness.toarray(),
     )
     assert Group(np.eye(2), loss_factor=10**30).loss_factor == 1e30
+
+
+@pytest.mark.parametrize("quantity", ["loss_factor", "stiffness_damping"])
+def test_damping_of_a_stiffness_that_is_not_there_is_refused(quantity):
+    with pytest.raises(ModelError, match=f"{quantity} 0.02: the group has no stiffness"):
+        Group(mass=np.eye(2), **{quantity: 0.02})
+    assert getattr(Group(mass=np.eye(2)), quantity) == 0.0
