@@ -395,3 +395,17 @@ def test_scale_of_all_masses_and_stiffnesses_is_seen_with_calibrated_force(chain
     found = updyn.update(chain12, data, unknowns)
     assert found.status == "converged"
     assert list(found.values.values()) == pytest.approx([1.2] * 8, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("method", "options"), [("log", {"starts": 0}), ("output-error", {}), ("equation-error", {})]
+)
+def test_a_model_that_cannot_follow_the_data_converges_all_the_same(chain12, data, method, options):
+    """Without any damping of the model the residual is large, whatever its stiffness."""
+    groups = {}
+    for name, group in chain12.groups.items():
+        groups[name] = updyn.Group(group.stiffness, group.mass)
+    model = updyn.Model.from_groups(groups, chain12.dofs.labels)
+    unknowns = updyn.parameters(model, stiffness="all")
+    found = updyn.update(model, data, unknowns, method, max_iterations=60, **options)
+    assert found.trust["converged"].holds

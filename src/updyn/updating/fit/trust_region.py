@@ -11,6 +11,10 @@ is less than two standard deviations away: the misfit is a curved valley along i
 hundred short steps gain nothing that could be told from noise. And the iteration ends when a whole
 Gauss-Newton step, whatever the radius, would gain no more than is asked for: the relative offset
 criterion of Bates & Watts, Technometrics 23 (1981) 179.
+
+Where the residual is large, the Gauss-Newton model lacks the second derivatives of the residual
+times the residual itself, and its steps have to be short. They are learnt from the gradients
+(`_Curvature`), and used while they predict what a step gains better than the model without them.
 """
 
 from __future__ import annotations
@@ -35,6 +39,8 @@ __all__ = [
 _Vector = NDArray[np.float64]
 
 _ROUNDING = 1e-6
+#: Share of the cost that a step from next to a minimum would take away.
+_NEAR_MINIMUM = 1e-6
 #: An undetermined combination stays where it is within this many standard deviations.
 _NEAR = 2.0
 
@@ -147,17 +153,27 @@ class TrustRegion:
         if here is None:
             raise ArithmeticError("the start cannot be evaluated")
         radius = self.radius
+        curvature = _Curvature.unknown(len(x))
         for _ in range(self.max_iterations):
             noise = self.noise(here)
-            p, fall, limited = _step(here, x, lower, upper, radius, within, noise)
+            curved = curvature.used
+            model = curvature.added_to(here) if curved else here
+            p, fall, limited = _step(model, x, lower, upper, radius, within, noise)
             length = float(np.abs(p).max(initial=0.0))
             # The decrease of a step that the radius limits is no measure of the distance to the
             # minimum.
             left = fall
-            if limited:
+            if limited or curved:
                 left = _step(here, x, lower, upper, np.inf, within, noise)[1]
-            if length == 0.0 or fall <= 0.0 or left <= max(self.fall, self._share * here.cost):
+            nowhere = length == 0.0 or fall <= 0.0
+            if left <= max(self.fall, self._share * here.cost) or (nowhere and not curved):
                 return Outcome(x, here, "converged")
+            if nowhere:
+                curvature = _Curvature.unknown(len(x))
+                continue
+            # What is learnt of the curvature cannot by itself make the steps so short that they
+            # look like convergence.
+            near = not curved or left <= max(_NEAR_MINIMUM, self._share) * here.cost
             trial = np.clip(x + p, lower, upper)
             try:
                 there = evaluate(trial)
@@ -167,6 +183,8 @@ class TrustRegion:
             if there is not None and np.isfinite(there.cost):
                 gain = (here.cost - there.cost) / fall
             accepted = gain > 1e-4
+            if there is not None and np.isfinite(there.cost):
+                curvature = curvature.learnt(trial - x, here, there, accepted=accepted)
             stop = observe is not None and observe(Step(trial, there, length, accepted))
             size = float(np.linalg.norm(p))
             if accepted and there is not None:
@@ -178,8 +196,10 @@ class TrustRegion:
                     radius = max(radius, 2.0 * size)
                 elif gain <= 0.25:
                     radius = 0.5 * size
-                if small and gain > 0.25 and not limited:
+                if small and gain > 0.25 and not limited and near:
                     return Outcome(x, here, "converged")
+            elif length <= _ROUNDING and not near:
+                curvature = _Curvature.unknown(len(x))
             else:
                 # A whole Gauss-Newton step this small that still does not help: only rounding is
                 # left.
@@ -196,14 +216,92 @@ class TrustRegion:
                     if there is None:
                         return Outcome(x, here, "unsolvable")
                     whole = _step(here, x, lower, upper, np.inf, within, noise)[0]
-                    near = (
-                        fall <= 1e-6 * here.cost
+                    arrived = (
+                        fall <= _NEAR_MINIMUM * here.cost
                         or np.abs(whole).max(initial=0.0) <= 10.0 * _ROUNDING
                     )
-                    return Outcome(x, here, "converged" if near else "stalled")
+                    return Outcome(x, here, "converged" if arrived else "stalled")
             if stop:
                 return Outcome(x, here, "stopped")
         return Outcome(x, here, "max-iterations")
+
+
+#: The Gauss-Newton model holds where it predicts what a step gains to this share, and where the
+#: step takes away so much of the cost.
+_HOLDS, _FALLS = 0.25, 0.02
+#: What is learnt of the curvature is used after steps up to this length; farther from a minimum,
+#: Gauss-Newton steps reach the right one as often, or more so (benchmarks/basin.py).
+_SHORT = 0.05
+#: Share of the cost below which what a step gains is rounding.
+_SEEN = 1e-12
+#: Smallest cosine of a step and of what the curvature lacks along it from which that is learnt.
+_COSINE = 1e-8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Curvature:
+    """What the Gauss-Newton model lacks of the second derivatives of the cost.
+
+    These are J^T J + S, with S the sum of the residuals times their second derivatives. Each step,
+    taken or not, shows the change of the gradient along it, and from that S is learnt by updates of
+    rank one (structured secant method: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7 (1981) 348;
+    the update: Conn, Gould & Toint, Math. Program. 50 (1991) 177). It is used after a short step
+    whose gain it predicts better, and which hardly lowers the cost: the residual is large (Fletcher
+    & Xu, IMA J. Numer. Anal. 7 (1987) 371).
+
+    Attributes
+    ----------
+    S : ndarray of float, shape (n, n)
+        Symmetric.
+    used : bool
+        Whether the next step goes by it.
+    """
+
+    S: NDArray[np.float64]
+    used: bool = False
+
+    @classmethod
+    def unknown(cls, n: int) -> _Curvature:
+        """Return that of which nothing is known yet."""
+        return cls(np.zeros((n, n)))
+
+    def added_to(self, here: Local) -> Local:
+        """Return a local problem of the same gradient, and of the second derivatives J^T J + S.
+
+        A direction along which these are negative counts with their absolute value.
+        """
+        norms = np.linalg.norm(here.R, axis=0)
+        scale = np.where(norms > 0.0, norms, 1.0)
+        size, V = np.linalg.eigh((here.R.T @ here.R + self.S) / np.outer(scale, scale))
+        size = np.abs(size)
+        seen = size > len(size) * np.finfo(float).eps * size.max(initial=0.0)
+        root, V = np.sqrt(size[seen]), V[:, seen]
+        return Local(here.cost, root[:, None] * V.T * scale, V.T @ (here.gradient / scale) / root)
+
+    def learnt(self, step: _Vector, here: Local, there: Local, *, accepted: bool) -> _Curvature:
+        """Return it after a step from `here` to `there`."""
+        gained = here.cost - there.cost
+        plain = _fall(here, step, here.q)
+        curved = plain - 0.5 * float(step @ self.S @ step)
+        used = self.used
+        if plain > _SEEN * here.cost:
+            holds = gained > _FALLS * here.cost or abs(gained - plain) <= _HOLDS * plain
+            is_short = bool(np.abs(step).max() <= _SHORT)
+            used = is_short and not holds and abs(gained - curved) < abs(gained - plain)
+        # The next step begins at `there` if this one was accepted.
+        R = there.R if accepted else here.R
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            lacking = there.gradient - here.gradient - R.T @ (R @ step) - self.S @ step
+            along = lacking @ step
+            S = self.S + np.outer(lacking / along, lacking)
+            clear = abs(along) > _COSINE * np.linalg.norm(lacking) * np.linalg.norm(step)
+        return _Curvature(S if clear and np.isfinite(S).all() else self.S, used)
+
+
+def _fall(here: Local, p: _Vector, q: _Vector) -> float:
+    """Return the predicted decrease of the cost by a step, with the reduced residual q."""
+    moved = here.R @ p
+    return float(-(moved @ q) - 0.5 * (moved @ moved))
 
 
 def _step(
@@ -238,8 +336,7 @@ def _step(
     size = float(np.linalg.norm(p))
     if size > radius:
         p = p * (radius / size)
-    moved = here.R @ p
-    return p, float(-(moved @ q) - 0.5 * (moved @ moved)), damping > 0 or size > radius
+    return p, _fall(here, p, q), damping > 0 or size > radius
 
 
 def _resting(R: NDArray[np.float64], q: _Vector, noise: float) -> _Vector:
@@ -286,8 +383,7 @@ def _step_within(
             break
         held |= room <= _ROUNDING
     p = share * p
-    moved = here.R @ p
-    return p, float(-(moved @ here.q) - 0.5 * (moved @ moved)), damping > 0 or share < 1.0
+    return p, _fall(here, p, here.q), damping > 0 or share < 1.0
 
 
 def _box_step(

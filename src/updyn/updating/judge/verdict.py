@@ -89,7 +89,9 @@ def verdict(
             inadequate.append(found)
         message += _few(fit)
         looked = status == "converged" or (status == "max-iterations" and not _falls(end))
-        if looked and inadequate:
+        # No try of a search can explain the data where what is wrong is held.
+        is_held = fit.reason == "unsettled" and any(map(_is_named, inadequate))
+        if is_held or (looked and inadequate):
             remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
         if end is not None and end.pressed:
             message += _excluded(end.pressed)
@@ -100,14 +102,18 @@ def verdict(
     return status, message, remedy
 
 
+def _is_named(found: Adequacy) -> bool:
+    """Return whether one error would explain the residual."""
+    return bool(found.explained_by) and found.explained_by[0].explains >= EXPLAINED
+
+
 def _free(found: list[Adequacy]) -> str:
     """Return the remedy for an error that would explain the residual; empty where none is known."""
     for adequacy in found:
         if not adequacy.explained_by:
             continue
-        best = adequacy.explained_by[0]
-        if best.explains >= EXPLAINED:
-            return f"Free {best.name} if it can be wrong, and run again."
+        if _is_named(adequacy):
+            return f"Free {adequacy.explained_by[0].name} if it can be wrong, and run again."
         return (
             "Look for a part that the model lacks, such as a further support or connection, or for"
             " several errors at once."

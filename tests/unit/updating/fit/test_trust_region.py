@@ -63,6 +63,45 @@ def test_rosenbrock_valley():
     assert outcome.reason == "converged"
 
 
+def brown_and_dennis(x):
+    t = np.arange(1, 21) / 5.0
+    a, b = x[0] + t * x[1] - np.exp(t), x[2] + x[3] * np.sin(t) - np.cos(t)
+    return a**2 + b**2, np.column_stack([2 * a, 2 * a * t, 2 * b, 2 * b * np.sin(t)])
+
+
+def jennrich_and_sampson(x):
+    i = np.arange(1, 11)
+    e, f = np.exp(i * x[0]), np.exp(i * x[1])
+    return 2.0 + 2.0 * i - e - f, np.column_stack([-i * e, -i * f])
+
+
+def freudenstein_and_roth(x):
+    a, b = x
+    r = np.array([-13 + a + ((5 - b) * b - 2) * b, -29 + a + ((b + 1) * b - 14) * b])
+    return r, np.array([[1.0, 10 * b - 3 * b**2 - 2], [1.0, 3 * b**2 + 2 * b - 14]])
+
+
+@pytest.mark.parametrize("radius", [0.5, 100.0])
+@pytest.mark.parametrize(
+    ("function", "start", "least"),
+    [
+        (brown_and_dennis, [25.0, 5.0, -5.0, -1.0], 85822.2),
+        (jennrich_and_sampson, [0.3, 0.4], 124.362),
+        (freudenstein_and_roth, [0.5, -2.0], 48.9842),
+    ],
+)
+def test_minima_of_large_residual(function, start, least, radius):
+    """Sums of squares as More, Garbow & Hillstrom, ACM Trans. Math. Softw. 7 (1981) 17, list them."""
+
+    def local(x):
+        r, J = function(x)
+        return reduce([np.column_stack([J, r])], len(x))
+
+    outcome = TrustRegion(1000, radius=radius).minimise(local, np.array(start), -np.inf, np.inf)
+    assert outcome.reason == "converged"
+    assert 2.0 * outcome.local.cost == pytest.approx(least, rel=1e-5)
+
+
 def test_rosenbrock_with_the_minimum_on_a_bound():
     """With x1 <= 0.5 the minimum is (0.5, 0.25), cost 1/8."""
     outcome = TrustRegion().minimise(

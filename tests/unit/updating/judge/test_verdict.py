@@ -93,6 +93,13 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     partly = blamed(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
     _, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": partly})
     assert remedy.startswith("Look for a part that the model lacks")
+    # A search whose tries do not agree may lack just that unknown; a mere hint is no reason.
+    fit = Fit(np.zeros(2), "unsettled", SURE, ({},))
+    status, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": told})
+    assert status == "stalled"
+    assert remedy.startswith("Free c.mass if it can be wrong, and run again. Raise starts")
+    assert verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith("Raise starts")
+    fit = Fit(np.zeros(2), "converged", SURE, ({},))
     calm = assess(
         e - 5.0, np.ones(e.shape), freq, ["1:X", "2:X"], ["1:X"], n_unknowns=2, absolute=True
     )
