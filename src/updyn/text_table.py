@@ -1,11 +1,11 @@
-"""Text for the terminal: rows in columns, control characters escaped."""
+"""Text for the terminal: rows in columns, counted nouns, control characters escaped."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
 
-__all__ = ["printable", "text_table"]
+__all__ = ["counted", "printable", "text_table"]
 
 #: What a terminal would obey, or what would change the order of the letters around it.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -38,6 +38,23 @@ def text_table(
         padded = [c.ljust(w) if i in left else c.rjust(w) for i, (c, w) in columns]
         lines.append("  ".join(padded).rstrip())
     return "\n".join(lines)
+
+
+def counted(n: int, noun: str) -> str:
+    """Return a number and a noun, such as ``"1 line"`` and ``"2 lines"``.
+
+    Parameters
+    ----------
+    n : int
+        How many.
+    noun : str
+        In the singular; the plural takes an s.
+
+    Returns
+    -------
+    str
+    """
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def printable(text: str) -> str:

@@ -688,7 +688,16 @@ def open_engine(
             option = registered
         elif cluster is not None:
             option = ending.enter_context(_client(cluster))
-        made = choose_engine(option)
+        try:
+            made = choose_engine(option)
+        except OptionError as error:
+            if registered is None:
+                raise
+            raise OptionError(
+                f"--engine {registered!r}: no package that is installed registers an engine for"
+                " this text; --workers 4 takes processes of this machine, --cluster ADDRESS those"
+                " of a Dask cluster"
+            ) from error
         ending.callback(made.close)
         yield made
 

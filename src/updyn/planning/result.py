@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.model import Model
-from updyn.text_table import text_table
+from updyn.text_table import counted, text_table
 from updyn.updating.problem.parameters import ParameterSet
 
 __all__ = ["BandWorth", "Plan", "Rival", "Worth"]
@@ -190,9 +190,9 @@ class Plan:
         noise = f"{100 * self.noise['relative']:g} % of |H|, floor {self.noise['floor']:g} rms"
         low, high = self.band
         lines = [
-            f"{self.criterion}: {_counted(self.responses, 'sensor')},"
-            f" {_counted(self.references, 'force')}; {self.quantity}, {len(self.freq)} lines from"
-            f" {low:g} to {high:g} Hz",
+            f"{self.criterion}: {counted(len(self.responses), 'sensor')},"
+            f" {counted(len(self.references), 'force')}; {self.quantity},"
+            f" {counted(len(self.freq), 'line')} from {low:g} to {high:g} Hz",
             f"Expected noise: {noise}",
         ]
         if self.draws:
@@ -249,10 +249,6 @@ class Plan:
             rows.append([rival.criterion, ratio, *layout])
         header = ["criterion", "standard deviations", "sensors", "forces"]
         return text_table(header, rows, left=(0, 2, 3))
-
-
-def _counted(items: tuple[str, ...], name: str) -> str:
-    return f"1 {name}" if len(items) == 1 else f"{len(items)} {name}s"
 
 
 def _percent(share: float) -> str:

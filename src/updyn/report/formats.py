@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from updyn.correlation.figures import FIGURE_NAMES
 from updyn.frf import FRF, unit
 from updyn.modal import ModeSet
+from updyn.text_table import counted
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.result import UpdateResult
 from updyn.updating.result import interval as confidence_interval
@@ -201,11 +202,6 @@ def percentage(share: float) -> str:
     if 0.1 <= share < 100.0:
         return f"{100.0 * share:.0f} %"
     return f"{number(100.0 * share, 2)} %"
-
-
-def counted(n: int, noun: str) -> str:
-    """Return ``"1 line"``, ``"2 lines"``."""
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def extent(data: FRF | ModeSet) -> str:

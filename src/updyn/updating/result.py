@@ -19,6 +19,7 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.notebook import badge, card, spans, table
+from updyn.text_table import counted
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
@@ -255,8 +256,8 @@ class UpdateResult:
 
     def __repr__(self) -> str:
         return (
-            f"UpdateResult({self.status}, {self.method}, {len(self.values)} unknowns,"
-            f" {self.iterations} iterations)"
+            f"UpdateResult({self.status}, {self.method}, {counted(len(self.values), 'unknown')},"
+            f" {counted(self.iterations, 'iteration')})"
         )
 
     def _verdict_lines(self) -> list[str]:
@@ -278,7 +279,7 @@ class UpdateResult:
         width = max(28, 2 + max(map(len, self.parameters.names)))
         title = self.title or "Update"
         lines = [
-            f"{title}: {self.status} after {self.iterations} iterations ({self.method})",
+            f"{title}: {self.status} after {counted(self.iterations, 'iteration')} ({self.method})",
             *self._verdict_lines(),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
@@ -302,7 +303,7 @@ class UpdateResult:
         advice = ident.advice
         if advice in self.remedy:
             advice = ""
-        determined = f"The data determine {ident.rank} of {ident.n_parameters} unknowns."
+        determined = f"The data determine {ident.rank} of {counted(ident.n_parameters, 'unknown')}."
         if self.trust is not None and self.trust.determined:  # that part has said it
             determined = ""
         lines += ["", f"{determined} {advice}".strip()]
@@ -447,7 +448,8 @@ class JointResult:
         return _shown(self.first, self.title, tests=len(self.results))
 
     def __repr__(self) -> str:
-        return f"JointResult({self.status}, {len(self.results)} tests, {len(self.values)} unknowns)"
+        tests = counted(len(self.results), "test")
+        return f"JointResult({self.status}, {tests}, {counted(len(self.values), 'unknown')})"
 
     def summary(self) -> str:
         """Return the outcome as text: unknowns once, agreement test by test."""
@@ -497,7 +499,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         "method": result.method,
         "iterations": result.iterations,
         "tests": tests if tests > 1 else "",
-        "determined": f"{result.identifiability.rank} of {len(rows)} unknowns",
+        "determined": f"{result.identifiability.rank} of {counted(len(rows), 'unknown')}",
         "FRAC, median": " → ".join(agreement) if all(agreement) else "",
     }
     header = ["unknown", "start", "value", "std. dev.", "95 % interval", "note"]

@@ -9,7 +9,7 @@ from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
 from updyn.control.plant import Plant
 from updyn.job.prepared import Prepared
-from updyn.text_table import text_table
+from updyn.text_table import counted, text_table
 
 __all__ = ["describe_plant_result", "describe_request"]
 
@@ -27,10 +27,10 @@ def describe_plant_result(made: PlantResult) -> str:
     else:
         lines += [
             (
-                f"{_counted(found.n_states, 'state')}, {_counted(len(found.inputs), 'input')},"
-                f" {_counted(len(found.outputs), 'output')};"
-                f" {_counted(found.rigid, 'rigid-body mode')},"
-                f" {_counted(len(found.modes) - found.rigid, 'flexible mode')}"
+                f"{counted(found.n_states, 'state')}, {counted(len(found.inputs), 'input')},"
+                f" {counted(len(found.outputs), 'output')};"
+                f" {counted(found.rigid, 'rigid-body mode')},"
+                f" {counted(len(found.modes) - found.rigid, 'flexible mode')}"
             ),
             (
                 f"relative error {_percent(found.relative_error)} at most; error"
@@ -61,7 +61,7 @@ def describe_plant_result(made: PlantResult) -> str:
 def _zeros(plant: Plant) -> str:
     """Return how far the antiresonances have moved, as text."""
     known = [zero for zero in plant.zero_shift if not math.isnan(zero.shift)]
-    text = f"{_counted(len(plant.zero_shift), 'antiresonance')}"
+    text = f"{counted(len(plant.zero_shift), 'antiresonance')}"
     if known:
         worst = max(known, key=lambda zero: abs(zero.shift))
         text += (
@@ -107,8 +107,8 @@ def describe_request(ready: Prepared) -> str:
     outputs = ", ".join(p.name for p in table.output_ports)
     lines = [
         f"Plant from {band[0]:g} to {band[1]:g} Hz, tolerance {_percent(table.tolerance)}:"
-        f" {_counted(len(table.inputs), 'input')} ({inputs}),"
-        f" {_counted(len(table.outputs), 'output')} ({outputs})"
+        f" {counted(len(table.inputs), 'input')} ({inputs}),"
+        f" {counted(len(table.outputs), 'output')} ({outputs})"
     ]
     if servo is not None and servo.controller is not None:
         lines.append(f"Servo: {servo.torque or table.input_ports[0].name} by {servo.velocity}")
@@ -118,11 +118,6 @@ def describe_request(ready: Prepared) -> str:
     if note:
         lines.append(f"note: {note}")
     return "\n".join(lines)
-
-
-def _counted(count: int, what: str) -> str:
-    plural = "" if count == 1 else "s"
-    return f"{count} {what}{plural}"
 
 
 def _percent(share: float) -> str:

@@ -2,8 +2,8 @@
 
 The problem is met only through its reduced form at a point: the triangle R of the QR factors of the
 stacked, weighted Jacobian and the projected residual. A step minimises |R p + q| within a ball, on
-the unknowns that no bound holds. The normal equations are never formed (More 1978, "The
-Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
+the unknowns that no bound holds. Gauss-Newton steps do without the normal equations (More 1978,
+"The Levenberg-Marquardt algorithm"; Nocedal & Wright 2006, chapters 4 and 10).
 
 Where the size of the noise is known, two rules use it. A combination of the unknowns that the data
 do not determine (its standard deviation is above `WIDEST`) stays where it is while its best value

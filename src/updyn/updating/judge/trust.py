@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from updyn.text_table import counted
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, modes_said
@@ -164,8 +165,9 @@ def _determined(status: str, rank: tuple[int, int], answers: int) -> Claim:
     if answers > 1:
         return Claim(False, f"{answers} answers fit the data equally well.")
     if found < all_:
-        return Claim(False, f"The data determine {found} of {all_} unknowns.")
-    return Claim(True, f"The data determine all {all_} unknowns.")
+        return Claim(False, f"The data determine {found} of {counted(all_, 'unknown')}.")
+    which = "the one unknown" if all_ == 1 else f"all {all_} unknowns"
+    return Claim(True, f"The data determine {which}.")
 
 
 def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import ParameterError, suggest
 from updyn.group import GROUP_QUANTITIES, VALUES
 from updyn.model import Model
-from updyn.text_table import printable, text_table
+from updyn.text_table import counted, printable, text_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -300,7 +300,6 @@ class ParameterSet(Sequence[Parameter]):
                     )
 
     def __repr__(self) -> str:
-        noun = "unknown" if len(self) == 1 else "unknowns"
         rows = []
         for p in self.items[:_SHOWN]:
             prior = "" if p.prior_std is None else f"{p.prior_std:g}"
@@ -316,7 +315,7 @@ class ParameterSet(Sequence[Parameter]):
             left={at for at, i in enumerate(keep) if i in (0, 5)},
         )
         more = f"\n... and {len(self) - _SHOWN} more" if len(self) > _SHOWN else ""
-        return f"ParameterSet({len(self)} {noun})\n{table}{more}"
+        return f"ParameterSet({counted(len(self), 'unknown')})\n{table}{more}"
 
     def __len__(self) -> int:
         return len(self.items)

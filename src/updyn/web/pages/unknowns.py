@@ -135,10 +135,10 @@ def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
 
 def _separability(found: Separability) -> None:
     if found.rank == found.n:
-        ui.label(
-            f"The data could determine all {found.n} unknowns; collinearity"
-            f" {found.collinearity:.3g}."
-        ).mark("determined")
+        which = "the one unknown" if found.n == 1 else f"all {found.n} unknowns"
+        ui.label(f"The data could determine {which}; collinearity {found.collinearity:.3g}.").mark(
+            "determined"
+        )
     else:
         ui.label(f"The data could determine {found.rank} of {found.n} combinations.").mark(
             "determined"

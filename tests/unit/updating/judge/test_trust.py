@@ -146,3 +146,9 @@ def test_what_a_message_says_beyond_the_four_parts():
     message = "The fit ended, but the data determine only 2 of 4 unknowns: a, b can change."
     assert open_.beyond("not-identifiable", message) == "Not determined: a, b can change."
     assert [claim.answer for claim in open_.values()] == ["yes", "no", "not known", "yes"]
+
+
+def test_a_single_unknown_is_written_as_one():
+    assert judged(rank=(1, 1))["determined"].why == "The data determine the one unknown."
+    assert judged(rank=(0, 1))["determined"].why == "The data determine 0 of 1 unknown."
+    assert judged()["determined"].why == "The data determine all 8 unknowns."
