@@ -120,6 +120,8 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         return len(self._entries)
 
     def __contains__(self, name: object) -> bool:
+        if not isinstance(name, str):
+            return False
         if name not in self._entries:
             self._add_entry_points()
         return name in self._entries

@@ -19,6 +19,7 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.frf import FRF, ROUNDING
+from updyn.group import is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
@@ -128,6 +129,9 @@ def run(
         If a model cannot be solved at a line where it starts.
     """
     begun = time.perf_counter()
+    _check_kinds(options)
+    if isinstance(options.regularise, np.generic):  # for the record and the fingerprint
+        options = replace(options, regularise=options.regularise.item())
     strategy = make_method(options.method, options.method_options)
     driver = regularised(strategy, options.method, options.regularise)
     selection = Selection.of(parameters)
@@ -223,6 +227,23 @@ def run(
         )
         results.append(result)
     return results
+
+
+def _check_kinds(options: RunOptions) -> None:
+    """Check the kinds of what is only used once the run is under way."""
+    if options.callback is not None and not callable(options.callback):
+        raise OptionError(f"callback = {options.callback!r}: expected a function, or None")
+    if not isinstance(options.title, str):
+        raise OptionError(f"title = {options.title!r}: expected a text", key=("title",))
+    if options.checkpoint is not None and not isinstance(options.checkpoint, str | Path):
+        raise OptionError(
+            f"checkpoint = {options.checkpoint!r}: expected the path of a file", key=("checkpoint",)
+        )
+    if not is_number(options.accuracy):
+        raise OptionError(
+            f"accuracy = {options.accuracy!r}: expected a number, such as {ACCURACY:g}",
+            key=("accuracy",),
+        )
 
 
 def _check_without_lines(options: RunOptions) -> None:

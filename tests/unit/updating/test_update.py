@@ -409,3 +409,28 @@ def test_a_model_that_cannot_follow_the_data_converges_all_the_same(chain12, dat
     unknowns = updyn.parameters(model, stiffness="all")
     found = updyn.update(model, data, unknowns, method, max_iterations=60, **options)
     assert found.trust["converged"].holds
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"callback": 3}, "callback = 3: expected a function"),
+        ({"checkpoint": 3}, "checkpoint = 3: expected the path of a file"),
+        ({"accuracy": "x"}, "accuracy = 'x': expected a number"),
+        ({"title": 3}, "title = 3: expected a text"),
+        ({"method": ["log"]}, r"method \['log'\]"),
+        ({"noise": [1]}, r"noise \[1\]"),
+    ],
+)
+def test_options_of_another_kind_are_refused(chain12, data, unknowns, options, message):
+    with pytest.raises(OptionError, match=message):
+        updyn.update(chain12, data, unknowns, **options)
+
+
+def test_numbers_of_numpy_are_numbers(chain12, data):
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    given = {"noise": {"relative": np.float32(0.25)}, "regularise": np.int64(2), "starts": 0}
+    plain = {"noise": {"relative": 0.25}, "regularise": 2, "starts": 0}
+    ours, same = (updyn.update(chain12, data, unknowns, **one) for one in (given, plain))
+    assert ours.values == same.values
+    assert type(ours.options["regularise"]) is int

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
+from updyn.group import is_number
 from updyn.updating.fit.method import Fit, Method, Pull, Starts, in_units
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
@@ -308,11 +309,7 @@ def check_regularise(
                 " whole number N, or a strength above 0",
                 key=("regularise",),
             )
-    elif (
-        isinstance(regularise, bool)
-        or not isinstance(regularise, int | float)
-        or not 0.0 < regularise < np.inf
-    ):
+    elif not is_number(regularise) or not 0.0 < regularise < np.inf:
         raise OptionError(
             f"regularise = {regularise!r}: expected a strength above 0, or one of"
             f" {', '.join(CHOICES)}",
@@ -387,6 +384,7 @@ class Regularised(Method):
 
     def search(self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor) -> Starts:
         """Return where to begin: where the method begins by itself."""
+        self._check(problem)
         return self.method.search(problem, noises, monitor)
 
     def fit(
@@ -400,26 +398,36 @@ class Regularised(Method):
             If every unknown has a prior of its own, or more directions are asked for than there are
             unknowns.
         """
+        free, number = self._check(problem)
+        once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
+        run = _Run(problem, once, monitor, free)
+        if keeps_to_directions(self.how):
+            return run.truncated(noises, x, number)
+        if isinstance(self.how, str):
+            return run.chosen(noises, x, self.how)
+        return run.stated(noises, x, float(self.how))
+
+    def _check(self, problem: Problem) -> tuple[NDArray[np.bool_], int | None]:
+        """Return which unknowns have no prior, and how many directions are asked for, if so.
+
+        Before a search, which may take long, as before a fit.
+        """
         free = problem.coordinates.prior[1] == 0.0
         if not free.any():
             raise OptionError(
                 "regularise: every unknown has a prior of its own; nothing is left to regularise",
                 key=("regularise",),
             )
-        once = replace(self.method, max_iterations=self.max_iterations)  # type: ignore[type-var]
-        run = _Run(problem, once, monitor, free)
-        if isinstance(self.how, str) and self.how.startswith("tsvd"):
-            number = int(self.how[5:]) if ":" in self.how else None
-            if number is not None and number > free.sum():
+        number = None
+        if isinstance(self.how, str) and ":" in self.how:
+            number = int(self.how.partition(":")[2])
+            if number > free.sum():
                 raise OptionError(
                     f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
                     " unknown without a prior",
                     key=("regularise",),
                 )
-            return run.truncated(noises, x, number)
-        if isinstance(self.how, str):
-            return run.chosen(noises, x, self.how)
-        return run.stated(noises, x, float(self.how))
+        return free, number
 
 
 @dataclass(frozen=True, slots=True)

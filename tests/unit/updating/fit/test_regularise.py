@@ -407,3 +407,12 @@ def test_more_directions_than_unknowns_and_nothing_to_regularise(badly):
     held = updyn.parameters(model, stiffness="all", prior_std={"stiffness": 0.1})
     with pytest.raises(OptionError, match="every unknown has a prior of its own"):
         updyn.update(model, frf, held, regularise="gcv", starts=0)
+
+
+def test_what_cannot_be_regularised_is_refused_before_the_search(chain12, chain12_frf):
+    def never(step):
+        assert step.stage != "search"
+
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    with pytest.raises(OptionError, match="there are 4 directions"):
+        updyn.update(chain12, chain12_frf, unknowns, regularise="tsvd:9", callback=never)

@@ -18,6 +18,7 @@ import numpy as np
 
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
+from updyn.group import is_number
 from updyn.registry import Registry
 from updyn.updating.problem.noise.approximate import Approximate
 from updyn.updating.problem.noise.estimated import Estimated, EstimatedByChannel
@@ -133,15 +134,10 @@ def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     return model.of_data(frf, tails)
 
 
-def _stated(noise: Mapping[str, float | str]) -> Stated:
+def _stated(noise: Mapping[str, Any]) -> Stated:
     usable: dict[str, float] = {}
     for key, value in noise.items():
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not np.isfinite(value)
-            or value < 0
-        ):
+        if not is_number(value) or not 0.0 <= value < np.inf:
             raise OptionError(
                 f"noise: {key} = {value!r}; expected a number of at least 0", key=("noise", key)
             )

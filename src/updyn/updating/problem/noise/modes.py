@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtri
 
 from updyn.errors import OptionError, suggest
+from updyn.group import is_number
 from updyn.updating.problem.modal_rows import KINDS, ModalRows
 
 __all__ = ["ASSUMED_OF_MODES", "ModalNoise", "choose_modal_noise"]
@@ -263,7 +264,7 @@ def choose_modal_noise(noise: Any) -> ModalNoise:
             raise OptionError(
                 f"noise: no key {key!r} for modes; {suggest(str(key), _STATED)}", key=("noise", key)
             )
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+        if not is_number(value) or not 0 < value < np.inf:
             raise OptionError(
                 f"noise: {key} = {value!r}; expected a number above 0", key=("noise", key)
             )
