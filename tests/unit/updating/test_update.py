@@ -434,3 +434,22 @@ def test_numbers_of_numpy_are_numbers(chain12, data):
     ours, same = (updyn.update(chain12, data, unknowns, **one) for one in (given, plain))
     assert ours.values == same.values
     assert type(ours.options["regularise"]) is int
+
+
+def test_data_of_zeros_are_refused(chain12, data, unknowns):
+    silent = replace(data, values=0.0 * data.values)
+    with pytest.raises(DataError, match="all values to be fitted are zero"):
+        updyn.update(chain12, silent, unknowns, "output-error")
+    tests = [updyn.Test(chain12, one, name=name) for name, one in (("a", data), ("b", silent))]
+    with pytest.raises(DataError, match="test 'b': all values"):
+        updyn.update_jointly(tests, unknowns)
+
+
+def test_causes_are_looked_for_with_a_line_at_zero_hertz(chain12, chain12_true):
+    """The model cannot follow the data, so that causes are looked for; no number overflows."""
+    sensors = ["2:X", "5:X", "12:X"]
+    frf = updyn.response(chain12_true, np.linspace(0.0, 30.0, 31), sensors, ["12:X"])
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    found = updyn.update(chain12, frf, unknowns, "output-error")
+    assert "causes" in found.timing_s
+    assert all(np.isfinite(one.value) for one in found.findings)

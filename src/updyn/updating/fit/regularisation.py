@@ -26,6 +26,7 @@ from updyn.updating.fit.monitor import Monitor
 from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.noise.known import Wrapping
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Stopped
@@ -651,28 +652,23 @@ class _Run:
 
 
 @dataclass(frozen=True, slots=True)
-class _Held(NoiseModel):
+class _Held(Wrapping):
     """A noise model that is not refitted."""
 
-    noise: NoiseModel
-
-    @property
-    def kind(self) -> str:
-        return self.noise.kind
-
-    @property
-    def source(self) -> str:
-        return self.noise.source
+    base: NoiseModel
 
     @property
     def scale_known(self) -> bool:
-        return self.noise.scale_known
+        return self.base.scale_known
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
-        return self.noise.variance(H, frf)
+        return self.base.variance(H, frf)
+
+    def unlikelihood(self, H: NDArray[np.complex128], frf: FRF) -> float:
+        return self.base.unlikelihood(H, frf)
 
     def figures(self) -> dict[str, Any]:
-        return self.noise.figures()
+        return self.base.figures()
 
 
 def _broken(fit: Fit) -> bool:

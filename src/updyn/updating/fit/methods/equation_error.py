@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.reduced import NOT_CONDENSED
-from updyn.errors import OptionError, SolverError
+from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit, in_units, spread_of
 from updyn.updating.fit.methods.linear import basic_solution, turned_negative
 from updyn.updating.fit.methods.published import PublishedMethod
@@ -61,12 +61,7 @@ class EquationErrorMethod(PublishedMethod):
         x: NDArray[np.float64],
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        if self.is_plain and problem.coordinates.prior[1].any():
-            raise OptionError(
-                "solver 'gauss-newton' is the plain iteration and knows no priors; use"
-                " 'trust-region'",
-                key=("solver",),
-            )
+        self.check_priors(problem)
         residual = EquationError()
         with monitor.stage(self.name):
             if self.is_plain:

@@ -87,7 +87,8 @@ class ForceResidualMethod(PublishedMethod):
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        check_unknowns(problem, self, priors=not self.is_plain)
+        self.check_priors(problem)
+        check_unknowns(problem, self, priors=True)
         for part in problem.parts:
             _check(part)
         errors = [ForceResidual(_compliance(part), _level(part)) for part in problem.parts]

@@ -60,6 +60,21 @@ class PublishedMethod(Method):
             return f"Use solver={GUARDED!r}, or the default method."
         return ""
 
+    def check_priors(self, problem: Problem) -> None:
+        """Refuse priors where it iterates as published.
+
+        Raises
+        ------
+        OptionError
+            If an unknown has a prior.
+        """
+        if self.is_plain and problem.coordinates.prior[1].any():
+            raise OptionError(
+                f"solver {self.solver!r} is the plain iteration and knows no priors; use"
+                f" {GUARDED!r}",
+                key=("solver",),
+            )
+
     def iterate(
         self, problem: Problem, residual: LineResidual | EachOf[Any], x: _Vector, monitor: Monitor
     ) -> tuple[_Vector, str]:

@@ -102,7 +102,8 @@ class ResponseFunctionMethod(PublishedMethod):
         self, problem: Problem, noises: Sequence[NoiseModel], monitor: Monitor, x: _Vector
     ) -> Fit:
         """Fit the unknowns from x; the noise is taken from the residual, as equal everywhere."""
-        check_unknowns(problem, self, priors=not self.is_plain)
+        self.check_priors(problem)
+        check_unknowns(problem, self, priors=True)
         residual = ResponseEquation(self.name, self.expand)
         for part in problem.parts:
             residual.check(part)
