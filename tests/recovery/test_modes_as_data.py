@@ -131,6 +131,18 @@ def test_a_prior_and_regularisation_hold_what_modes_leave_open() -> None:
     assert abs(np.log(pulled.values["masses.mass"])) < 0.5
 
 
+@pytest.mark.parametrize("how", ["gcv", "tsvd"])
+def test_a_chosen_strength_counts_the_numbers_of_modes(how: str) -> None:
+    """Four modes at all sensors determine five stiffnesses: there is next to nothing to hold."""
+    true, start = springs(TRUE), springs([1.0] * 5)
+    unknowns = updyn.parameters(start, stiffness="all")
+    modes = modes_of(true, 4, seed=1)
+    free = updyn.update(start, modes, unknowns, starts=0)
+    held = updyn.update(start, modes, unknowns, starts=0, regularise=how)
+    for name, std in free.std.items():
+        assert abs(held.values[name] - free.values[name]) < std
+
+
 def test_modes_that_change_places_are_paired_by_shape() -> None:
     """At the start the modes in X lie below those in Y, in the test above them."""
 

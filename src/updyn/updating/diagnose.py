@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from updyn.errors import ParameterError
+from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
 from updyn.updating.judge.causes.diagnosis import diagnosed
@@ -69,6 +69,8 @@ def diagnose(
     >>> updyn.diagnose(model, frf, unknowns)
     ()
     """
+    if not isinstance(frf, FRF):
+        raise OptionError(f"diagnose: expected FRFs, found {type(frf).__name__}")
     if unknowns is None:
         unknowns = _all_unknowns(model)
     selection = Selection.of(unknowns)

@@ -227,7 +227,7 @@ def update_jointly(
     >>> joint.status, round(joint.values["part3.stiffness"], 2)
     ('converged', 0.9)
     """
-    listed = list(tests)
+    listed = list(tests) if isinstance(tests, Iterable) else []
     if not listed or not all(isinstance(test, Test) for test in listed):
         raise OptionError("update_jointly: expected a sequence of at least one Test")
     named: dict[str, Test] = {}

@@ -181,3 +181,25 @@ def test_a_sensor_that_points_elsewhere_is_said() -> None:
     oblique = dataclasses.replace(frf, geometry=updyn.Geometry([2], [[0.0, 0.0, 0.0]], axes=turned))
     with pytest.warns(updyn.UpdynWarning, match="2:RZ points 90 degrees away from the model's"):
         updyn.update(model, oblique, unknowns(), starts=0)
+
+
+@pytest.mark.parametrize("tests", [None, [], "tests", 3])
+def test_something_else_than_tests_is_refused(tests):
+    unknowns = updyn.parameters(train(locked=False), stiffness=["shaft"])
+    with pytest.raises(InputError, match="expected a sequence of at least one Test"):
+        updyn.update_jointly(tests, unknowns)
+
+
+@pytest.mark.parametrize("most", [3, 100])
+def test_what_would_explain_frfs_is_looked_for_beside_modes(
+    chain12, chain12_true, chain12_frf, most
+):
+    """Stiffness alone cannot follow data of other masses: the residual of the FRFs says so."""
+    modes = updyn.modes(chain12_true, 5)
+    measured = updyn.ModeSet(modes.frequency, modes.shapes, modes.dofs)
+    tests = [updyn.Test(chain12, measured, "modes"), updyn.Test(chain12, chain12_frf, "frfs")]
+    unknowns = updyn.parameters(chain12, stiffness="all")
+    joint = updyn.update_jointly(tests, unknowns, starts=0, max_iterations=most)
+    assert joint["modes"].adequacy is None
+    if joint.status != "max-iterations":
+        assert joint["frfs"].adequacy.explained_by

@@ -647,7 +647,9 @@ class _Run:
         Q = scipy.linalg.qr(A[:, ~self.free])[0][:, fixed:] if fixed else np.eye(len(A))
         length = float(fit.noise[0].get("correlation_length", 1.0)) if fit.noise else 1.0
         rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0) / scale**2
-        n_values = max(2.0 * self.problem.n_values / length, len(own) + 1.0)
+        of_frfs = 2.0 * self.problem.n_values
+        of_modes = self.problem.n_numbers - of_frfs
+        n_values = max(of_frfs / length + of_modes, len(own) + 1.0)
         return Spectrum.of(Q.T @ A[:, self.free], Q.T @ b, rest, n_values, fixed)
 
 

@@ -373,6 +373,7 @@ def examine(
     tuple of Adequacy or None
         For each part; None where the model cannot be solved, or the fit is not settled.
     """
+    problem = problem.of_frfs
     try:
         answers = [part.responses(x) for part in problem.parts]
     except SolverError:

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from updyn import sensitivity
-from updyn.errors import DataError
+from updyn.errors import DataError, OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
 from updyn.updating.judge.causes.diagnosis import diagnosed
 from updyn.updating.judge.causes.ranking import Ranked, is_worth_a_word
@@ -286,3 +286,9 @@ def test_a_single_channel_is_not_converted_at_0_hz(clean):
     still = replace(clean, freq=np.append(0.0, clean.freq[1:]))
     with pytest.raises(DataError, match="no quantity is converted at 0 Hz"):
         read_fault("quantity:7:X=mobility").repair(still)
+
+
+def test_modes_are_refused(chain12):
+    found = updyn.modes(chain12, 3)
+    with pytest.raises(OptionError, match="diagnose: expected FRFs, found ModeSet"):
+        updyn.diagnose(chain12, updyn.ModeSet(found.frequency, found.shapes, found.dofs))
