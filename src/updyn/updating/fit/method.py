@@ -124,7 +124,8 @@ class Fit:
     reason : str
         Why it ended: ``"converged"``, ``"unsettled"``, ``"stalled"``, ``"unsolvable"``,
         ``"max-iterations"``, ``"stopped"`` or ``"failed"``. Unsettled where a search found no
-        answer that explains the data, and none twice; unsolvable where the model cannot be solved
+        answer that explains the data, and none twice, or weights and estimate did not settle on
+        each other; unsolvable where the model cannot be solved
         next to x.
     R : ndarray of float, shape (k, n)
         Reduced Jacobian of the data alone (no prior) at x, in units of one standard deviation of
@@ -148,8 +149,8 @@ class Fit:
     rivals : tuple of Rival
         Other answers that fit as well.
     cause : str
-        Of a fit that failed, stalled or ran out of steps: what of model and data stood in the way
-        of the method (`Method.cause`); may be empty.
+        Of a fit that failed, stalled, did not settle or ran out of steps: what of model and data
+        stood in the way of the method (`Method.cause`); may be empty.
     remedy : str
         Of a fit that failed: what to do about it (`Method.failure_remedy`); may be empty.
     """

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.group import is_number
+from updyn.text_table import counted
 from updyn.updating.fit.method import Fit, Method, Pull, Starts, in_units
 from updyn.updating.fit.methods import METHODS, methods_with
 from updyn.updating.fit.monitor import Monitor
@@ -424,8 +425,9 @@ class Regularised(Method):
             number = int(self.how.partition(":")[2])
             if number > free.sum():
                 raise OptionError(
-                    f"regularise {self.how!r}: there are {int(free.sum())} directions, one for each"
-                    " unknown without a prior",
+                    f"regularise {self.how!r}: expected at most"
+                    f" {counted(int(free.sum()), 'direction')}, one for each unknown without a"
+                    " prior",
                     key=("regularise",),
                 )
         return free, number

@@ -233,6 +233,9 @@ def _ended(
     if not analysis.report.complete:
         return "not-identifiable", f"The fit ended, but {_undetermined(analysis, names)}", advice
     if fit.reason == "unsettled":
+        if fit.cause:
+            remedy = "State the noise, free what is held and may be wrong, or widen bounds."
+            return "stalled", fit.cause, remedy
         message = (
             "The search did not settle: the residual of its best answer is not noise, and"
             " its tries did not agree on it. A better answer may exist."

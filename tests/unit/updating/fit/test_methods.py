@@ -258,3 +258,29 @@ def test_equation_error_without_drive_point_is_refused(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness="all")
     with pytest.raises(DataError, match="reference 12:X is not among the responses"):
         updyn.update(chain12, data, unknowns, method="equation-error")
+
+
+def test_weights_and_estimate_that_swing_are_no_convergence():
+    """Unknowns that are tied wrongly: of two minima each makes the weights of the other."""
+    groups = {}
+    for i in range(4):
+        K, M = np.zeros((4, 4)), np.zeros((4, 4))
+        K[i, i], M[i, i] = 1e4, 1.0
+        if i:
+            K[i - 1, i - 1], K[i - 1, i], K[i, i - 1] = 1e4, -1e4, -1e4
+        groups[f"p{i + 1}"] = updyn.Group(K, M, loss_factor=0.02)
+    model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(4)])
+    changes = {
+        "p1": {"stiffness": 1.2, "mass": 0.9, "loss_factor": 0.03},
+        "p2": {"stiffness": 0.8},
+        "p3": {"mass": 1.1, "loss_factor": 0.01},
+    }
+    true, lines = model.scaled(changes), np.linspace(2.0, 32.0, 40)
+    frf = updyn.response(true, lines, true.dofs.labels, ["4:X"], "accelerance")
+    unknowns = updyn.link(model, "both.stiffness", ["p1.stiffness", "p2.stiffness"])
+    unknowns += updyn.link(model, "third.size", {"p3.stiffness": 3.0, "p3.mass": 1.0})
+    unknowns += updyn.link(model, "both.loss", ["p1.loss_factor", "p2.loss_factor"])
+    result = updyn.update(model, frf, unknowns, starts=0, max_iterations=1000)
+    assert result.status == "stalled"
+    assert "do not settle on each other" in result.message
+    assert not result.trust["converged"]

@@ -402,7 +402,7 @@ def test_nearest_choices_are_named():
 
 def test_more_directions_than_unknowns_and_nothing_to_regularise(badly):
     model, frf, unknowns = badly
-    with pytest.raises(OptionError, match="there are 5 directions"):
+    with pytest.raises(OptionError, match="expected at most 5 directions"):
         updyn.update(model, frf, unknowns, regularise="tsvd:6", starts=0)
     held = updyn.parameters(model, stiffness="all", prior_std={"stiffness": 0.1})
     with pytest.raises(OptionError, match="every unknown has a prior of its own"):
@@ -414,5 +414,5 @@ def test_what_cannot_be_regularised_is_refused_before_the_search(chain12, chain1
         assert step.stage != "search"
 
     unknowns = updyn.parameters(chain12, stiffness="all")
-    with pytest.raises(OptionError, match="there are 4 directions"):
+    with pytest.raises(OptionError, match="expected at most 4 directions"):
         updyn.update(chain12, chain12_frf, unknowns, regularise="tsvd:9", callback=never)

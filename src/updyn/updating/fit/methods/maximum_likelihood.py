@@ -52,6 +52,13 @@ __all__ = ["MaximumLikelihood"]
 _Vector = NDArray[np.float64]
 
 _ROUNDS = 12
+#: Where the last of them still moved the estimate by more standard deviations than this, weights
+#: and estimate have not settled.
+_SWINGS = 1.0
+_SWINGING = (
+    "The weights of the noise and the values that they lead to do not settle on each other: the"
+    " model misses the data by so much that each set of weights has another minimum."
+)
 #: A fall of half the chi-square that no one could see: a hundredth of a standard deviation.
 _FALL = 5e-5
 #: A first descent from a further point: at most so many steps, to a fall of half the chi-square
@@ -353,7 +360,7 @@ class MaximumLikelihood(SearchingMethod):
         monitor: Monitor,
     ) -> Answer:
         """Return where the descent from x ends, its weights renewed until it stays."""
-        left, reason = self.max_iterations, "converged"
+        left, reason, length = self.max_iterations, "converged", 0.0
         residual, local = Each(()), None
         try:
             for number in range(_ROUNDS):
@@ -368,9 +375,12 @@ class MaximumLikelihood(SearchingMethod):
                 moved, x, reason, local = outcome.x - x, outcome.x, outcome.reason, outcome.local
                 if reason in ("stopped", "max-iterations"):
                     break
-                settled = number > 0 and np.linalg.norm(local.R @ moved) < 1e-2
-                if settled or np.abs(moved).max() <= self.tolerance:
+                length = float(np.linalg.norm(local.R @ moved))
+                if (number > 0 and length < 1e-2) or np.abs(moved).max() <= self.tolerance:
                     break
+            else:
+                if length > _SWINGS:
+                    reason = "unsettled"
             here = _unlikelihood(problem, noises, residual, x)
             return Answer(x, reason, here, noises, residual, local)
         except Stopped:
@@ -379,7 +389,8 @@ class MaximumLikelihood(SearchingMethod):
     def _judged(self, problem: Problem, noises: Sequence[NoiseModel], answer: Answer) -> Fit:
         if answer.residual.errors or answer.residual.modal:
             with suppress(Stopped):
-                return self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
+                fit = self._judge(problem, answer.x, answer.noises, answer.residual, answer.reason)
+                return replace(fit, cause=_SWINGING if fit.reason == "unsettled" else "")
         return stopped_at(coarse(problem, noises), answer.x)  # what the search knows of it
 
     def _judge(
