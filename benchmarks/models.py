@@ -139,8 +139,12 @@ SOLIDS = {
 
 
 def sensors(model: updyn.Model, n: int = 30) -> list[str]:
-    """DOFs spread over a model, the first three of which carry forces in the benchmarks."""
-    return [str(model.dofs[int(i)]) for i in np.linspace(model.n_dofs - 1, model.n_dofs // 20, n)]
+    """DOFs spread over a model, the first three of which carry forces in the benchmarks.
+
+    There are fewer than n where the model has no more.
+    """
+    spread = np.linspace(model.n_dofs - 1, model.n_dofs // 20, n)
+    return [str(model.dofs[i]) for i in dict.fromkeys(spread.astype(int).tolist())]
 
 
 def chain(n: int, parts: int = 10) -> updyn.Model:

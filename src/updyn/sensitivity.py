@@ -319,23 +319,25 @@ def contract(
     -------
     ndarray of complex, shape (n_p, n_f, n_v, n_u)
     """
-    n_u = U.shape[2]
+    owner, n_u = unknowns.owner.tolist(), U.shape[2]
+    weights = slopes[:, :, None, None]
     out = np.empty((unknowns.n, U.shape[1], V.shape[2], n_u), dtype=np.complex128)
-    begun = np.zeros(unknowns.n, dtype=np.bool_)
-    for terms in _by_rows(system, unknowns.at):
-        own: Any = system.terms[terms[0]].own
+    begun = [False] * unknowns.n
+    for family in _by_rows(system, unknowns.at):
+        own: Any = system.terms[family[0][0]].own
         u = U[own]
-        moved = np.concatenate([system.terms[t].times(u) for t in terms], axis=2)
+        moved = np.concatenate([system.terms[t].times(u) for t, _ in family], axis=2)
         product = _product(V[own], moved)
-        for i, t in enumerate(terms):
-            for d in np.flatnonzero(unknowns.at == t):
-                p, part = unknowns.owner[d], product[:, :, i * n_u : (i + 1) * n_u]
+        for i, (_, drives) in enumerate(family):
+            part = product[:, :, i * n_u : (i + 1) * n_u]
+            for d in drives:
+                p = owner[d]
                 if begun[p]:
-                    out[p] += slopes[d, :, None, None] * part
+                    out[p] += weights[d] * part
                 else:
-                    np.multiply(slopes[d, :, None, None], part, out=out[p])
+                    np.multiply(weights[d], part, out=out[p])
                     begun[p] = True
-    out[~begun] = 0.0
+    out[np.logical_not(begun)] = 0.0
     return out
 
 
@@ -344,9 +346,15 @@ def _product(V: _Complex, U: _Complex) -> _Complex:
     return np.asarray(V.transpose(1, 2, 0) @ U.transpose(1, 0, 2))
 
 
-def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[int]]:
-    """Return the terms at some positions, those that share their rows together."""
-    together: dict[int, list[int]] = {}
-    for t in np.unique(at).tolist():
-        together.setdefault(id(system.terms[t].rows), []).append(t)
+def _by_rows(system: AffineSystem, at: NDArray[np.intp]) -> Iterable[list[tuple[int, list[int]]]]:
+    """Return the terms at some positions, each with those positions.
+
+    Terms that share their rows stand together.
+    """
+    positions: dict[int, list[int]] = {}
+    for d, t in enumerate(at.tolist()):
+        positions.setdefault(t, []).append(d)
+    together: dict[int, list[tuple[int, list[int]]]] = {}
+    for t in sorted(positions):
+        together.setdefault(id(system.terms[t].rows), []).append((t, positions[t]))
     return together.values()

@@ -18,6 +18,7 @@ is i omega + a in all of these.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -90,7 +91,7 @@ class Term:
 
     def times(self, field: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the matrix times a complex field on its own DOFs, shape (n_t, ...)."""
-        columns = int(np.prod(field.shape[1:]))  # a matrix of zeros has no rows
+        columns = math.prod(field.shape[1:])  # a matrix of zeros has no rows
         flat = np.ascontiguousarray(field).reshape(len(self.rows), columns).view(np.float64)
         return np.ascontiguousarray(self.local @ flat).view(np.complex128).reshape(field.shape)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -12,6 +13,9 @@ __all__ = ["alone", "limit"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+#: Whether the limit of `alone` is set already, by a function that called this one.
+_is_alone = ContextVar("_is_alone", default=False)
 
 
 def alone(function: Callable[P, R]) -> Callable[P, R]:
@@ -29,8 +33,14 @@ def alone(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
-        with _openblas().limit(limits=1):
+        if _is_alone.get():  # setting a limit takes as long as a small product
             return function(*args, **kwargs)
+        token = _is_alone.set(True)
+        try:
+            with _openblas().limit(limits=1):
+                return function(*args, **kwargs)
+        finally:
+            _is_alone.reset(token)
 
     return limited
 

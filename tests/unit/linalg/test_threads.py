@@ -1,10 +1,11 @@
-"""Threads of MKL: limited in a process of its own, since the limit stays."""
+"""Threads: those of MKL limited in a process of its own, since the limit stays."""
 
 import os
 import subprocess
 import sys
 
 import pytest
+import threadpoolctl
 
 from updyn.linalg import pardiso, threads
 
@@ -49,3 +50,35 @@ def test_without_mkl_nothing_happens(monkeypatch):
 def test_at_least_one_thread(n):
     with pytest.raises(ValueError, match="at least 1"):
         threads.limit(n)
+
+
+def openblas_threads():
+    found = threadpoolctl.ThreadpoolController().select(internal_api="openblas").info()
+    return {library["num_threads"] for library in found}
+
+
+def test_alone_limits_what_it_calls_too_and_ends_with_the_outermost_call():
+    seen = []
+
+    @threads.alone
+    def inner(*, fails):
+        seen.append(openblas_threads())
+        if fails:
+            raise ZeroDivisionError
+
+    @threads.alone
+    def outer():
+        with pytest.raises(ZeroDivisionError):
+            inner(fails=True)
+        seen.append(openblas_threads())
+        inner(fails=False)
+
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        before = openblas_threads()
+        outer()
+        assert openblas_threads() == before
+        with pytest.raises(ZeroDivisionError):
+            inner(fails=True)
+        assert openblas_threads() == before
+    assert before == {2}
+    assert seen == [{1}] * 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from updyn.linalg.threads import alone
 __all__ = [
     "Local",
     "joined",
+    "qr_triangle",
     "reduce",
 ]
 
@@ -65,8 +67,8 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
     for block in blocks:
         waiting.append(block)
         if len(waiting) > _TOGETHER:
-            waiting = [qr_triangle(np.vstack(waiting))]
-    triangle = qr_triangle(np.vstack(waiting))
+            waiting = [_householder(np.vstack(waiting))]
+    triangle = _householder(np.vstack(waiting))
     if len(triangle) < n + 1:
         triangle = np.vstack([triangle, np.zeros((n + 1 - len(triangle), n + 1))])
     last = triangle[:, n]
@@ -76,6 +78,8 @@ def reduce(blocks: Iterable[_Matrix], n: int) -> Local:
 #: Rows of a tall block, and of a sample of it, over its columns: the sample shows how the columns
 #: depend on each other.
 _TALL, _SAMPLE = 20, 4
+#: Rows that are worked on at a time: they stay in the processor's cache.
+_STRIP = 2048
 #: Smallest diagonal entry over the largest of the factor of preconditioned columns. Their condition
 #: is about its reciprocal; the square of that times the unit roundoff is the relative error of
 #: every singular value.
@@ -84,37 +88,58 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @alone
-def qr_triangle(block: _Matrix) -> _Matrix:
-    """Return R of the QR factors, shape (min(m, n), n); overwrites a block in Fortran order."""
-    m, n = block.shape
-    if m > _TALL * n and n > 1 and block.flags.f_contiguous:
-        found = _preconditioned(block)
+def qr_triangle(columns: _Matrix, last: _Vector) -> _Matrix:
+    """Return R of the QR factors of a block that is usually tall, shape (min(m, n + 1), n + 1).
+
+    Parameters
+    ----------
+    columns : ndarray of float, shape (n, m)
+        The first n columns, one after the other in memory.
+    last : ndarray of float, shape (m,)
+        The last column.
+    """
+    if len(last) > _TALL * (len(columns) + 1) and len(columns):
+        found = _preconditioned(columns, last)
         if found is not None:
             return found
-    return _householder(block)
+    return _householder(_rows_of(columns, last, slice(None)))
 
 
-def _preconditioned(block: _Matrix) -> _Matrix | None:
+def _preconditioned(columns: _Matrix, last: _Vector) -> _Matrix | None:
     """Return R by Cholesky of preconditioned columns, or None where rows differ too much.
 
     R_1 of a sample of the rows makes the columns of A R_1^-1 nearly orthonormal, so that R_2 of
     their Gram matrix is as exact as by reflections: R = R_2 R_1 (Garrison & Ipsen, SIAM J. Matrix
     Anal. Appl. 2024, "A randomized preconditioned Cholesky-QR algorithm"), in less time.
     """
-    m, n = block.shape
+    n, m = len(columns) + 1, len(last)
     # Evenly spread, and out of step with responses, references and lines.
-    rows = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
-    sample = _householder(np.asfortranarray(block[rows]))
+    some = np.sort((np.arange(_SAMPLE * n) * _GOLDEN % 1.0 * m).astype(np.intp))
+    sample = _householder(_rows_of(columns, last, some))
     if not np.diag(sample).all():
         return None
-    Q = blas.dtrsm(1.0, sample, block, side=1)
-    factor, failed = lapack.dpotrf(blas.dsyrk(1.0, Q, trans=1), clean=1)
+    gram = np.zeros((n, n), order="F")
+    for first in range(0, m, _STRIP):
+        strip = _rows_of(columns, last, slice(first, first + _STRIP))
+        Q = blas.dtrsm(1.0, sample, strip, side=1, overwrite_b=True)
+        gram = blas.dsyrk(1.0, Q, trans=1, beta=1.0, c=gram, overwrite_c=True)
+    factor, failed = lapack.dpotrf(gram, clean=1)
     even = np.diag(factor)
     if failed or not even.min() > _EVEN * even.max():
         return None
     return np.asarray(factor @ sample, dtype=np.float64)
 
 
+def _rows_of(columns: _Matrix, last: _Vector, rows: Any) -> _Matrix:
+    """Return a copy of some rows of [columns^T last] in Fortran order."""
+    end = last[rows]
+    out = np.empty((len(columns) + 1, len(end)))
+    out[:-1] = columns[:, rows]
+    out[-1] = end
+    return out.T
+
+
+@alone
 def _householder(block: _Matrix) -> _Matrix:
     """Return R by reflections, shape (min(m, n), n); overwrites a block in Fortran order."""
     if min(block.shape) == 0:

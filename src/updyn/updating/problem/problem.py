@@ -39,7 +39,7 @@ R = TypeVar("R")
 
 #: A block of lines stays in the processor's cache; it is also what the user may have to wait for
 #: after Ctrl-C.
-_BLOCK_BYTES = 6 * 2**20
+_BLOCK_BYTES = 12 * 2**20
 #: Operations of one evaluation from which spreading its lines pays, and from which it is long to
 #: wait for; some tenth of a second and some ten seconds.
 SPREAD, _LONG = 5e8, 5e10
