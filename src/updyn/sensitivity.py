@@ -23,7 +23,7 @@ from updyn.linalg.threads import alone
 if TYPE_CHECKING:
     from updyn.updating.problem.parameters import Parameter
 
-__all__ = ["Unknowns", "condensed_product", "contract", "receptance"]
+__all__ = ["Unknowns", "condensed_product", "contract", "fields_along", "receptance"]
 
 _Complex = NDArray[np.complex128]
 
@@ -229,6 +229,61 @@ def receptance(
     if weights is not None:
         slopes *= weights[unknowns.owner]
     return H, contract(system, unknowns, slopes, V, U)
+
+
+@alone
+def fields_along(
+    solver: FieldSolver,
+    unknowns: Unknowns,
+    values: NDArray[np.float64],
+    freq: NDArray[np.float64],
+    columns: NDArray[np.intp],
+    directions: NDArray[np.float64],
+) -> tuple[_Complex, _Complex]:
+    """Compute fields of unit forces, and their derivatives along few directions, at all DOFs.
+
+    dU = -Z^-1 (dZ U): where many DOFs are looked at and few directions, that takes fewer solves
+    than a field for each DOF (`receptance`).
+
+    Parameters
+    ----------
+    solver, unknowns, values, freq
+        As for `receptance`.
+    columns : ndarray of int, shape (n_j,)
+        DOFs of references.
+    directions : ndarray of float, shape (n_p, k)
+        In the space of the unknowns' values.
+
+    Returns
+    -------
+    U : ndarray of complex, shape (N, n_f, n_j)
+        Fields, which `solver.at` reads.
+    dU : ndarray of complex, shape (N, n_f, k, n_j)
+        Their derivatives along each direction.
+
+    Raises
+    ------
+    SolverError
+        If the dynamic stiffness is singular at a line.
+    """
+    system, omega = solver.system, 2.0 * np.pi * freq
+    state = unknowns.state(system, values)
+    coefficients = system.coefficients(state, omega)
+    slopes = -unknowns.slopes(system, state, values, omega)
+    along = slopes[:, :, None] * directions[unknowns.owner, None, :]
+
+    def forces(U: _Complex, lines: slice) -> _Complex:
+        out = np.zeros((*U.shape[:2], directions.shape[1], U.shape[2]), dtype=np.complex128)
+        for family in _by_rows(system, unknowns.at):
+            own: Any = system.terms[family[0][0]].own
+            u = U[own]
+            for t, drives in family:
+                moved = system.terms[t].times(u)[:, :, None, :]
+                out[own] += along[drives, lines].sum(axis=0)[:, :, None] * moved
+        return out.reshape(*U.shape[:2], -1)
+
+    U, dU = solver.solve_twice(coefficients, columns, freq, forces)
+    return U, dU.reshape(*U.shape[:2], -1, U.shape[2])
 
 
 @alone

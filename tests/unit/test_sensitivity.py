@@ -87,6 +87,29 @@ def test_responses_and_references_in_any_order_and_twice(gear_train, tier, deriv
 
 
 @pytest.mark.parametrize("tier", ["dense", "sparse"])
+def test_fields_along_directions_are_those_of_central_differences(gear_train, tier):
+    unknowns = everything(gear_train)
+    solver = LineSolver.choose(AffineSystem.compile(gear_train), tier)
+    at = Unknowns.find(solver.system, unknowns)
+    freq, columns = np.array([1.0, 3.0, 7.0]), np.array([1, 4])
+    rng = np.random.default_rng(4)
+    values = unknowns.start * rng.uniform(0.8, 1.2, len(unknowns))
+    directions = rng.standard_normal((len(unknowns), 3)) * values[:, None]
+    U, dU = sensitivity.fields_along(solver, at, values, freq, columns, directions)
+
+    def fields(at_values):
+        c = solver.system.coefficients(at.state(solver.system, at_values), 2 * np.pi * freq)
+        return solver.solve(c, columns, freq)
+
+    np.testing.assert_allclose(U, fields(values), rtol=1e-9)
+    assert dU.shape == (7, 3, 3, 2)
+    for k in range(3):
+        step = 1e-5 * directions[:, k]
+        differences = (fields(values + step) - fields(values - step)) / 2e-5
+        np.testing.assert_allclose(dU[:, :, k], differences, atol=1e-6 * np.abs(differences).max())
+
+
+@pytest.mark.parametrize("tier", ["dense", "sparse"])
 @pytest.mark.parametrize(
     "key", ["4_lines_10_20_50_100", "5_lines_10_20_50_100_150", "8_lines_5_10_20_30_50_75_100_150"]
 )

@@ -107,6 +107,15 @@ class FieldSolver(Protocol):
     ) -> NDArray[np.complex128]:
         """Return fields, shape (N, n_lines, r), for unit forces on some DOFs."""
 
+    def solve_twice(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+        forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Solve for unit forces, then for forces that follow; see `LineSolver.solve_twice`."""
+
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the motion at some DOFs from fields."""
 
@@ -256,8 +265,7 @@ class LineSolver:
             If Z is singular at a line; the message names it.
         """
         n, r = self.system.n, len(columns)
-        B = np.zeros((n, r), dtype=np.complex128, order="F")
-        B[columns, np.arange(r)] = 1.0
+        B = unit_loads(n, columns)
         if self.tier == "dense":
 
             def exact(lines: NDArray[np.intp]) -> NDArray[np.complex128]:
@@ -280,6 +288,50 @@ class LineSolver:
         for i in range(len(freq)):
             out[i] = line(i).T
         return out.transpose(2, 0, 1)
+
+    def solve_twice(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+        forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Solve Z X = E as `solve`, and then Z Y = F(X), by one factorisation of each line.
+
+        Parameters
+        ----------
+        coefficients, columns, freq
+            As for `solve`.
+        forces : callable
+            Returns F, shape (N, n, k) in N, for the fields X at n lines, shape (N, n, r), and the
+            slice of these lines.
+
+        Returns
+        -------
+        X : ndarray of complex, shape (N, n_lines, r)
+            In m/N.
+        Y : ndarray of complex, shape (N, n_lines, k)
+            In m.
+
+        Raises
+        ------
+        SolverError
+            If Z is singular at a line; the message names it.
+        """
+        if self.tier == "dense":
+            X = self.solve(coefficients, columns, freq)
+            return X, self.forced(coefficients, forces(X, slice(len(freq))), freq)
+        solver, Z = self._whole()
+        B = unit_loads(self.system.n, columns)
+        first, second = [], []
+        for i in range(len(freq)):
+            self.system.write(coefficients[:, i], Z.data)
+            factorised = solver.factorise(Z, float(freq[i]))
+            X = factorised.solve(B)[:, None]
+            Y = factorised.solve(np.asfortranarray(forces(X, slice(i, i + 1))[:, 0]))
+            first.append(X)
+            second.append(Y[:, None])
+        return np.concatenate(first, axis=1), np.concatenate(second, axis=1)
 
     def forced(
         self,
@@ -440,6 +492,13 @@ class LineSolver:
         Z = np.zeros((values.shape[1], n * n), dtype=np.complex128)
         Z[:, self.system.rows_of_entries() * n + self.system.indices] = values.T
         return Z.reshape(-1, n, n)
+
+
+def unit_loads(n: int, columns: NDArray[np.intp]) -> NDArray[np.complex128]:
+    """Return unit forces on some of n DOFs as columns in Fortran order."""
+    B = np.zeros((n, len(columns)), dtype=np.complex128, order="F")
+    B[columns, np.arange(len(columns))] = 1.0
+    return B
 
 
 def line_blocks(n_lines: int, size: int) -> Iterator[slice]:

@@ -1003,11 +1003,14 @@ class Basis:
                 rows, own = term.rows, term.own
                 parts, w = [b[own] for b in self._blocks], W[own]
             product = term.local @ w
-            cross = np.zeros((0, W.shape[1]))
-            if parts:
-                cross = np.vstack([p.T @ product for p in parts])
             corner = w.T @ product
-            self.terms[t] = np.block([[self.terms[t], cross], [cross.T, 0.5 * (corner + corner.T)]])
+            r = len(self.terms[t])
+            grown = np.empty((r + W.shape[1], r + W.shape[1]))
+            grown[:r, :r], grown[r:, r:] = self.terms[t], 0.5 * (corner + corner.T)
+            if parts:
+                grown[:r, r:] = np.vstack([p.T @ product for p in parts])
+                grown[r:, :r] = grown[:r, r:].T
+            self.terms[t] = grown
         self._blocks.append(W)
 
     def rotate(self, C: _Real) -> None:
@@ -1178,17 +1181,35 @@ class ReducedSolver:
         SolverError
             If the matrix is singular at a line; the message names it.
         """
-        r, loads = self.system.n, self._rows_of(columns).T
+        loads = self._rows_of(columns).T
 
         def exact(lines: NDArray[np.intp]) -> _Complex:
-            c = coefficients.T[lines]
-            Z = np.empty((len(lines), r, r), dtype=np.complex128)
-            Z.real = (c.real @ self.stack).reshape(-1, r, r)
-            Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
-            q = solve_dense(Z, np.broadcast_to(loads, (len(lines), *loads.shape)), freq[lines])
-            return q.transpose(1, 0, 2)
+            forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
+            return self._forced(coefficients[:, lines], forces, freq[lines])
 
         return solve_lines(pencil, freq, self.system.decay, loads, exact)
+
+    def solve_twice(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+        forces: Callable[[_Complex, slice], _Complex],
+    ) -> tuple[_Complex, _Complex]:
+        """Solve for unit forces, then for forces V^T F that follow from their coordinates.
+
+        See `LineSolver.solve_twice`.
+        """
+        q = self.solve(coefficients, columns, freq)
+        return q, self._forced(coefficients, forces(q, slice(len(freq))), freq)
+
+    def _forced(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
+        """Return coordinates for forces V^T F, both (r, n_lines, k)."""
+        r, c = self.system.n, coefficients.T
+        Z = np.empty((len(freq), r, r), dtype=np.complex128)
+        Z.real = (c.real @ self.stack).reshape(-1, r, r)
+        Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
+        return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
 
     def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
         """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""

@@ -259,6 +259,24 @@ def test_derivatives_are_those_of_the_whole_model() -> None:
         np.testing.assert_allclose(dR, dH, rtol=0, atol=1e-4 * np.abs(dH).max())
 
 
+def test_fields_along_directions_are_those_of_the_whole_model() -> None:
+    model = plate(local=0.3)
+    system = AffineSystem.compile(model)
+    chosen = updyn.parameters(model, stiffness="all", loss_factor=["quarter 4", "seams"])
+    unknowns = Unknowns.find(system, chosen)
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-8)
+    reduction.certify(system.start, BAND)
+    directions = np.random.default_rng(0).standard_normal((len(chosen), 2))
+    found = []
+    for solver in (LineSolver.choose(system, "sparse"), reduction.solver()):
+        U, dU = sensitivity.fields_along(
+            solver, unknowns, chosen.start, UNSEEN[:4], FORCES, directions
+        )
+        found.append([solver.at(field, SENSORS) for field in (U, dU[:, :, 0], dU[:, :, 1])])
+    for exact, reduced in zip(*found, strict=True):
+        np.testing.assert_allclose(reduced, exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+
+
 def test_projected_matrices_are_those_of_the_basis_however_it_grew() -> None:
     system = AffineSystem.compile(plate(8))
     rng = np.random.default_rng(0)

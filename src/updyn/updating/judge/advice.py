@@ -19,8 +19,7 @@ from updyn.updating.problem.problem import Part, Problem
 
 __all__ = ["advise"]
 
-_CANDIDATE_LINES = 60
-_CANDIDATE_SENSORS, _CANDIDATE_BYTES = 200, 200 * 2**20
+_CANDIDATE_LINES, _CANDIDATE_SENSORS = 60, 200
 #: Lines at which sensors are compared, and in large models.
 _SENSOR_LINES, _FEW_LINES = 20, 4
 #: A candidate counts if the relative change of what it would measure, for an e-fold change along
@@ -121,15 +120,24 @@ def _list(names: list[str]) -> str:
     return text
 
 
-def _sees(
-    dH: NDArray[np.complex128], H: NDArray[np.complex128], directions: NDArray[np.float64]
-) -> float:
-    """Return the least relative change of H along the null space; dH is (n, ...) by unknown."""
-    along = np.tensordot(directions, dH, axes=(0, 0)).reshape(directions.shape[1], -1)
-    level = np.maximum(np.abs(H).ravel(), 1e-6 * np.abs(H).max(initial=0.0))
-    relative = along / np.maximum(level, np.finfo(float).tiny)
-    s = np.linalg.svd(np.hstack([relative.real, relative.imag]), compute_uv=False)
-    return float(s[-1]) if len(s) == directions.shape[1] else 0.0
+def _sees(along: NDArray[np.complex128], H: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the least relative change that each candidate would see, shape (n_c,).
+
+    Parameters
+    ----------
+    along : ndarray of complex, shape (k, n_c, ...)
+        Derivatives of what a candidate would measure along the null space.
+    H : ndarray of complex, shape (n_c, ...)
+        What it would measure.
+    """
+    H = H.reshape(len(H), -1)
+    size = np.abs(H)
+    level = np.maximum(size, 1e-6 * size.max(axis=1, keepdims=True, initial=0.0))
+    relative = along.reshape(len(along), *H.shape) / np.maximum(level, np.finfo(float).tiny)
+    stacked = np.concatenate([relative.real, relative.imag], axis=2).transpose(1, 0, 2)
+    if stacked.shape[2] < len(along):
+        return np.zeros(len(H))
+    return np.asarray(np.linalg.svd(stacked, compute_uv=False)[:, -1])
 
 
 def _candidate_lines(part: Part) -> Part:
@@ -146,9 +154,7 @@ def _candidate_lines(part: Part) -> Part:
 def _candidate_sensors(part: Part) -> NDArray[np.intp]:
     """Return the DOFs at which a sensor could be added."""
     others = part.solver.others(part.rows)
-    # Each candidate takes one field of the whole model.
-    count = min(_CANDIDATE_SENSORS, max(20, _CANDIDATE_BYTES // (16 * part.solver.system.n)))
-    return others[:: max(1, -(-len(others) // count))]
+    return others[:: max(1, -(-len(others) // _CANDIDATE_SENSORS))]
 
 
 def _best_line(analysis: Analysis, part: Part, x: NDArray[np.float64]) -> tuple[str, float] | None:
@@ -184,7 +190,7 @@ def _seen_at_lines(
     x, directions, lines = item
     block = part.block(x, lines)
     assert block.dH is not None
-    return np.array([_sees(block.dH[:, i], H, directions) for i, H in enumerate(block.H)])
+    return _sees(np.tensordot(directions, block.dH, axes=(0, 0)), block.H)
 
 
 def _best_sensor(
@@ -207,7 +213,7 @@ def _best_sensor(
     except SolverError:
         return None
     best = int(np.argmax(seen))
-    return str(part.solver.system.dofs[int(others[best])]), seen[best]
+    return str(part.solver.system.dofs[int(others[best])]), float(seen[best])
 
 
 def _seen_by(
@@ -215,25 +221,33 @@ def _seen_by(
     x: NDArray[np.float64],
     others: NDArray[np.intp],
     directions: NDArray[np.float64],
-) -> list[float]:
+) -> NDArray[np.float64]:
     """Return the least relative change that a sensor at each of some DOFs would see."""
-    items = [(x, others, slice(i, i + 1)) for i in range(part.n_lines)]
+    n_columns = len(part.columns) * (1 + directions.shape[1])
+    items = [(x, others, directions, lines) for lines in part.partition(n_columns)]
     answers, derivatives = zip(*part.each(_motion_elsewhere, items), strict=True)
-    H, dH = np.concatenate(answers), np.concatenate(derivatives, axis=1)
-    return [_sees(dH[:, :, i], H[:, i], directions) for i in range(len(others))]
+    return _sees(np.concatenate(derivatives, axis=2), np.concatenate(answers, axis=1))
 
 
 def _motion_elsewhere(
-    part: Part, item: tuple[NDArray[np.float64], NDArray[np.intp], slice]
+    part: Part,
+    item: tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64], slice],
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return receptance at other DOFs, shape (n_f, n_others, n_j), and its derivatives by x."""
-    x, others, lines = item
-    freq = part.frf.freq[lines]
-    H, dH = sensitivity.receptance(
-        part.solver, part.unknowns, part.values(x), freq, others, part.columns
+    """Return receptance at other DOFs, and its derivatives along directions of x.
+
+    The shapes are (n_others, n_f, n_j) and (k, n_others, n_f, n_j).
+    """
+    x, others, directions, lines = item
+    U, dU = sensitivity.fields_along(
+        part.solver,
+        part.unknowns,
+        part.values(x),
+        part.frf.freq[lines],
+        part.columns,
+        part.coordinates.slope(x)[:, None] * directions,
     )
-    assert dH is not None
-    return H, dH * part.coordinates.slope(x)[:, None, None, None]
+    along = [part.solver.at(dU[:, :, k], others) for k in range(directions.shape[1])]
+    return part.solver.at(U, others), np.stack(along)
 
 
 def _blank(part: Part, lines: NDArray[np.float64]) -> FRF:
