@@ -6,6 +6,7 @@ from updyn.errors import OptionError, suggest
 from updyn.registry import Registry
 from updyn.updating.judge.causes.calibration import Calibration
 from updyn.updating.judge.causes.conjugate import NonCausal
+from updyn.updating.judge.causes.dead_channel import DeadChannel
 from updyn.updating.judge.causes.delay import Delay
 from updyn.updating.judge.causes.drive_point import DrivePoint
 from updyn.updating.judge.causes.fault import Fault
@@ -45,6 +46,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Support,
     NoSupport,
     MissingMode,
+    DeadChannel,
     Mains,
     Leakage,
     DrivePoint,

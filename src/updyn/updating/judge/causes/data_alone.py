@@ -8,14 +8,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from updyn.errors import UpdynError
+from updyn.errors import SolverError, UpdynError
 from updyn.frf import FRF
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.shown import Shown, ShownFault
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.problem import Part
 
-__all__ = ["finding_of", "findings_in", "set_aside", "shown_by", "still_shown", "with_variance"]
+__all__ = [
+    "finding_of",
+    "findings_in",
+    "set_aside",
+    "shown_by",
+    "still_shown",
+    "unexpected",
+    "with_variance",
+]
 
 
 def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
@@ -23,16 +32,30 @@ def with_variance(frf: FRF, noise: NoiseModel) -> FRF:
     return replace(frf, variance=noise.beforehand(frf))
 
 
-def findings_in(frf: FRF, noise: NoiseModel, test: str) -> list[Finding]:
+def findings_in(part: Part, noise: NoiseModel) -> list[Finding]:
     """Return the faults that the data of a test show by themselves, the likeliest first."""
-    return [finding_of(one, test) for one in shown_by(with_variance(frf, noise))]
+    seen = unexpected(shown_by(with_variance(part.frf, noise)), part)
+    return [finding_of(one, part.name) for one in seen]
+
+
+def unexpected(seen: Sequence[Shown], part: Part) -> list[Shown]:
+    """Return what sound data would not show as well, by the model of a part, if it can be asked."""
+    found = []
+    for one in seen:
+        with suppress(SolverError):
+            if not one.fault.is_expected(part):
+                found.append(one)
+    return found
 
 
 def shown_by(frf: FRF) -> list[Shown]:
     """Return the faults that data with their variance show by themselves, the likeliest first.
 
-    Those that another one of them is known to look like are left out.
+    Those that another one of them is known to look like are left out. Data that are zero throughout
+    show nothing.
     """
+    if not frf.values.any():
+        return []
     found: list[Shown] = []
     for kind in CAUSES:
         cause = CAUSES[kind]

@@ -18,6 +18,7 @@ from updyn.updating.judge.causes.data_alone import (
     set_aside,
     shown_by,
     still_shown,
+    unexpected,
     with_variance,
 )
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
@@ -103,7 +104,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         If the model cannot be reduced.
     """
     frf = with_variance(part.frf, noise)
-    seen = shown_by(frf)
+    seen = unexpected(shown_by(frf), part)
     for one in seen:
         if one.fault.written:
             frf = one.fault.repair(frf)

@@ -25,6 +25,7 @@ __all__ = [
     "each_sensor",
     "multiplied",
     "place_of",
+    "without",
 ]
 
 _Real = NDArray[np.float64]
@@ -292,3 +293,22 @@ class Irreparable(Fault):
             Always; the message says what to do.
         """
         raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+
+
+def without(fault: Fault, frf: FRF) -> FRF:
+    """Return data without the sensors and forces that have a fault.
+
+    Raises
+    ------
+    DataError
+        If nothing else is left.
+    """
+    place = place_of(fault.channels, frf)
+    rows = np.setdiff1d(np.arange(len(frf.responses)), place.rows)
+    columns = np.setdiff1d(np.arange(len(frf.references)), place.columns)
+    if not (fault.channels and len(rows) and len(columns)):
+        raise DataError(f"repair {fault.written!r}: without {fault.where} no data are left")
+    return frf.select(
+        responses=[frf.responses[int(i)] for i in rows],
+        references=[frf.references[int(j)] for j in columns],
+    )

@@ -17,6 +17,8 @@ _MOST_OF_IT = 0.5
 _ALL_OF_IT = 0.95
 #: Kinds that spoil some lines and leave the others as they are.
 _LOCAL = ("mains", "missing-mode")
+#: Kinds that spoil an answer however few the channels: a fit takes their values for responses.
+_SPOILING = ("dead-channel",)
 #: A calibration, as a logarithm, that leaves an answer that may be used.
 _MILD = 0.3
 
@@ -82,6 +84,8 @@ class Finding:
         A calibration of some tens of per cent, or a mode that the model lacks, leaves an answer
         that may be used with care.
         """
+        if self.kind in _SPOILING:
+            return True
         if self.explains < _MOST_OF_IT or self.kind in _LOCAL:
             return False
         return self.kind != "calibration" or abs(self.value) > _MILD

@@ -115,14 +115,14 @@ class CausesOfRun:
                 elif not self._is_explained(i, found):
                     if not is_looked_at(whole):
                         unseen = f"causes are not looked for in {whole.n_lines} lines"
-                        out += findings_in(whole.frf, noise, whole.name)
+                        out += findings_in(whole, noise)
                         continue
                     try:
                         out += diagnosed(whole, noise, [found.fit.x])
                         searched = True
                     except SolverError as error:
                         unseen = f"causes could not be looked for ({error})"
-                        out += findings_in(whole.frf, noise, whole.name)
+                        out += findings_in(whole, noise)
         return Causes(tuple(out), searched, unseen, bool(self._overruling))
 
     def _whole(self, i: int) -> Part:

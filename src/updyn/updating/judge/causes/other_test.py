@@ -9,10 +9,9 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.evidence import Evidence
-from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor, place_of
+from updyn.updating.judge.causes.fault import FORCE, Fault, divided, each_sensor, place_of, without
 
 __all__ = ["OtherTest"]
 
@@ -61,15 +60,7 @@ class OtherTest(Fault):
         DataError
             If nothing else is left.
         """
-        place = place_of(self.channels, frf)
-        rows = np.setdiff1d(np.arange(len(frf.responses)), place.rows)
-        columns = np.setdiff1d(np.arange(len(frf.references)), place.columns)
-        if not (self.channels and len(rows) and len(columns)):
-            raise DataError(f"repair {self.written!r}: without {self.where} no data are left")
-        return frf.select(
-            responses=[frf.responses[int(i)] for i in rows],
-            references=[frf.references[int(j)] for j in columns],
-        )
+        return without(self, frf)
 
     def others(self, frf: FRF) -> FRF:
         """Return the data in which the sensor does not count."""

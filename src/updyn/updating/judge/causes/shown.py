@@ -12,6 +12,7 @@ import numpy as np
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Irreparable
+from updyn.updating.problem.problem import Part
 
 __all__ = ["LIKELY", "Shown", "ShownFault"]
 
@@ -70,3 +71,13 @@ class ShownFault(Irreparable):
     def set_aside(self, frf: FRF) -> FRF:
         """Return the data in which the values concerned do not count for other faults."""
         return frf
+
+    def is_expected(self, part: Part) -> bool:
+        """Return whether sound data would show it as well, by the model of a part.
+
+        Raises
+        ------
+        SolverError
+            If the model cannot be solved.
+        """
+        return False

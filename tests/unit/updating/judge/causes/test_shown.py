@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.errors import DataError, OptionError
 from updyn.updating.judge.causes.catalogue import read_fault
-from updyn.updating.judge.causes.data_alone import findings_in
+from updyn.updating.judge.causes.data_alone import finding_of, shown_by, with_variance
 from updyn.updating.problem.noise import choose_noise
 
 SENSORS = ["2:X", "5:-X", "7:X", "12:X"]
@@ -32,7 +32,7 @@ def data(clean, add_noise):
 
 
 def shown(frf):
-    return findings_in(frf, choose_noise(None, frf), "")
+    return [finding_of(one, "") for one in shown_by(with_variance(frf, choose_noise(None, frf)))]
 
 
 def one(frf, i, j, factor):
@@ -193,3 +193,62 @@ def test_one_wrong_run_is_not_blamed_on_a_sensor(chain12, chain12_true, add_nois
 def test_mains_are_read_by_their_frequency(written):
     with pytest.raises(OptionError, match="mains"):
         read_fault(written)
+
+
+def silenced(frf, rows=slice(None), columns=slice(None)):
+    values = frf.values.copy()
+    values[:, rows, columns] = 0.0
+    return replace(frf, values=values)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "channel"), [(2, slice(None), "7:X"), (slice(None), 1, "force 12:X")]
+)
+def test_a_dead_channel_is_named_and_left_out(data, rows, columns, channel):
+    dead = silenced(data, rows, columns)
+    (found,) = shown(dead)
+    assert (found.kind, found.channels) == ("dead-channel", (channel,))
+    assert found.written == f"dead-channel:{channel}"
+    assert f"{channel[0].upper()}{channel[1:]} holds nothing but zeros" in found.statement
+    assert found.grave
+    rest = found.repair(dead)
+    assert rest.values.all()
+    assert rest.values.size == data.values.size - data.values[:, rows, columns].size
+
+
+def test_several_dead_sensors_are_named_each(data):
+    found = shown(silenced(data, [0, 2]))
+    assert {one.channels for one in found} == {("2:X",), ("7:X",)}
+
+
+def test_data_that_are_all_zero_name_no_channel(data):
+    assert shown(silenced(data)) == []
+
+
+def test_a_channel_of_which_the_model_has_no_response_is_not_dead():
+    """Two chains that nothing connects: a force on one is not heard on the other."""
+    K = np.diag([3e4, 2e4, 0.0, 0.0]) + np.array(
+        [[0, -1e4, 0, 0], [-1e4, 0, 0, 0], [0, 0, 2e4, -1e4], [0, 0, -1e4, 1e4]]
+    )
+    model = updyn.Model.from_groups(
+        {"both": updyn.Group(K, np.eye(4), loss_factor=0.02)}, ["1:X", "2:X", "3:X", "4:X"]
+    )
+    data = updyn.response(model, np.linspace(1.0, 40.0, 60), ["1:X", "2:X", "4:X"], ["2:X"])
+    assert not data.values[:, 2].any()
+    assert updyn.diagnose(model, data) == ()
+    (found,) = updyn.diagnose(model, silenced(data, 0))
+    assert found.channels == ("1:X",)
+
+
+def test_an_update_tells_of_a_dead_channel(chain12, chain12_true, add_noise):
+    freq = np.linspace(0.4, 22.0, 80)
+    clean = updyn.response(chain12_true, freq, SENSORS, ["2:X", "12:X"], "accelerance")
+    dead = silenced(add_noise(clean, np.random.default_rng(1), 0.01), 1)
+    unknowns = updyn.parameters(chain12, stiffness="all", mass="all")
+    result = updyn.update(chain12, dead, unknowns, starts=0)
+    assert [(one.kind, one.channels) for one in result.findings] == [("dead-channel", ("5:X",))]
+    assert "5:X holds nothing but zeros" in result.summary()
+    assert result.status == "not-credible"
+    repaired = updyn.update(chain12, result.findings[0].repair(dead), unknowns, starts=0)
+    assert repaired.status == "converged"
+    assert repaired.findings == ()
