@@ -203,6 +203,8 @@ def _best_sensor(
     if others.size == 0:
         return None
     freq = part.frf.freq[part.frf.freq > 0]
+    if not freq.size:  # a static test
+        freq = part.frf.freq
     number = _SENSOR_LINES
     if part.solver.system.n > DOFS:
         open_directions = analysis.null_space.shape[1]

@@ -77,6 +77,17 @@ def test_springs_in_series_are_cured_by_a_sensor_between_them_and_by_no_line():
     assert identifiability(model, data, unknowns, noise={"relative": 0.01}).rank == 2
 
 
+def test_of_a_static_test_the_sensor_is_advised_at_its_only_line():
+    """At 0 Hz the receptance at 2 is 1/ka + 1/kb; that at 1 by a force at 2 is 1/ka."""
+    model, _, unknowns = springs_in_series()
+    data = updyn.response(model, [0.0], ["2:X"], ["2:X"])
+    found = identifiability(model, data, unknowns, noise={"relative": 0.01})
+    assert found.rank == 1
+    assert "Adding a sensor at 1:X would determine all unknowns" in found.advice
+    data = updyn.response(model, [0.0], ["1:X", "2:X"], ["2:X"])
+    assert identifiability(model, data, unknowns, noise={"relative": 0.01}).rank == 2
+
+
 def test_unknown_that_nothing_sees_is_named_and_no_measurement_promised():
     """A part without connection to any force cannot be cured by lines or sensors."""
     a = updyn.Group(np.diag([900.0, 0.0]), np.diag([1.0, 0.0]), loss_factor=0.05)
