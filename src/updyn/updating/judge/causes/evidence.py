@@ -38,8 +38,10 @@ _Complex = NDArray[np.complex128]
 SMALLEST = 1e-3
 #: Standard deviation of the unknowns about their start: a factor of 1.5; a loss factor.
 _FACTOR, _LOSS = 0.4, 0.2
-#: Share of the frequency by which its derivative is taken, and of the highest that stands for 0.
-_STEP, _LOWEST = 1e-5, 1e-9
+#: Share of the frequency by which its derivative is taken.
+_STEP = 1e-5
+#: What stands for 0 Hz, as a share of the lowest other line.
+_BESIDE_REST = 1e-3
 #: Share of the largest change, by unknowns in units of their spread, that is none.
 _ALIKE = 1e-6
 #: Loss factor of soft supports: foam, rubber cords.
@@ -178,8 +180,9 @@ class Evidence:
     @cached_property
     def by_frequency(self) -> _Complex:
         """Slope d ln H / d f of the model, in 1/Hz, shape (n_f, n_i, n_j)."""
-        lowest = max(_LOWEST * self.frf.freq[-1], np.finfo(float).eps)
-        freq = np.maximum(self.frf.freq, lowest)  # a line at 0 Hz has no logarithm
+        moving = self.frf.freq[self.frf.freq > 0.0]
+        # For a line of 0 Hz just beside it, where mobilities have a logarithm, too.
+        freq = np.maximum(self.frf.freq, _BESIDE_REST * moving.min(initial=1.0))
         low, high = (
             self.part.with_data(replace(self.frf, freq=freq * factor)).responses(self.x)
             for factor in (1.0 - _STEP, 1.0 + _STEP)

@@ -40,6 +40,22 @@ def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
     assert evidence.imitating(change) - evidence.x == pytest.approx(0.04, rel=1e-5)
 
 
+@pytest.mark.parametrize("quantity", ["receptance", "mobility", "accelerance"])
+def test_slopes_by_frequency_at_a_line_of_0_hz(chain12, quantity):
+    """A receptance has none there; a mobility or an accelerance has no logarithm."""
+    freq = np.linspace(0.0, 22.0, 40)
+    frf = updyn.response(chain12, freq, ["2:X", "7:X"], ["12:X"], quantity)
+    frf = replace(frf, variance=np.full(frf.values.shape, 1e-12))
+    part = Part.build(chain12, frf, updyn.parameters(chain12, mass="all"))
+    slope = Evidence(part, part.coordinates.home).by_frequency
+    assert np.isfinite(slope).all()
+    if quantity == "receptance":
+        assert np.abs(slope[0]).max() < 1e-3 * np.abs(slope[1]).max()
+    moving = part.with_data(frf.select(lines=freq[1:]))
+    rest = Evidence(moving, part.coordinates.home).by_frequency
+    np.testing.assert_allclose(slope[1:], rest, rtol=1e-6, atol=1e-8 * np.abs(rest).max())
+
+
 def test_values_weigh_as_the_likelihood_says():
     """Noise of 1 % and a floor: the weights of log errors are |H| / sigma, but for a factor."""
     rng = np.random.default_rng(1)
