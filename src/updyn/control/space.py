@@ -42,14 +42,14 @@ _WHOLE = 300
 #: Of a reduced model. Smaller than for an update: behind a gear train the motion of the load is
 #: small beside that of the motor, of which the error is a share.
 _ACCURACY = 1e-8
-#: Lines at which a basis for several states is checked, as shares of the band's upper end.
-_LINES = (1.0, 0.7, 0.35)
+#: Lines at which a basis for several states is checked, over the end of the band; and states
+#: by which it is enriched in any case.
+_LINES, _AT_LEAST = (1.0, 0.7, 0.35), 6
 #: Motions without mass are given a little: they oscillate at this multiple of the band's upper end.
 _STIFF = 30.0
-#: Where no mode is below this share of the band's upper end, none is a rigid-body motion.
+#: Where no mode is below this share of the band's upper end, none is a rigid-body motion; one that
+#: a basis has but for the square of it would be below it.
 _SLOW = 1e-3
-#: A rigid-body motion that ports see by less than this share of its largest is not seen by them.
-_UNSEEN = 1e-9
 #: A negative omega^2 down to this share of that of the band's upper end is rounding.
 _UNSTABLE = 1e-6
 _TWO_PI = 2.0 * np.pi
@@ -377,7 +377,9 @@ def shared_projection(
     reduction, _ = making.reduced(backend, accuracy)
     lines = np.array(_LINES) * band[1]
     lines = lines[lines >= band[0]]
-    reduction.enrich(training, lines)
+    reduction.enrich(training[:_AT_LEAST], lines)
+    # Where the basis holds by now, further ones would only make it larger.
+    reduction.enrich(training[_AT_LEAST:], lines, allowed=accuracy)
     holds = reduction.lacking(states, lines) <= accuracy
     said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
     return making.of(reduction, said), holds
@@ -437,20 +439,16 @@ class _Projecting:
         """Return the model on a basis."""
         solver, basis = reduction.solver("plant"), reduction.basis
         return self._made(
-            solver.system, basis.terms, basis.at, self._rigid_seen(reduction), said, solver
+            solver.system, basis.terms, basis.at, self._rigid_in(reduction), said, solver
         )
 
-    def _rigid_seen(self, reduction: Reduction) -> int:
-        """Return how many rigid-body motions the ports can tell apart: the basis has no others."""
+    def _rigid_in(self, reduction: Reduction) -> int:
+        """Return how many rigid-body motions a basis has: those that the ports see, or more."""
         slow = max(self.band[0], _SLOW * self.band[1])
         if reduction.below(self.system.start, slow) == 0:
             return 0
-        motions = _rigid_motions(self.model)
-        if not motions.size:
-            return 0
-        (into, _), (out, _) = self._ports
-        sizes = np.linalg.svd(motions[np.union1d(into, out)], compute_uv=False)
-        return int((sizes > _UNSEEN * np.abs(motions).max()).sum())
+        lacking = reduction.outside(self.system.start, _rigid_motions(self.model))
+        return int((lacking < _SLOW**2).sum())
 
     @property
     def _ports(self) -> tuple[tuple[NDArray[np.intp], _Real], tuple[NDArray[np.intp], _Real]]:

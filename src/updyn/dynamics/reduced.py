@@ -565,7 +565,7 @@ class Reduction:
                 break
         self._sparse.release()
 
-    def enrich(self, states: Sequence[State], freq: _Real) -> None:
+    def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
         """Enrich the basis by what it lacks at some lines of several states.
 
         Parameters
@@ -574,10 +574,13 @@ class Reduction:
             One after the other; what one has added the next ones find.
         freq : ndarray of float, shape (n_f,)
             Lines in Hz.
+        allowed : float, optional
+            The error up to which nothing is added; by default a fifth of the accuracy wanted.
         """
+        allowed = _MARGIN * self.accuracy if allowed is None else allowed
         for state in states:
             definite = self._factorised(state, -self._top)
-            self._checked(definite, state, freq.tolist(), _MARGIN * self.accuracy)
+            self._checked(definite, state, freq.tolist(), allowed)
         self._sparse.release()
 
     def below(self, state: State, frequency: float) -> int | None:
@@ -601,6 +604,29 @@ class Reduction:
             return None
         finally:
             self._sparse.release()
+
+    def outside(self, state: State, X: _Real) -> _Real:
+        """Return what the basis lacks of the space of some motions.
+
+        Parameters
+        ----------
+        state : State
+            The model.
+        X : ndarray of float, shape (N, k)
+            Motions that are linearly independent.
+
+        Returns
+        -------
+        ndarray of float, shape (k,)
+            Squared sines of the principal angles in P = K + omega_max^2 M, ascending.
+        """
+        if not X.shape[1]:
+            return np.zeros(0)
+        weights = self._weights(state, -self._top)
+        PX = self.system.applied(weights, X)
+        within = self.basis.projected(PX)
+        shared = within.T @ scipy.linalg.solve(self.basis.combined(weights), within, assume_a="pos")
+        return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
 
     def definite(self, state: State) -> Factorised:
         """Return K + omega_max^2 M of a state, factorised; it holds until the next factorisation.
