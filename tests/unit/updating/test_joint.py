@@ -203,3 +203,21 @@ def test_what_would_explain_frfs_is_looked_for_beside_modes(
     assert joint["modes"].adequacy is None
     if joint.status != "max-iterations":
         assert joint["frfs"].adequacy.explained_by
+
+
+def test_intervals_do_not_depend_on_which_test_is_first() -> None:
+    """Noise of each is estimated from few numbers: 2 x 6 and 2 x 9, less the share of 4 unknowns."""
+    few = []
+    for test, lines in zip(both(0.01), (6, 9), strict=True):
+        freq = test.frf.freq[:: len(test.frf.freq) // lines][:lines]
+        few.append(dataclasses.replace(test, data=test.frf.select(lines=freq)))
+    unknowns = updyn.parameters(train(False), mass="all", stiffness="all", loss_factor=["shaft"])
+    joint, turned = (updyn.update_jointly(tests, unknowns, starts=0) for tests in (few, few[::-1]))
+    # Satterthwaite: shares 0.4 and 0.6 of the data; 12 - 2 and 18 - 3 numbers to spare.
+    freedom = round(1.0 / (0.4**2 / 10 + 0.6**2 / 15))
+    for result in (*joint.results.values(), *turned.results.values()):
+        assert result.noise["degrees_of_freedom"] == freedom
+    for name, ends in joint.intervals().items():
+        assert ends == pytest.approx(turned.intervals()[name], rel=1e-6)
+    apart = list(joint.results.values())
+    assert apart[0].intervals() == apart[1].intervals() == joint.intervals()

@@ -43,6 +43,7 @@ from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.modal import ModalError
 from updyn.updating.problem.noise import NoiseModel
+from updyn.updating.problem.noise.estimated import FEW
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Each, OutputError, with_prior
 from updyn.updating.problem.session import Stopped
@@ -409,6 +410,7 @@ class MaximumLikelihood(SearchingMethod):
         assert local is not None
         whitened = joined([known.local for known in found if known is not None], problem.n)
         records = [record for known in found if known is not None for record in known.records]
+        records = _with_common_freedom(problem, records)
         modal = "" if found[1] is None else found[1].note
         return Fit(
             x,
@@ -561,6 +563,27 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
             record["degrees_of_freedom"] = error.noise.degrees_of_freedom
         records.append(record)
     return _Known(joined(locals_, problem.n), records, _modal_note(records, missing))
+
+
+def _with_common_freedom(
+    problem: Problem, records: Sequence[Mapping[str, Any]]
+) -> list[Mapping[str, Any]]:
+    """Return records of the noise that state the same degrees of freedom, those of the intervals.
+
+    The noise of each test is estimated by itself, so that those of their sum are 1 / sum s^2 / nu,
+    s the share of a test in the data (Satterthwaite, Biometrics Bull. 2 (1946) 110).
+    """
+    if len(records) < 2:
+        return list(records)
+    name = "degrees_of_freedom"
+    sizes = [2 * part.n_values for part in problem.parts]
+    sizes += [part.n_numbers for part in problem.modal]
+    shares = np.array(sizes) / sum(sizes)
+    few = [s**2 / record[name] for s, record in zip(shares, records, strict=True) if name in record]
+    freedom = round(1.0 / sum(few)) if few else FEW
+    if freedom >= FEW:
+        return [{k: v for k, v in record.items() if k != name} for record in records]
+    return [{**record, name: freedom} for record in records]
 
 
 def _modal_note(records: Sequence[Mapping[str, Any]], missing: Sequence[str]) -> str:
