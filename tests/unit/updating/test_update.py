@@ -328,6 +328,7 @@ def test_lines_by_list_and_by_design(chain12, data, unknowns):
         ({"method": "loge"}, OptionError, r"method 'loge': .*log"),
         ({"start": 3}, OptionError, r"no option 'start'; .*starts"),
         ({"tier": "tense"}, OptionError, "tier 'tense'"),
+        ({"tier": "reduce"}, OptionError, "tier 'reduce'.*'reduced'"),
         ({"backend": "umfpack"}, OptionError, "backend 'umfpack'"),
         ({"noise": {"relatif": 0.1}}, OptionError, "no key 'relatif'"),
         ({"lines": "d-optimal:600"}, OptionError, "60 lines to choose from"),

@@ -28,9 +28,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.fields import FieldSolver
+from updyn.dynamics.fields import TIERS, FieldSolver
 from updyn.dynamics.reduced import Certificate, Reduction
-from updyn.errors import OptionError, SolverError
+from updyn.errors import OptionError, SolverError, suggest
 from updyn.frf import FRF
 from updyn.linalg.solver import Factorised
 from updyn.updating.fit.answer import Answer
@@ -135,8 +135,10 @@ def is_reduced(
     Raises
     ------
     OptionError
-        If the reduced tier is forced on a method that needs the exact one.
+        If the tier is not known, or the reduced one is forced on a method that needs the exact one.
     """
+    if tier is not None and tier not in TIERS:
+        raise OptionError(f"tier {tier!r}: {suggest(str(tier), TIERS)}", key=("tier",))
     refused = ""
     if method is not None:
         refused = METHODS.find(method).needs_exact
