@@ -203,14 +203,16 @@ def table(folder: Path) -> None:
         for run in sorted(there.glob("run-*.json")):
             said = json.loads(run.read_text(encoding="utf-8"))
             method = run.stem.removeprefix("run-")
-            ends = f"| {said['seconds']:.2g} |"
+            ends = f"| {said['seconds']:.1f} |"
             if (there / HELD_OUT).exists():
                 found = score(there, there / f"prediction-{method}.npz")
                 residuals = " | ".join(f"{value:.3f}" for value in found.values())
                 predictions.append(f"| `{method}` | {said['status']} | {residuals} {ends}")
                 continue
             found = score(there, there / f"estimate-{method}.csv")
-            figures = " | ".join(f"{found[key]:.2g}" for key in shown)
+            figures = " | ".join(
+                "-" if np.isnan(found[key]) else f"{found[key]:.2g}" for key in shown
+            )
             print(f"| `{name}` | `{method}` | {said['status']} | {figures} {ends}")
     if predictions:
         print("\n| `beam`: method | status | median residual | largest residual | seconds |")

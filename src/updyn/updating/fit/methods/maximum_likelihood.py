@@ -210,10 +210,12 @@ class MaximumLikelihood(SearchingMethod):
         """Return what may be other answers that fit as well, ends of valleys last."""
         if self._is_in_vain(models.rough, monitor, at):
             return []
+        # No more steps than the fit took, where each is dearer than one of the fit.
+        most = max(len(monitor.history), _FEWEST) if models.ranks else None
         with monitor.stage("other answers"):
             points = [*points, *self._elsewhere(models, monitor, at)]
-            found = self._further(models, noises, points, monitor, at)
-            ends, reached = self._valleys(models, noises, monitor, at)
+            found = self._further(models, noises, points, monitor, at, most)
+            ends, reached = self._valleys(models, noises, monitor, at, most)
         return [*equals(at, [*found, *reached], _WORTH), *ends]
 
     def _beside(
@@ -289,7 +291,8 @@ class MaximumLikelihood(SearchingMethod):
             most = 2 * len(monitor.history)  # no more work than the fit was
             further = elsewhere(models, at, unlikelihood, most)
             loose = restarted(problem, at, self.seed)
-            for x in chain(weakly_held(problem, at), loose, put_back(problem, at), further):
+            # The likeliest first: those that fit fairly well as they stand.
+            for x in chain(further, loose, weakly_held(problem, at), put_back(problem, at)):
                 if not any(np.array_equal(x, point) for point in points):
                     points.append(x)
         return points
@@ -301,15 +304,18 @@ class MaximumLikelihood(SearchingMethod):
         points: Sequence[_Vector],
         monitor: Monitor,
         at: Answer,
+        most: int | None = None,
     ) -> list[Answer]:
         """Return the answers from further points, where a first descent comes near the one known.
 
-        The first descent is weighted as the known answer is, and ends early.
+        The first descent is weighted as the known answer is, and ends early. After `most` steps no
+        other is begun.
         """
         found: list[Answer] = []
+        begun = len(monitor.history)
         settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
         for x in points:
-            if monitor.stopped:
+            if monitor.stopped or (most is not None and len(monitor.history) - begun >= most):
                 break
             with suppress(Stopped, SolverError):
                 problem, x = _descended(models, x, monitor, settings, at)
@@ -321,9 +327,17 @@ class MaximumLikelihood(SearchingMethod):
         return found
 
     def _valleys(
-        self, models: Models, noises: Sequence[NoiseModel], monitor: Monitor, at: Answer
+        self,
+        models: Models,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        at: Answer,
+        most: int | None = None,
     ) -> tuple[list[Answer], list[Answer]]:
-        """Return the far ends of valleys that are open, and the answers reached from there."""
+        """Return the far ends of valleys that are open, and the answers reached from there.
+
+        After `most` steps, or as many as the run took, no other valley is followed.
+        """
         if at.local is None:
             return [], []
         settings = TrustRegion(_FOLLOWING, self.tolerance, fall=_NEAR)
@@ -340,10 +354,11 @@ class MaximumLikelihood(SearchingMethod):
             return None
 
         ends, reached = list[Answer](), list[Answer]()
-        most = len(monitor.history) + max(len(monitor.history), _FEWEST)
+        begun = len(monitor.history)
+        most = max(begun, _FEWEST) if most is None else most
         with suppress(Stopped):
             for valley in valleys(models.exact, at):
-                if monitor.stopped or len(monitor.history) >= most:
+                if monitor.stopped or len(monitor.history) - begun >= most:
                     break
                 if any(valley.is_covered(end.x) for end in ends):
                     continue
