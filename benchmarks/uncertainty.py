@@ -5,6 +5,7 @@ far off. Each analysis makes a reduced model of its own, as it could if the upda
 file. Processor time, one thread.
 
     OMP_NUM_THREADS=1 python benchmarks/uncertainty.py [--size 2025] [--sensors 8] [--draws 20]
+        [--seed 1]
 """
 
 from __future__ import annotations
@@ -60,11 +61,12 @@ def main() -> None:
     parser.add_argument("--size", default="2025", choices=solids.CELLS)
     parser.add_argument("--sensors", type=int, default=8)
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     true, clean, _ = solids.measured(args.size, args.sensors)
-    start, _ = solids.started(true, 0)
-    frf, unknowns = solids.noisy(clean, 0), solids.everything(start)
+    start, _ = solids.started(true, args.seed)
+    frf, unknowns = solids.noisy(clean, args.seed), solids.everything(start)
     band, at = (float(frf.freq[0]), float(frf.freq[-1])), list(frf.responses.labels)[:2]
     watch = Watch()
     print(f"{args.size} DOFs, {args.sensors} sensors\n\n| | s | of it bases |\n|---|---|---|")
