@@ -296,7 +296,7 @@ class LineSolver:
         freq: NDArray[np.float64],
         forces: Callable[[NDArray[np.complex128], slice], NDArray[np.complex128]],
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Solve Z X = E as `solve`, and then Z Y = F(X), by one factorisation of each line.
+        """Solve Z X = E as `solve`, and then Z Y = F(X); sparse, by one factorisation of each line.
 
         Parameters
         ----------

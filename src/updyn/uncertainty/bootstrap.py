@@ -18,7 +18,7 @@ from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import excess, reduced_about
+from updyn.uncertainty.surrogate import excess, run_about
 from updyn.updating.fit.monitor import Monitor
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Problem
@@ -153,7 +153,9 @@ def bootstrap(
         def refitted(problem: Problem) -> NDArray[np.float64]:
             found.clear()
             counter.done = 0
-            refits = _refits(restored.with_problem(problem), kind)
+            solved = restored.with_problem(problem)
+            acceleration[:] = _acceleration(solved)
+            refits = _refits(solved, kind)
             for ended in session.map(_refit, refits, items, spread=not problem.spreads):
                 found.append(ended)
                 if counter.step():
@@ -161,12 +163,7 @@ def bootstrap(
             return np.array([x for reason, x in found if not reason])
 
         with suppress(Stopped):
-            surrogate, solved = reduced_about(restored, accuracy, seed)
-            acceleration = _acceleration(solved)
-            if surrogate is None:
-                refitted(restored.problem)
-            else:
-                reduction = surrogate.settled(refitted)
+            reduction = run_about(restored, accuracy, seed, refitted)
     options = {"n": int(n), "seed": seed, "resampling": kind, **reduction}
     return _draws(result, restored, found, acceleration, options)
 

@@ -18,7 +18,7 @@ from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, positions_of, restore
-from updyn.uncertainty.surrogate import excess, reduced_about
+from updyn.uncertainty.surrogate import excess, run_about
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
@@ -122,11 +122,7 @@ def profile(
         run = _Run(restored, at, 0.5 * float(chi2.ppf(level, 1)), starts, seed, counter)
         reduction: Mapping[str, Any] = {}
         with suppress(Stopped):  # before the first profile
-            surrogate, _ = reduced_about(restored, accuracy, seed)
-            if surrogate is None:
-                run.all(restored.problem)
-            else:
-                reduction = surrogate.settled(run.all)
+            reduction = run_about(restored, accuracy, seed, run.all)
     profiles, missing = [], []
     for k in at:
         if k in run.found:

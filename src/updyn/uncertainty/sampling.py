@@ -21,7 +21,7 @@ from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
-from updyn.uncertainty.surrogate import excess, reduced_about
+from updyn.uncertainty.surrogate import excess, run_about
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
@@ -149,11 +149,7 @@ def sample(
         counter.attach(session)
         run = _Run(restored, int(n), seed, starts, max_evaluations, counter)
         with suppress(Stopped):
-            surrogate, _ = reduced_about(restored, accuracy, seed)
-            if surrogate is None:
-                run.all(restored.problem)
-            else:
-                run.reduction = surrogate.settled(run.all)
+            run.reduction = run_about(restored, accuracy, seed, run.all)
     return run.draws(result)
 
 

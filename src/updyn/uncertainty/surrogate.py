@@ -22,7 +22,7 @@ from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import reduction_of
 from updyn.updating.problem.problem import Problem
 
-__all__ = ["Surrogate", "excess", "reduced_about"]
+__all__ = ["Surrogate", "excess", "reduced_about", "run_about"]
 
 _Vector = NDArray[np.float64]
 
@@ -138,6 +138,40 @@ class Surrogate:
         return {"basis": self.size, "error": error, "accuracy": self.accuracy}
 
 
+def run_about(
+    restored: RestoredFit,
+    accuracy: float,
+    seed: int,
+    run: Callable[[Problem], NDArray[np.float64]],
+) -> dict[str, Any]:
+    """Run something about an estimate: of a large model in a reduced one, as `Surrogate.settled`.
+
+    Parameters
+    ----------
+    restored, accuracy, seed
+        As for `reduced_about`.
+    run
+        As for `Surrogate.settled`.
+
+    Returns
+    -------
+    dict
+        As `Surrogate.settled`; empty for a small model.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved at the estimate.
+    Stopped
+        If the user wants to stop.
+    """
+    surrogate = reduced_about(restored, accuracy, seed)
+    if surrogate is None:
+        run(restored.problem)
+        return {}
+    return surrogate.settled(run)
+
+
 def excess(options: Mapping[str, Any], where: str) -> str:
     """Return what is to be said of a reduced model that errs too much; empty where it does not.
 
@@ -155,9 +189,7 @@ def excess(options: Mapping[str, Any], where: str) -> str:
     )
 
 
-def reduced_about(
-    restored: RestoredFit, accuracy: float, seed: int
-) -> tuple[Surrogate | None, RestoredFit]:
+def reduced_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogate | None:
     """Reduce a model that is too large for dense matrices about its estimate.
 
     Parameters
@@ -171,10 +203,8 @@ def reduced_about(
 
     Returns
     -------
-    surrogate : Surrogate or None
+    Surrogate or None
         None for a small model.
-    restored : RestoredFit
-        The fit with the reduced model.
 
     Raises
     ------
@@ -184,7 +214,7 @@ def reduced_about(
         If the user wants to stop.
     """
     if all(part.solver.tier == "dense" for part in restored.problem.parts):
-        return None, restored
+        return None
     surrogate = Surrogate(restored.whole, accuracy)
     surrogate.begin(restored.x)
     likelihood = restored.with_problem(surrogate.problem()).likelihood()
@@ -195,4 +225,4 @@ def reduced_about(
     z *= _DISTANCE * np.sqrt(len(restored.x)) / np.linalg.norm(z, axis=1)[:, None]
     points = np.clip(Gaussian(likelihood, Point(restored.x, local)).at(z), *likelihood.bounds)
     surrogate.enrich(list(points))
-    return surrogate, restored.with_problem(surrogate.problem())
+    return surrogate

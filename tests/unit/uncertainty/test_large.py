@@ -48,15 +48,10 @@ def result() -> updyn.UpdateResult:
     )
 
 
-def test_a_bootstrap_is_made_in_a_reduced_model(result) -> None:
-    found = updyn.bootstrap(result, 30)
-    assert found.options["basis"] < N
-    assert found.options["error"] <= found.options["accuracy"] == 1e-5
-    assert found.converged
-    for name in found.names:
-        assert found.deviation[name] == pytest.approx(result.std[name], rel=0.4)
-    # Those of the whole model, refit by refit.
-    whole = updyn.update(
+@pytest.fixture(scope="module")
+def whole(result) -> updyn.UpdateResult:
+    """The same fit in dense matrices."""
+    return updyn.update(
         result.start,
         result.frf,
         result.parameters,
@@ -64,6 +59,16 @@ def test_a_bootstrap_is_made_in_a_reduced_model(result) -> None:
         tier="dense",
         starts=0,
     )
+
+
+def test_a_bootstrap_is_made_in_a_reduced_model(result, whole) -> None:
+    found = updyn.bootstrap(result, 30)
+    assert found.options["basis"] < N
+    assert found.options["error"] <= found.options["accuracy"] == 1e-5
+    assert found.converged
+    for name in found.names:
+        assert found.deviation[name] == pytest.approx(result.std[name], rel=0.4)
+    # Those of the whole model, refit by refit.
     exact = updyn.bootstrap(whole, 4)
     std = np.array([result.std[n] for n in found.names])
     assert (np.abs(exact.values - found.values[:4]) < 0.02 * std).all()
@@ -87,19 +92,11 @@ def test_a_reduced_model_that_is_not_good_enough_is_told(result, monkeypatch) ->
     assert "The reduced model errs by 0.01 at the furthest draws, not 1e-05" in found.message
 
 
-def test_a_profile_is_made_in_a_reduced_model(result) -> None:
+def test_a_profile_is_made_in_a_reduced_model(result, whole) -> None:
     found = updyn.profile(result)
     assert found.reduction["basis"] < N
     assert found.reduction["error"] <= found.reduction["accuracy"] == 1e-5
     assert not found.message
-    whole = updyn.update(
-        result.start,
-        result.frf,
-        result.parameters,
-        noise={"relative": 0.02},
-        tier="dense",
-        starts=0,
-    )
     exact = updyn.profile(whole, starts=0)
     assert exact.reduction == {}
     for name, (lower, upper) in exact.intervals().items():
@@ -109,8 +106,9 @@ def test_a_profile_is_made_in_a_reduced_model(result) -> None:
 def test_parts_are_exchanged_by_their_own_stiffness(result) -> None:
     """Not by that of the reduced model: the projected matrices of a part have other sizes."""
     restored = restore(result)
-    surrogate, reduced = reduced_about(restored, 1e-5, 0)
+    surrogate = reduced_about(restored, 1e-5, 0)
     assert surrogate is not None
+    reduced = restored.with_problem(surrogate.problem())
     points = [x for x, _ in _exchanged(reduced.likelihood(), reduced.whole, restored.x)]
     sizes = {name: abs(group.stiffness).sum() for name, group in result.start.groups.items()}
     swapped = {

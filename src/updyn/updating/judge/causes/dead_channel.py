@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from updyn.frf import FRF
 from updyn.updating.judge.causes.fault import each_sensor, place_of, without
@@ -34,7 +33,7 @@ class DeadChannel(ShownFault):
     def shown(cls, frf: FRF) -> Iterable[Shown]:
         """Yield each sensor without a value, where others have some."""
         for channels in each_sensor(frf):
-            there = _there(channels, frf)
+            there = place_of(channels, frf).within(frf)
             # A value that is not zero is certain where a channel works.
             log_odds = len(frf.freq) * np.count_nonzero(there) + float(np.log(cls.odds))
             if log_odds > LIKELY and not frf.values[:, there].any():
@@ -50,7 +49,8 @@ class DeadChannel(ShownFault):
         """
         few = part.thinned(_LINES)
         level = np.abs(few.responses(few.coordinates.home)).max(axis=0)
-        return bool(level[_there(self.channels, part.frf)].max() <= _HEARD * level.max())
+        there = place_of(self.channels, part.frf).within(part.frf)
+        return bool(level[there].max() <= _HEARD * level.max())
 
     @property
     def written(self) -> str:
@@ -78,9 +78,3 @@ class DeadChannel(ShownFault):
     def statement(self) -> str:
         """Return which channels hold zeros."""
         return f"{self.does('holds', 'hold')} nothing but zeros: a dead channel, or lost data."
-
-
-def _there(channels: tuple[str, ...], frf: FRF) -> NDArray[np.bool_]:
-    """Return which values of a line are those of some channels, shape (n_i, n_j)."""
-    place = place_of(channels, frf)
-    return np.asarray(place.spread(np.ones(1), (1, *frf.values.shape[1:]))[0].real > 0.0)

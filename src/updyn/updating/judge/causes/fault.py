@@ -48,6 +48,13 @@ class Place:
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
 
+    def within(self, frf: FRF) -> NDArray[np.bool_]:
+        """Return which channels of data are meant, shape (n_i, n_j)."""
+        found = np.zeros(frf.values.shape[1:], dtype=np.bool_)
+        found[self.rows] = True
+        found[:, self.columns] = True
+        return found
+
     def spread(
         self, over_lines: _Complex | _Real, shape: tuple[int, ...]
     ) -> NDArray[np.complex128]:

@@ -48,8 +48,8 @@ class OtherTest(Fault):
         assert frf.variance is not None
         clear = np.abs(frf.values) ** 2 > frf.variance
         for channels in each_sensor(frf):
-            own = cls(channels)._at(frf) > 0.0
-            if clear[own].any() and clear[~own].any():
+            own = place_of(channels, frf).within(frf)
+            if clear[:, own].any() and clear[:, ~own].any():
                 yield from (cls(channels, shift) for shift in _SHIFTS)
 
     def repair(self, frf: FRF) -> FRF:
@@ -66,7 +66,7 @@ class OtherTest(Fault):
         """Return the data in which the sensor does not count."""
         assert frf.variance is not None
         lost = _LOST * float(np.abs(frf.values).max()) ** 2
-        return replace(frf, variance=np.where(self._at(frf) > 0.0, lost, frf.variance))
+        return replace(frf, variance=np.where(self._at(frf), lost, frf.variance))
 
     def searched(self, evidence: Evidence) -> Self:
         """Return the fault by the shift that suits the data best at a point."""
@@ -104,9 +104,9 @@ class OtherTest(Fault):
         """Return the data over the model's A(exp(value) f) / A(f) at the channels."""
         return divided(evidence.frf, evidence.stretched(self.value) * self._at(evidence.frf))
 
-    def _at(self, frf: FRF) -> NDArray[np.float64]:
-        """Return 1 at the channels, 0 elsewhere."""
-        return place_of(self.channels, frf).spread(np.ones(len(frf.freq)), frf.values.shape).real
+    def _at(self, frf: FRF) -> NDArray[np.bool_]:
+        """Return which channels are of the other test, shape (n_i, n_j)."""
+        return place_of(self.channels, frf).within(frf)
 
     def plausible(self) -> bool:
         """Return whether it is from 0.5 % to 30 %."""
