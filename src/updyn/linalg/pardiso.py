@@ -19,6 +19,8 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.linalg.triangle import upper_triangle
+
 __all__ = ["Pardiso", "library"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
@@ -27,7 +29,7 @@ _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
 #: Above, a matrix needs indices of 64 bits (oneMKL reference of pardiso_64).
 _MOST_ENTRIES = 500_000_000
-#: Rows, or entries, that are worked on at a time where a copy of the whole would cost memory.
+#: Entries that are worked on at a time, as a copy of all would cost memory.
 _BLOCK = 2**18
 
 
@@ -76,7 +78,7 @@ class Pardiso:
         if not pattern.has_canonical_format:
             # It would overwrite memory that is not its own.
             raise ValueError("PARDISO needs row indices that are sorted, each once")
-        self._upper, ia = _upper_triangle(pattern.indptr, pattern.indices)
+        self._upper, ia = upper_triangle(pattern.indptr, pattern.indices)
         ja = pattern.indices[self._upper]
         if not (np.diff(ia).all() and np.array_equal(ja[ia[:-1]], np.arange(len(ia) - 1))):
             raise RuntimeError("PARDISO needs a full diagonal in the pattern")
@@ -209,24 +211,3 @@ class _Session:
     def peak_bytes(self) -> int:
         analysis, kept, factor = map(int, self.iparm[14:17])  # in kilobytes
         return 1024 * max(analysis, kept + factor)
-
-
-def _upper_triangle(
-    indptr: NDArray[Any], indices: NDArray[Any]
-) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the mask of the upper triangle of a CSC pattern, and where its CSR rows begin.
-
-    CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
-    """
-    n = len(indptr) - 1
-    kept = np.empty(len(indices), dtype=np.bool_)
-    begin = np.zeros(n + 1, dtype=np.int64)
-    for first in range(0, n, _BLOCK):
-        last = min(first + _BLOCK, n)
-        part = slice(indptr[first], indptr[last])
-        column = np.repeat(np.arange(first, last), np.diff(indptr[first : last + 1]))
-        kept[part] = indices[part] >= column
-        begin[first + 1 : last + 1] = np.bincount(
-            column[kept[part]] - first, minlength=last - first
-        )
-    return kept, np.cumsum(begin)

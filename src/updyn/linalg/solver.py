@@ -71,8 +71,9 @@ class Backend(Protocol):
         """Give the memory back; the object is of no more use."""
 
 
-#: Backends by name, the preferred one first. One registered at run time is known in this process
-#: only; worker processes find those of entry points.
+#: Backends by name, the preferred one first. SuperLU is always there; what stands after it is used
+#: only where it is named. One registered at run time is known in this process only; worker
+#: processes find those of entry points.
 BACKENDS: Registry[type[Backend]] = Registry(
     "backend",
     "updyn.backends",
@@ -80,6 +81,7 @@ BACKENDS: Registry[type[Backend]] = Registry(
         "pardiso": "updyn.linalg.pardiso:Pardiso",
         "mumps": "updyn.linalg.mumps:Mumps",
         "superlu": "updyn.linalg.superlu:SuperLU",
+        "cudss": "updyn.linalg.cudss:Cudss",
     },
 )
 #: Backends that are tried in this order where another one fails.

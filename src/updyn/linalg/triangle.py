@@ -1,0 +1,46 @@
+"""The half of a symmetric sparse matrix that solvers store."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["upper_triangle"]
+
+#: Rows that are worked on at a time, as index arrays of all entries would cost memory.
+_BLOCK = 2**18
+
+
+def upper_triangle(
+    indptr: NDArray[Any], indices: NDArray[Any]
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return which entries of a symmetric CSC pattern make up the CSR form of its upper triangle.
+
+    CSC of a symmetric matrix is its CSR: rows of the upper triangle are columns of the lower one.
+
+    Parameters
+    ----------
+    indptr, indices : ndarray of int
+        Of the pattern, shapes (n + 1,) and (nnz,).
+
+    Returns
+    -------
+    kept : ndarray of bool, shape (nnz,)
+        Mask of the entries.
+    begin : ndarray of int, shape (n + 1,)
+        Where each row begins among them.
+    """
+    n = len(indptr) - 1
+    kept = np.empty(len(indices), dtype=np.bool_)
+    begin = np.zeros(n + 1, dtype=np.int64)
+    for first in range(0, n, _BLOCK):
+        last = min(first + _BLOCK, n)
+        part = slice(indptr[first], indptr[last])
+        column = np.repeat(np.arange(first, last), np.diff(indptr[first : last + 1]))
+        kept[part] = indices[part] >= column
+        begin[first + 1 : last + 1] = np.bincount(
+            column[kept[part]] - first, minlength=last - first
+        )
+    return kept, np.cumsum(begin)
