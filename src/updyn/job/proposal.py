@@ -29,7 +29,7 @@ from updyn.job.schema import (
 from updyn.matching import Matching, match
 from updyn.matching.result import MatchError
 from updyn.model import Model
-from updyn.text_table import printable
+from updyn.text_table import counted, printable
 
 __all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
 
@@ -179,7 +179,7 @@ def describe_inputs(inputs: Inputs) -> str:
         f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
         f" {len(inputs.frf.references)} references",
         matched,
-        f"{inputs.n_unknowns} unknowns are proposed",
+        f"proposed: {counted(inputs.n_unknowns, 'unknown')}",
     ]
     texts += [f"Before it can run, state {text}" for text in inputs.open]
     return "\n".join(texts)

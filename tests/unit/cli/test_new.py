@@ -260,7 +260,7 @@ def test_masses_are_counted_where_nothing_is_elastic(
     write_model(model, "model.h5")
     write_frf(updyn.response(model, [5.0, 9.0], ["1:X"], ["1:X"]), "test.npz")
     assert main(["new", "model.h5", "test.npz"]) == 0
-    assert "\n1 unknowns are proposed\n" in capsys.readouterr().out
+    assert "\nproposed: 1 unknown\n" in capsys.readouterr().out
     assert len(prepare(load_job("job.toml")).parameters) == 1
 
 

@@ -31,6 +31,10 @@ WIDEST = 1.0
 #: One over a standard deviation that says nothing.
 _BLIND = 1e-9
 
+#: Standard deviation along a direction from which on it is all the same how large it is; what lies
+#: within `WIDEST` is told apart beside it.
+_FURTHEST = 1e12
+
 #: Weights of an unknown in a direction below this count as zero.
 VISIBLE = 1e-3
 
@@ -85,10 +89,14 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
         within = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(scale))
         _, size, turn = np.linalg.svd(R @ within)
         spread = within @ (turn.T / np.maximum(size, _BLIND))
-    axes, std, _ = np.linalg.svd(inflation * spread, full_matrices=False)
+    spread = inflation * spread
+    lengths = np.linalg.norm(spread, axis=0)
+    short = spread * np.minimum(1.0, _FURTHEST / np.maximum(lengths, 1.0))
+    axes, std, _ = np.linalg.svd(short, full_matrices=False)
     known = std <= WIDEST
     blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
-    covariance = (axes * std**2) @ axes.T
+    # Not from the axes: the small standard deviations beside a huge one are rounding there.
+    covariance = spread @ spread.T
     involved = (np.linalg.norm(unseen, axis=1) > VISIBLE) | _led(axes[:, ~known], std[~known])
     return Resolution(s, bool(seen.all()), blind, covariance, involved)
 

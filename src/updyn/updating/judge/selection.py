@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.errors import OptionError, ParameterError
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.text_table import counted
 from updyn.updating.fit.null_space import RANK_TOLERANCE, WIDEST
 from updyn.updating.judge.assessment import local_at_start
 from updyn.updating.judge.identifiability import analyse
@@ -81,7 +82,8 @@ def subset(
             state.take(i)
         state.waiting.remove(i)
     for i in state.waiting:
-        state.left_out[i] = f"{n} unknowns were asked for, and these are determined better"
+        asked_for = counted(len(state.order), "unknown")
+        state.left_out[i] = f"asked for: {asked_for}; what is kept is determined better"
     return state.order, state.left_out
 
 
@@ -323,7 +325,8 @@ def select_jointly(
     order, why = subset(R, given.names, count, max_collinearity)
     if not order:
         raise ParameterError(
-            f"select: the data see none of the {len(given)} unknowns; nothing would be left to fit"
+            f"select: of {counted(len(given), 'unknown')} the data see none;"
+            " nothing would be left to fit"
         )
     kept = [given[i] for i in sorted(order)]
     left_out = dict(before.left_out)

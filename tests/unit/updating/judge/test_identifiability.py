@@ -101,6 +101,23 @@ def test_unknown_that_hardly_takes_part_in_an_uncertain_direction_keeps_its_stan
     assert np.sqrt(found.covariance[1, 1]) == pytest.approx(np.hypot(0.03, 0.005), rel=1e-3)
 
 
+@pytest.mark.kernels
+@pytest.mark.parametrize("seen", [1e-4, 1e-10, 1e-14, 1e-18, 1e-60])
+def test_standard_deviations_beside_an_unknown_that_is_hardly_seen(seen):
+    """Of a triangle the inverse is known to the last digits, whatever its columns' sizes."""
+    R = np.array([[1e3, 2e2, 0.3 * seen], [0.0, 3e2, 0.5 * seen], [0.0, 0.0, seen]])
+    found = analyse(R, NAMES)
+    last = np.array([-0.3 + 0.5 * 2e2 / 3e2, -0.5, 1.0]) / [1e3, 3e2, 1.0]
+    inverse = np.column_stack(
+        [[1e-3, 0.0, 0.0], [-2e2 / 3e2 * 1e-3, 1 / 3e2, 0.0], last / [1, 1, seen]]
+    )
+    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(
+        np.linalg.norm(inverse, axis=1), rel=1e-7
+    )
+    assert found.involved.tolist() == [False, False, True]
+    assert [set(d) for d in found.report.null_directions] == [{"c"}]
+
+
 def test_uncertainty_spread_over_many_unknowns_still_names_the_widest():
     """Standard deviation 1.1 along (1, 1, 1): no unknown alone exceeds 0.64, and all are named."""
     found = analyse(from_directions([[1, 1, 1], [1, -1, 0], [1, 1, -2]], [1.1, 0.01, 0.01]), NAMES)
