@@ -64,7 +64,7 @@ from updyn.store.netcdf import (
 )
 from updyn.store.values import from_text, plain, plain_fields, plain_records, to_text
 from updyn.updating.fit.monitor import Iteration
-from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
@@ -317,7 +317,8 @@ class _Adequacy:
         try:
             worst = _records(Misfit, rest.pop("worst"))
             suspects = _records(Suspect, rest.pop("explained_by"))
-            return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects)
+            noisy = _records(Noisy, rest.pop("noisy", []))  # not in files of before
+            return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects, noisy=noisy)
         except (AttributeError, KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
@@ -524,8 +525,8 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
-        ``explained_by``; ``trust``, ``holds`` and ``why`` of each part of the verdict, None in old
-        records; ``findings``, the causes that were found, as of
+        ``explained_by`` and the ``noisy`` sensors; ``trust``, ``holds`` and ``why`` of each part of
+        the verdict, None in old records; ``findings``, the causes that were found, as of
         `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that fit as
         well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and their
         ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
@@ -587,6 +588,7 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
         **plain_fields(found, *_ADEQUACY),
         "worst": plain_records(found.worst),
         "explained_by": plain_records(found.explained_by),
+        "noisy": plain_records(found.noisy),
     }
 
 

@@ -34,6 +34,7 @@ from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
 from updyn.updating.judge.ending import ending
 from updyn.updating.judge.trust import trust
 from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, overruled, verdict
+from updyn.updating.own_noise import OwnNoise
 from updyn.updating.problem.data import (
     ModalSplit,
     Split,
@@ -199,7 +200,13 @@ def run(
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
             firsts = reduced.firsts if reduced is not None else None
-            found = judge(problem, (*splits, *modal_splits), fit, noises, firsts)
+
+            def judged(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
+                return judge(problem, (*splits, *modal_splits), fit, noises, firsts)
+
+            found = judged(fit, noises)
+        chosen = [test.noise for test in of_frfs]
+        found = OwnNoise(problem, driver, noises, chosen, monitor, reduced).tried(found, judged)
         causes = looked.after(found)
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))

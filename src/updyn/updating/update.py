@@ -82,14 +82,15 @@ def update(
         Lines to fit: all, ``"d-optimal:40"``, ``"a-optimal:40"`` or, for some unknowns,
         ``"a-optimal:40:shaft.*"``, or a list in Hz.
     noise : None, str or mapping
-        None: from the data's variance, else coherence, else estimated from the residual. A mapping
-        with ``relative`` and/or ``floor`` states E|dH|^2 = (relative |H|)^2 + (floor rms)^2;
-        ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"`` force one
-        source, as does ``source`` in a mapping. ``robust="student-t"`` in a mapping gives outliers
-        less weight, whatever the source. Of modes: None takes the standard deviations that come
-        with them, and estimates what there is beyond; a mapping with ``frequency``, ``shape``,
-        ``loss_factor`` states them, as shares, and with ``scale`` how exact shapes are in size that
-        are scaled to unit modal mass, which else does not count.
+        None: from the data's variance, else coherence, else estimated from the residual, sensor by
+        sensor where they differ. A mapping with ``relative`` and/or ``floor`` states E|dH|^2 =
+        (relative |H|)^2 + (floor rms)^2; ``"variance"``, ``"coherence"``, ``"estimated"``,
+        ``"estimated-by-channel"`` force one source, as does ``source`` in a mapping.
+        ``robust="student-t"`` in a mapping gives outliers less weight, whatever the source. Of
+        modes: None takes the standard deviations that come with them, and estimates what there is
+        beyond; a mapping with ``frequency``, ``shape``, ``loss_factor`` states them, as shares, and
+        with ``scale`` how exact shapes are in size that are scaled to unit modal mass, which else
+        does not count.
     engine : None, int, dask.distributed Client or Engine
         Where lines, and the tries of the search, are worked on: here one after the other, in so
         many processes on this machine, or on a cluster. The result does not depend on it.

@@ -19,7 +19,7 @@ from updyn.model import Group, Model
 from updyn.store.result import read_result, result_to_json, write_result, write_result_json
 from updyn.store.values import from_text, to_text
 from updyn.updating.fit.monitor import Iteration
-from updyn.updating.judge.adequacy import Adequacy, Misfit, Suspect
+from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
@@ -56,6 +56,7 @@ def adequacy() -> Adequacy:
         whiteness_p=np.array([[[1e-300, 1.0]]]),
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
         explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3, confirmed=True),),
+        noisy=(Noisy("1:Z", 10.0 / 3.0),),
     )
 
 
@@ -284,10 +285,11 @@ def test_no_field_is_forgotten():
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"
-            " correlation_length chi_square_p whiteness_p worst explained_by"
+            " correlation_length chi_square_p whiteness_p worst explained_by noisy"
         ),
         Alternative: "values odds sensor difference",
         Misfit: "response reference low high near misfit correlation_length chi_square_p whiteness_p kind",
+        Noisy: "response times",
         Suspect: "group quantity explains change energy confirmed",
         Iteration: "stage number cost step condition accepted values",
         Parameter: "group quantity start lower upper prior_std drives nominal unit",
@@ -543,6 +545,7 @@ def test_json_says_what_is_left():
         "energy": 0.3,
         "confirmed": True,
     }
+    assert found["noisy"] == [{"response": "1:Z", "times": 10.0 / 3.0}]
     assert result_to_json(sample(adequacy=None))["adequacy"] is None
 
 

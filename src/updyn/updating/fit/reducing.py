@@ -610,6 +610,17 @@ class Reducing:
             reason = "max-iterations"
         return replace(fit, reason=reason, note=f"{note} {fit.note}".strip())
 
+    def holds_at(self, x: _Vector) -> bool:
+        """Certify the models as they are where a fit went on to; keep the former proof if not."""
+        before = [part.certificate for part in self._parts]
+        self._check(x)
+        if self.certified:
+            return True
+        for part, certificate in zip(self._parts, before, strict=True):
+            part.certificate = certificate
+        self.certified = True
+        return False
+
     @property
     def record(self) -> dict[str, float | int | str]:
         """Record for the result; of several tests, sums and the largest error."""

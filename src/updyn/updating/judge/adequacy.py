@@ -18,13 +18,17 @@ __all__ = [
     "OUTCOMES",
     "Adequacy",
     "Misfit",
+    "Noisy",
     "Suspect",
     "adjusted",
     "assess",
     "bands",
     "blamed",
     "clipped",
+    "may_be_noisy",
+    "scatters_unequally",
     "serial_p",
+    "with_own_noise",
 ]
 
 _Real = NDArray[np.float64]
@@ -258,8 +262,13 @@ LEVEL = 0.02
 _EXACT = 1e-7
 #: Places that are listed.
 _LISTED = 12
-#: Groups that are named.
+#: Groups, or sensors, that are named.
 _NAMED = 3
+#: From so many times the noise of most sensors on, one is called noisy, up to this misfit as a
+#: share of its response.
+_NOISY, _MISSED = 1.5, 0.3
+#: p-value of serial correlation up to which a response is a smooth course along the lines.
+_SMOOTH = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,6 +341,22 @@ class Suspect:
         return f"{self.group}.{self.quantity}"
 
 
+@dataclass(frozen=True, slots=True)
+class Noisy:
+    """A sensor whose noise is larger than that of most.
+
+    Attributes
+    ----------
+    response : str
+        The sensor.
+    times : float
+        Its rms misfit over that of the others, by their lower median.
+    """
+
+    response: str
+    times: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Adequacy:
     """Whether the residual of a fit is noise.
@@ -370,6 +395,10 @@ class Adequacy:
     explained_by : tuple of Suspect
         Errors that would explain it, the best first; empty where nothing was found, or nothing
         explains it.
+    noisy : tuple of Noisy
+        Sensors of larger noise than most, the worst first: of an ``"excess"``, if nothing stands
+        out beside the noise of each sensor; of ``"noise"``, where its size was taken sensor by
+        sensor because they differ.
     """
 
     outcome: str
@@ -387,6 +416,7 @@ class Adequacy:
     whiteness_p: _Real
     worst: tuple[Misfit, ...] = ()
     explained_by: tuple[Suspect, ...] = ()
+    noisy: tuple[Noisy, ...] = ()
 
     @property
     def adequate(self) -> bool:
@@ -406,6 +436,7 @@ def assess(
     averages: int | None = None,
     level: float = LEVEL,
     relative: float = 1.0,
+    course: _Complex | None = None,
 ) -> Adequacy:
     """Test a residual against noise.
 
@@ -431,6 +462,8 @@ def assess(
         Largest share of fits to pure noise for which a false alarm is accepted.
     relative : float
         The rms misfit over the rms of the data, to distinguish rounding from a residual.
+    course : ndarray of complex, shape (n_f, n_i, n_j), optional
+        H over the standard deviations. Without it no sensor is called noisy.
 
     Returns
     -------
@@ -483,6 +516,7 @@ def assess(
         text = "There are too few measured numbers to test whether the residual is noise."
         return replace(found, verdict=text)
     against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
+    alone = white
     large, white, p_size, p_serial = _tested(square, count, white, against)
     p_value = min(p_size, p_serial)
     outcome = "noise"
@@ -490,10 +524,71 @@ def assess(
         outcome = "structure"
     elif p_value <= level:
         outcome = "excess"
+        if course is not None and may_be_noisy(H, course, whitened, freq):
+            found = replace(found, noisy=_noisy(found, square, count, alone, n_unknowns))
     found = replace(found, outcome=outcome, p_value=p_value, chi_square_p=large, whiteness_p=white)
     if p_value <= level:
         found = replace(found, worst=_worst(found, whitened, freq, cut))
     return replace(found, verdict=_words(found))
+
+
+def may_be_noisy(H: _Complex, course: _Complex, whitened: _Complex, freq: _Real) -> bool:
+    """Return whether what the sensors leave can be noise, and not what a wrong sensor leaves.
+
+    On lines so far apart that the response itself is no smooth course, the two cannot be told
+    apart by serial correlation, and from a misfit of a third of the response on not at all. A gain,
+    a phase or a delay that is wrong leaves what goes with H and with f H, whatever the lines: what
+    a regression finds of them has to be as little as it finds in noise (F test).
+
+    Parameters
+    ----------
+    H, course, whitened, freq
+        As for `assess`.
+    """
+    level = LEVEL / H.shape[1]
+    for i in range(H.shape[1]):
+        seen = np.isfinite(whitened[:, i])
+        e, h = (np.where(seen, values[:, i], 0.0) for values in (whitened, course))
+        if not seen.any():
+            continue
+        if (
+            np.abs(e).sum() > _MISSED * np.abs(h).sum()
+            or serial_p(clipped(H[:, i])).min() > _SMOOTH
+        ):
+            return False
+        A = np.stack([h.ravel(), (freq[:, None] / freq[-1] * h).ravel()], axis=1)
+        left = e.ravel() - A @ np.linalg.lstsq(A, e.ravel())[0]
+        rest, number = float(np.sum(np.abs(left) ** 2)), 2.0 * np.count_nonzero(seen)
+        gained, count = np.array([np.sum(np.abs(e) ** 2) - rest]), np.array([4.0])
+        if _Size(rest + gained[0], number, 0, False, None).p(gained, count)[0] < level:
+            return False
+    return True
+
+
+def scatters_unequally(found: Adequacy) -> bool:
+    """Return whether the residual is no noise of one size, and differs much between sensors."""
+    if found.adequate or found.outcome == "untested":
+        return False
+    with np.errstate(invalid="ignore"):
+        square = np.nansum(found.misfit**2, axis=(1, 2)) / np.isfinite(found.misfit).sum(
+            axis=(1, 2)
+        )
+    own = np.sqrt(square[np.isfinite(square)])
+    return len(own) > 1 and bool(own.max() >= _NOISY * _usual(own))
+
+
+def with_own_noise(found: Adequacy, std: _Real) -> Adequacy:
+    """Return the assessment of a residual that is noise whose size was taken sensor by sensor.
+
+    Parameters
+    ----------
+    found : Adequacy
+        From `assess`.
+    std : ndarray of float, shape (n_i,)
+        Of each sensor, in one unit.
+    """
+    noisy = _louder_than_most(std, found.responses)
+    return replace(found, noisy=noisy, verdict=_words(replace(found, noisy=noisy)))
 
 
 def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
@@ -511,7 +606,7 @@ def blamed(found: Adequacy, suspects: Sequence[Suspect]) -> Adequacy:
     """
     if not suspects or found.adequate:
         return found
-    found = replace(found, outcome="structure", explained_by=tuple(suspects))
+    found = replace(found, outcome="structure", explained_by=tuple(suspects), noisy=())
     return replace(found, verdict=f"{_words(found)} {_explanation(suspects)}")
 
 
@@ -621,6 +716,39 @@ def _tested(
     return large.reshape(shape), serial.reshape(shape), p_size, p_serial
 
 
+def _noisy(
+    found: Adequacy, square: _Real, count: _Real, white: _Real, n_unknowns: int
+) -> tuple[Noisy, ...]:
+    """Return sensors of larger noise; none where more than that stands out.
+
+    Each sensor's residual is set against its own size for that.
+    """
+    sums, numbers = square.sum(axis=(1, 2)), count.sum(axis=(1, 2))
+    there = sums > 0.0
+    if there.sum() < 2:
+        return ()
+    own = np.sqrt(sums / np.maximum(numbers, 1.0))
+    levelled = square / np.where(there, own, 1.0)[:, None, None] ** 2
+    size = _Size(float(levelled.sum()), float(count.sum()), n_unknowns, False, None)
+    *_, p_size, p_serial = _tested(levelled, count, white, size)
+    if min(p_size, p_serial) <= found.level:
+        return ()
+    return _louder_than_most(np.where(there, own, np.nan), found.responses)
+
+
+def _louder_than_most(std: _Real, responses: Sequence[str]) -> tuple[Noisy, ...]:
+    """Return sensors of larger noise than most, the worst first; NaN is no size."""
+    times = std / _usual(std[np.isfinite(std)])
+    loud = np.flatnonzero(times >= _NOISY)
+    order = loud[np.argsort(-times[loud], kind="stable")]
+    return tuple(Noisy(responses[i], float(times[i])) for i in order)
+
+
+def _usual(std: _Real) -> float:
+    """Return the lower median of the noise of sensors."""
+    return float(np.quantile(std, 0.5, method="lower"))
+
+
 def _combined(p: _Real, axis: int | None) -> _Real:
     """Combine independent p-values by Stouffer's method; those of 1 were not tested."""
     from scipy.special import ndtr, ndtri
@@ -686,6 +814,8 @@ def _place(
 def _words(found: Adequacy) -> str:
     if found.outcome == "noise":
         known = "" if found.absolute else ", whose size was taken from it"
+        if found.noisy:
+            known += f", sensor by sensor: {_louder(found.noisy)}"
         return f"The residual cannot be distinguished from noise{known}."
     first = found.worst[0]
     where = f"channel {first.response} (force {first.reference}) near {first.near:.4g} Hz"
@@ -697,6 +827,8 @@ def _words(found: Adequacy) -> str:
         if found.outcome == "structure":
             how = "serially correlated"
         return f"The residual is {how} over many channels, though none stands out; most in {where}."
+    if found.noisy:
+        return f"The residual is noise, but not of one size: {_louder(found.noisy)}."
     start = "More noise than expected, or outliers, in"
     if found.outcome == "structure":
         start = "The model cannot explain"
@@ -709,3 +841,12 @@ def _words(found: Adequacy) -> str:
     elif number > 2:
         more = f"; and {number - 1} more places"
     return f"{start} {where}: {size}, {over}{more}."
+
+
+def _louder(noisy: Sequence[Noisy]) -> str:
+    """Return which sensors are noisier than the others, and by how much."""
+    named = [f"{one.times:.2g} times that of most sensors at {one.response}" for one in noisy]
+    text = ", ".join(named[:_NAMED])
+    if len(named) > _NAMED:
+        text += f", and larger at {len(named) - _NAMED} more"
+    return text

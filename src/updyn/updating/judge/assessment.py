@@ -403,6 +403,7 @@ def examine(
                 averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
+                course=np.where(counted, weight * H, np.nan),
             )
         )
     residual = Each(tuple(errors))

@@ -38,6 +38,10 @@ _ARRIVED = 0.1
 _FALLING, _STEADY = 0.05, 0.1
 _CLOSER = "Start closer, or use the default method."
 _CHECK = "Check units, calibration and labels"
+_OWN_NOISE = (
+    'Let each sensor count by its own noise, noise = "estimated-by-channel": the values get'
+    " closer to the truth, and their standard deviations smaller."
+)
 _LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
 
 
@@ -92,7 +96,7 @@ def verdict(
         # No try of a search can explain the data where what is wrong is held.
         is_held = fit.reason == "unsettled" and any(map(_is_named, inadequate))
         if is_held or (looked and inadequate):
-            remedy = f"{_free(inadequate)} {remedy or _LOOK}".strip()
+            remedy = f"{_free(inadequate)} {remedy or _look(inadequate)}".strip()
         if end is not None and end.pressed:
             message += _excluded(end.pressed)
             remedy = f"{_widen(end.pressed)} {remedy}".strip()
@@ -119,6 +123,13 @@ def _free(found: list[Adequacy]) -> str:
             " several errors at once."
         )
     return ""
+
+
+def _look(found: list[Adequacy]) -> str:
+    """Return the remedy for a residual that no error of the model explains."""
+    if all(adequacy.noisy for adequacy in found):
+        return _OWN_NOISE
+    return _LOOK
 
 
 def _few(fit: Fit) -> str:

@@ -34,6 +34,7 @@ def noise(seed, shape=(N_F, N_I, N_J)):
 def look(whitened, **options):
     n_i, n_j = whitened.shape[1:]
     settings = {"n_unknowns": 0, "absolute": True} | options
+    settings.setdefault("course", 100.0 * H[:, :n_i, :n_j] / np.abs(H[:, :n_i, :n_j]))
     return assess(whitened, H[:, :n_i, :n_j], FREQ, RESPONSES[:n_i], REFERENCES[:n_j], **settings)
 
 
@@ -202,9 +203,34 @@ def test_a_noisy_sensor_is_not_called_an_error_of_the_model():
     e[:, 1] *= 3.0
     found = look(e)
     assert found.outcome == "excess"
-    assert "More noise than expected, or outliers, in channel 2:Z" in found.verdict
-    assert "not serially correlated" in found.verdict
     assert {m.response for m in found.worst} == {"2:Z"}
+    assert [one.response for one in found.noisy] == ["2:Z"]
+    assert found.noisy[0].times == pytest.approx(3.0, rel=0.15)  # of 360 numbers and more
+    assert found.verdict.startswith("The residual is noise, but not of one size: ")
+    assert found.verdict.endswith(" times that of most sensors at 2:Z.")
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_sensors_of_unlike_noise_are_named_the_worst_first(absolute):
+    e = noise(22) * np.array([1.0, 6.0, 0.9, 3.0])[:, None]
+    found = look(e, absolute=absolute)
+    assert [one.response for one in found.noisy] == ["2:Z", "4:Z"]
+
+
+def test_a_glitch_beside_a_noisy_sensor_is_not_passed_over():
+    e = noise(12)
+    e[:, 1] *= 3.0
+    e[30:33, 0, 0] *= 12.0
+    found = look(e)
+    assert found.outcome == "excess"
+    assert found.noisy == ()
+    assert "More noise than expected, or outliers, in channel" in found.verdict
+    assert "not serially correlated" in found.verdict
+
+
+def test_noise_of_one_size_names_no_sensor():
+    alike = [look(noise(seed), absolute=False) for seed in range(100)]
+    assert not any(found.noisy for found in alike)
 
 
 def test_a_weak_misfit_of_all_channels_is_found_in_their_sum():
@@ -257,7 +283,12 @@ def test_what_would_explain_it_is_said():
     assert found.explained_by == tuple(suspects)
     e = noise(12)
     e[:, 1] *= 3.0
-    assert blamed(look(e), suspects).outcome == "structure"
+    loud = look(e)
+    assert loud.noisy
+    # As a wrong calibration leaves it, where lines are too far apart for serial correlation.
+    assert blamed(loud, suspects).outcome == "structure"
+    assert blamed(loud, suspects).noisy == ()
+    assert "not of one size" not in blamed(loud, suspects).verdict
     assert blamed(look(noise(0)), suspects).explained_by == ()
 
 

@@ -106,6 +106,30 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     assert verdict(fit, analysis, NAMES, "", adequacy={"": calm}) == say(SURE)
 
 
+def test_sensors_of_unlike_noise_are_to_count_by_their_own():
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal((80, 3, 2)) + 1j * rng.standard_normal((80, 3, 2))
+    e[:, 2] *= 8.0
+    freq, ones = np.linspace(1.0, 40.0, 80), np.ones(e.shape)
+    found = assess(
+        e,
+        ones,
+        freq,
+        ["1:X", "2:X", "3:X"],
+        ["1:X", "2:X"],
+        n_unknowns=2,
+        absolute=False,
+        course=100.0 * ones,
+    )
+    fit, analysis = Fit(np.zeros(2), "converged", SURE, ({},)), analyse(SURE, NAMES)
+    status, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": found})
+    assert status == "converged"
+    assert message.endswith(" times that of most sensors at 3:X.")
+    assert remedy.startswith(
+        'Let each sensor count by its own noise, noise = "estimated-by-channel"'
+    )
+
+
 def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them_apart():
     others = [Alternative({}, 1.8, "3:X", 0.314), Alternative({}, 0.4, "1:X", 0.52)]
     different = [("a.stiffness", [1.5, 0.7, 1.5]), ("b.stiffness", [0.7, 1.5, 1.0])]

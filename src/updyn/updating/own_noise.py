@@ -1,0 +1,172 @@
+"""The noise of each sensor by itself, where sensors turn out to differ.
+
+Noise that is estimated from the residual is taken for the same at all sensors at first. Where the
+residual says otherwise, the fit goes on from its end with two numbers for each sensor, and that
+counts if the residual is noise then. A sensor that the model cannot follow leaves more than noise,
+however little it weighs; then nothing changes. Nor does it where noise could not be told from what
+a wrong sensor leaves: on lines so far apart that the response itself is no smooth course, or where
+the noise is a third of the response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.updating.fit.method import Fit, Method
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.reducing import Reducing
+from updyn.updating.judge.adequacy import (
+    Adequacy,
+    may_be_noisy,
+    scatters_unequally,
+    with_own_noise,
+)
+from updyn.updating.judge.assessment import Judgement
+from updyn.updating.problem.noise import (
+    Estimated,
+    EstimatedByChannel,
+    NoiseChoice,
+    NoiseModel,
+    Robust,
+)
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.session import Stopped
+
+__all__ = ["OwnNoise"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnNoise:
+    """Goes on with a fit by the noise of each sensor.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    strategy : Method
+        By what.
+    noises : sequence of NoiseModel
+        Of each part, for all sensors.
+    chosen : sequence
+        What the user said of each.
+    monitor : Monitor
+        Watches the fit.
+    reduced : Reducing or None
+        The reduced models.
+    """
+
+    problem: Problem
+    strategy: Method
+    noises: Sequence[NoiseModel]
+    chosen: Sequence[NoiseChoice]
+    monitor: Monitor
+    reduced: Reducing | None
+
+    def tried(
+        self, found: Judgement, judged: Callable[[Fit, Sequence[NoiseModel]], Judgement]
+    ) -> Judgement:
+        """Return what is judged of the fit that goes on; `found` where that is no better.
+
+        Parameters
+        ----------
+        found : Judgement
+            Of the fit so far.
+        judged : callable
+            Judges a fit by noise models.
+        """
+        noises = self._own(found)
+        if noises is None:
+            return found
+        begun = len(self.monitor.history)
+        try:
+            fit = self.strategy.fit(self.problem, noises, self.monitor, found.fit.x)
+            if fit.reason == "converged":
+                again = judged(fit, noises)
+                parts = again.adequacy[: len(self.problem.parts)]
+                is_noise = all(a is not None and a.adequate for a in parts)
+                if is_noise and self._is_told_apart(fit.x, noises) and self._holds(fit):
+                    told = [self._told(i, fit.x, noises[i], a) for i, a in enumerate(parts) if a]
+                    return replace(again, adequacy=(*told, *again.adequacy[len(parts) :]))
+        except (SolverError, Stopped):
+            pass
+        del self.monitor.history[begun:]  # they led nowhere
+        return found
+
+    def _own(self, found: Judgement) -> list[NoiseModel] | None:
+        """Return noise models with numbers for each sensor; None where there is no reason."""
+        fit = found.fit
+        if fit.reason not in ("converged", "unsettled") or fit.rivals or self.monitor.stopped:
+            return None
+        if not self.strategy.is_likelihood:
+            return None
+        out, differ = list[NoiseModel](), False
+        for part, noise, chosen, adequacy in zip(
+            self.problem.parts, self.noises, self.chosen, found.adequacy, strict=False
+        ):
+            own = noise
+            if _is_open(chosen) and adequacy is not None and scatters_unequally(adequacy):
+                own = _by_sensor(noise, part)
+            out.append(own)
+            differ = differ or own is not noise
+        return out if differ else None
+
+    def _is_told_apart(self, x: NDArray[np.float64], noises: Sequence[NoiseModel]) -> bool:
+        """Return whether what sensors leave is noise, and not what a wrong sensor leaves."""
+        for i, (part, own) in enumerate(zip(self.problem.parts, noises, strict=True)):
+            if own is self.noises[i]:
+                continue
+            H = part.responses(x)
+            variance = _plain(own).refit(H, part.frf, self._share(part)).variance(H, part.frf)
+            seen = variance > 0.0
+            weight = np.where(seen, np.sqrt(2.0 / np.where(seen, variance, 1.0)), np.nan)
+            if not may_be_noisy(H, weight * H, weight * (part.frf.values - H), part.frf.freq):
+                return False
+        return True
+
+    def _share(self, part: Part) -> int:
+        """Return how many of the unknowns count against a part, by its share of the data."""
+        return -(-self.problem.n * part.n_values // self.problem.n_values)
+
+    def _holds(self, fit: Fit) -> bool:
+        return self.reduced is None or self.reduced.holds_at(fit.x)
+
+    def _told(
+        self, i: int, x: NDArray[np.float64], own: NoiseModel, adequacy: Adequacy
+    ) -> Adequacy:
+        """Return the assessment of a part with the sensors whose noise is larger than of most."""
+        if own is self.noises[i]:
+            return adequacy
+        part = self.problem.parts[i]
+        H = part.responses(x)
+        each, common = (
+            _plain(noise)
+            .refit(H, part.frf, self._share(part))
+            .variance(H, part.frf)
+            .sum(axis=(0, 2))
+            for noise in (own, self.noises[i])
+        )
+        return with_own_noise(adequacy, np.sqrt(each / common))
+
+
+def _is_open(chosen: NoiseChoice) -> bool:
+    """Return whether the user left it open where the noise comes from."""
+    return chosen is None or (isinstance(chosen, Mapping) and set(chosen) == {"robust"})
+
+
+def _by_sensor(noise: NoiseModel, part: Part) -> NoiseModel:
+    """Return a noise model with numbers for each sensor; the same where it is not estimated."""
+    if isinstance(noise, Robust):
+        return replace(noise, base=_by_sensor(noise.base, part))
+    if not isinstance(noise, Estimated):
+        return noise
+    return EstimatedByChannel.of_data(part.frf, noise.tails)
+
+
+def _plain(noise: NoiseModel) -> NoiseModel:
+    """Return a noise model without its outliers."""
+    return noise.base if isinstance(noise, Robust) else noise
