@@ -22,7 +22,19 @@ import updyn
 from updyn.dynamics.reduced import Reduction
 
 #: What makes a basis, or says how good it is.
-MAKING = ("build", "settle", "enrich", "certify", "extend", "lacking", "enrich_beside", "definite")
+MAKING = (
+    "build",
+    "compress",
+    "settle",
+    "enrich",
+    "enrich_around",
+    "enrich_beside",
+    "certify",
+    "errors",
+    "extend",
+    "lacking",
+    "definite",
+)
 
 
 class Watch:

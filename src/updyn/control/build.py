@@ -17,7 +17,8 @@ from updyn.control.rational import SlowMotion
 from updyn.control.rational_fit import Approximation
 from updyn.control.rational_states import fewest_states
 from updyn.control.realised import checked, realised
-from updyn.control.task import model_of, task_of
+from updyn.control.structure import Structure
+from updyn.control.task import task_of
 from updyn.errors import OptionError, ToleranceError
 from updyn.frf import FRF, QUANTITIES
 from updyn.model import Model
@@ -128,12 +129,12 @@ def plant(
                 " 'rational' with error 'relative' only"
             )
         return _measured(model, ports, band, tolerance, quantity)
-    own = model_of(model)
+    own = Structure.of(model)
     check_error(error)
     task, quantities = task_of(own, *ports, band, quantity, tier, backend, error)
     check_tolerance(tolerance)
     found = chosen(task, check_route(route, task, error), tolerance)
-    made = realised(task, found, own.title, quantities, tolerance)
+    made = realised(task, found, own.model.title, quantities, tolerance)
     return replace(made, facts={**made.facts, "causal error": task.least(found)})
 
 

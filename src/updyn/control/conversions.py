@@ -9,7 +9,8 @@ import numpy as np
 
 from updyn.control.options import Ports
 from updyn.control.ports import as_ports
-from updyn.control.task import Task, model_of, task_of
+from updyn.control.structure import Structure
+from updyn.control.task import Task, task_of
 from updyn.errors import ModelError
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
@@ -86,10 +87,8 @@ def conversions(
     >>> next(c.error < 0.01 for c in found if c.name == "complex")
     True
     """
-    own = model_of(model)
-    task, _ = task_of(
-        own, as_ports(inputs, "input"), as_ports(outputs, "output"), band, quantity, tier, backend
-    )
+    ports = as_ports(inputs, "input"), as_ports(outputs, "output")
+    task, _ = task_of(Structure.of(model), *ports, band, quantity, tier, backend)
     return tuple(error_of(task, name) for name in (*_OWN, *REFUSED))
 
 

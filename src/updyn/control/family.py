@@ -14,9 +14,10 @@ from updyn.control.lines import sweep
 from updyn.control.plant import Plant
 from updyn.control.ports import Port, as_ports
 from updyn.control.shared import Shared
+from updyn.control.structure import Structure
 from updyn.control.target import Kept
 from updyn.dofs import Dof
-from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.affine import State
 from updyn.engines import Engine, opened_engine
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import check_lines
@@ -372,15 +373,13 @@ class _Basis:
 
 def _shared(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
     """Return the basis that holds at the members, and at which of them it does."""
-    start = AffineSystem.compile(own.start)
-    unknowns = Unknowns.find(start, own.parameters)
-    at = np.array([own.values[name] for name in own.parameters.names])
-    estimate = unknowns.state(start, at)
-    states = [unknowns.state(start, row) for row in drawn.values]
-    training = [unknowns.state(start, row) for row in drawn.training]
+    structure = Structure.of(own)
+    unknowns = Unknowns.find(structure.system, own.parameters)
+    states = [unknowns.state(structure.system, row) for row in drawn.values]
+    training = [unknowns.state(structure.system, row) for row in drawn.training]
     plants, holds = Shared.of(
-        own.model,
-        (replace(start, start=estimate), training, states),
+        structure,
+        (training, states),
         making.inputs,
         making.outputs,
         making.band,
@@ -389,7 +388,7 @@ def _shared(own: UpdateResult, making: _Making, drawn: _Drawn) -> _Basis:
         making.options["error"],
         making.options["backend"],
     )
-    return _Basis(plants, estimate, tuple(states), holds)
+    return _Basis(plants, structure.system.start, tuple(states), holds)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

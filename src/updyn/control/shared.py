@@ -15,10 +15,10 @@ from updyn.control.ports import Port
 from updyn.control.realised import realised
 from updyn.control.space import Projection, shared_projection
 from updyn.control.spectrum import Spectrum
+from updyn.control.structure import Structure
 from updyn.control.target import Kept
 from updyn.control.task import Task, aimed, check_begin
-from updyn.dynamics.affine import AffineSystem, State
-from updyn.model import Model
+from updyn.dynamics.affine import State
 
 __all__ = ["Shared"]
 
@@ -53,8 +53,8 @@ class Shared:
     @classmethod
     def of(
         cls,
-        model: Model,
-        states: tuple[AffineSystem, Sequence[State], Sequence[State]],
+        structure: Structure,
+        states: tuple[Sequence[State], Sequence[State]],
         inputs: tuple[Port, ...],
         outputs: tuple[Port, ...],
         band: Sequence[float],
@@ -67,22 +67,21 @@ class Shared:
 
         Parameters
         ----------
-        model : Model
-            The structure at the estimate.
-        states : tuple of (AffineSystem, sequence of State, sequence of State)
-            The same, compiled; the states by which its basis is enriched; those of the members.
+        structure : Structure
+            At the estimate.
+        states : tuple of (sequence of State, sequence of State)
+            Those by which its basis is enriched, and those of the members.
         inputs, outputs, band, tolerance, quantity, error, backend
             As for `plant`.
         """
         check_error(error)
         check_tolerance(tolerance)
         limits, quantities = check_band(band), quantities_of(quantity, len(outputs))
-        system, training, members = states
         projection, holds = shared_projection(
-            model, system, inputs, outputs, limits, training, members, backend=backend
+            structure, inputs, outputs, limits, *states, backend=backend
         )
         ports = inputs, outputs
-        return cls(projection, model.title, ports, quantities, tolerance, error), holds
+        return cls(projection, structure.model.title, ports, quantities, tolerance, error), holds
 
     def member(self, state: State, route: str, like: Kept | None = None) -> tuple[Plant, Kept]:
         """Return the plant of a state.

@@ -11,7 +11,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from updyn.control.ports import Port, port_matrix
+from updyn.control.structure import Structure
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.kept_basis import begin
 from updyn.dynamics.modes import modes
 from updyn.dynamics.reduced import ReducedSolver, Reduction
 from updyn.errors import ModelError, SolverError
@@ -307,14 +309,13 @@ def modal_space(
     DofError
         If the model has not the DOFs of a port.
     """
-    system = AffineSystem.compile(model)
-    found = projection(model, system, inputs, outputs, band, backend=backend, accuracy=accuracy)
-    return found.space(system.start)
+    structure = Structure.of(model)
+    found = projection(structure, inputs, outputs, band, backend=backend, accuracy=accuracy)
+    return found.space(structure.system.start)
 
 
 def projection(
-    model: Model,
-    system: AffineSystem,
+    structure: Structure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: tuple[float, float],
@@ -326,19 +327,16 @@ def projection(
 
     Parameters
     ----------
-    model : Model
-        The structure.
-    system : AffineSystem
-        The same, compiled.
+    structure : Structure
+        The model.
     inputs, outputs, band, backend, accuracy
         As for `modal_space`.
     """
-    return _Projecting(model, system, inputs, outputs, band).at_start(backend, accuracy)
+    return _Projecting(structure, inputs, outputs, band).at_start(backend, accuracy)
 
 
 def shared_projection(
-    model: Model,
-    system: AffineSystem,
+    structure: Structure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: tuple[float, float],
@@ -352,10 +350,8 @@ def shared_projection(
 
     Parameters
     ----------
-    model : Model
-        The structure.
-    system : AffineSystem
-        The same, compiled.
+    structure : Structure
+        The model.
     inputs, outputs, band
         As for `modal_space`.
     training : sequence of State
@@ -371,15 +367,15 @@ def shared_projection(
     holds : ndarray of bool, shape (len(states),)
         At which of the states the basis is as accurate as asked.
     """
-    making = _Projecting(model, system, inputs, outputs, band)
-    if system.n <= _WHOLE:
+    making = _Projecting(structure, inputs, outputs, band)
+    if structure.system.n <= _WHOLE:
         return making.whole(), np.ones(len(states), dtype=np.bool_)
     reduction, _ = making.reduced(backend, accuracy)
     lines = np.array(_LINES) * band[1]
     lines = lines[lines >= band[0]]
     reduction.enrich(training[:_AT_LEAST], lines)
     # Where the basis holds by now, further ones would only make it larger.
-    reduction.enrich(training[_AT_LEAST:], lines, allowed=accuracy)
+    reduction.enrich(training[_AT_LEAST:], lines, allowed=0.5 * accuracy)
     holds = reduction.lacking(states, lines) <= accuracy
     said = f"{reduction.basis.size} basis vectors of a reduced model, one basis for all members"
     return making.of(reduction, said), holds
@@ -389,11 +385,18 @@ def shared_projection(
 class _Projecting:
     """What a basis is made of."""
 
-    model: Model
-    system: AffineSystem
+    structure: Structure
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     band: tuple[float, float]
+
+    @property
+    def model(self) -> Model:
+        return self.structure.model
+
+    @property
+    def system(self) -> AffineSystem:
+        return self.structure.system
 
     def at_start(self, backend: str | None, accuracy: float) -> Projection:
         if self.system.n <= _WHOLE:
@@ -420,8 +423,9 @@ class _Projecting:
         (into, _), (out, _) = self._ports
         system, band = self.system, self.band
         reduction = Reduction(system, out, into, band, check_backend(backend), accuracy)
-        reduction.build(system.start)
-        found = reduction.certify(system.start, np.linspace(band[0], band[1], 400))
+        lines, own = np.linspace(band[0], band[1], 400), self.structure
+        begin(reduction, own.source, own.kept_basis, system.start, lines)
+        found = reduction.certify(system.start, lines)
         # Rounding is the model's own: no basis is without it.
         lacking = found.error - found.rounding
         if lacking > accuracy:

@@ -18,14 +18,12 @@ from updyn.control.rational_fit import Approximation
 from updyn.control.real_modes import biot, diagonal, full, single_frequency
 from updyn.control.space import Conversion, ModalSpace, imaginary, projection, rates
 from updyn.control.spectrum import Spectrum
+from updyn.control.structure import Structure
 from updyn.control.target import Kept, Target, answered, target_lines
-from updyn.dynamics.affine import AffineSystem
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.frf import QUANTITIES
-from updyn.model import Model
-from updyn.updating.result import JointResult, UpdateResult
 
-__all__ = ["Task", "aimed", "check_begin", "model_of", "task_of"]
+__all__ = ["Task", "aimed", "check_begin", "task_of"]
 
 _TERMS = (2, 3, 4, 6, 8)
 _EXTRA = (0, 2, 4)
@@ -131,37 +129,8 @@ def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) 
     return SlowMotion(A, B, displacements, slow.velocities, modes.frequency[kept])
 
 
-def model_of(given: object) -> Model:
-    """Return the model of what a plant is asked of.
-
-    Parameters
-    ----------
-    given : Model or UpdateResult
-        The structure.
-
-    Raises
-    ------
-    OptionError
-        If it is neither, or the result of several tests.
-    """
-    if isinstance(given, Model):
-        return given
-    if isinstance(given, JointResult):
-        names = ", ".join(repr(n) for n in given.results)
-        raise OptionError(
-            f"plant: the update has several tests ({names}), each with its own model; pass the"
-            " result of the one whose boundary conditions are those of the plant, such as"
-            f" result[{next(iter(given.results))!r}]"
-        )
-    if not isinstance(given, UpdateResult):
-        raise OptionError(
-            f"plant: expected a model or the result of an update, found {type(given).__name__}"
-        )
-    return given.model
-
-
 def task_of(
-    model: Model,
+    structure: Structure,
     inputs: tuple[Port, ...],
     outputs: tuple[Port, ...],
     band: Sequence[float],
@@ -170,12 +139,12 @@ def task_of(
     backend: str | None,
     measure: str = "relative",
 ) -> tuple[Task, tuple[str, ...]]:
-    """Return the task of a model, and the quantity of each output.
+    """Return the task of a structure, and the quantity of each output.
 
     Parameters
     ----------
-    model : Model
-        The structure.
+    structure : Structure
+        What the plant is of.
     inputs, outputs : tuple of Port
         Where it is driven and read.
     band, quantity, tier, backend
@@ -190,12 +159,12 @@ def task_of(
     """
     limits = check_band(band)
     quantities = quantities_of(quantity, len(outputs))
-    system = AffineSystem.compile(model)
-    found = projection(model, system, inputs, outputs, limits, backend=backend)
+    system = structure.system
+    found = projection(structure, inputs, outputs, limits, backend=backend)
     space = found.space(system.start)
     check_begin(space, limits[0])
     ports = inputs, outputs
-    answer = answered(model, *ports, space.solver, tier, backend)
+    answer = answered(structure.model, *ports, space.solver, tier, backend)
     task = aimed(
         ports,
         quantities,

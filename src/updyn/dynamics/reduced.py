@@ -96,6 +96,8 @@ _BESIDE = 4
 #: of what is allowed.
 _MARGIN = 0.2
 _PASSES = 24
+#: States of which no mass and no stiffness differs by more than this share are beside each other.
+_CLOSE = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -518,6 +520,41 @@ class Reduction:
             If K + omega_max^2 M is not definite, or the reduced model is singular at a line.
         """
         definite = self._factorised(state, -self._top)
+        found = self._certified(definite, state, freq, enrich=enrich, count=count)
+        self._sparse.release()
+        return found
+
+    def errors(self, states: Sequence[State], freq: _Real) -> _Real:
+        """Compute the error at several states, the basis as it is.
+
+        Parameters
+        ----------
+        states : sequence of State
+            Of the model. States that are beside each other share a factorisation: P of one is as
+            definite for the next, and 1 + 0.1 times as large at most.
+        freq : ndarray of float, shape (n_f,)
+            All lines that matter, in Hz.
+
+        Returns
+        -------
+        ndarray of float, shape (len(states),)
+            As `Certificate.error`.
+
+        Raises
+        ------
+        SolverError
+            As `certify`.
+        """
+        return np.array(
+            [
+                self._certified(definite, state, freq, enrich=False, count=_COUNT).error
+                for definite, state in self._definites(states)
+            ]
+        )
+
+    def _certified(
+        self, definite: Factorised, state: State, freq: _Real, *, enrich: bool, count: int
+    ) -> Certificate:
         level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         lines = _some_lines(freq, level, count, 0)
         for number in range(1, _PASSES + 1):
@@ -535,18 +572,19 @@ class Reduction:
                 break
             lines = _worst_lines(freq, estimate.shares, count)
         self.basis = self.basis.leading(size)
-        self._sparse.release()
         return estimate.certificate(size, tuple(lines), self.factorisations)
 
-    def settle(self, state: State, freq: _Real, *, accuracy: float | None = None) -> None:
-        """Enrich the basis at a state until the residuals at some lines are small enough.
+    def settle(
+        self, states: Sequence[State], freq: _Real, *, accuracy: float | None = None
+    ) -> None:
+        """Enrich the basis at some states until the residuals at some lines are small enough.
 
         As `certify`, but for the error at all lines, which is not computed.
 
         Parameters
         ----------
-        state, freq
-            As for `certify`.
+        states, freq
+            As for `errors`.
         accuracy : float, optional
             Another one than that of the reduction.
 
@@ -555,15 +593,14 @@ class Reduction:
         SolverError
             As `certify`.
         """
-        definite = self._factorised(state, -self._top)
-        level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
-        for number in range(_PASSES):
-            size = self.basis.size
-            self._checked(definite, state, _some_lines(freq, level, _COUNT, number), allowed)
-            if self.basis.size == size:
-                break
-        self._sparse.release()
+        for definite, state in self._definites(states):
+            level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
+            for number in range(_PASSES):
+                size = self.basis.size
+                self._checked(definite, state, _some_lines(freq, level, _COUNT, number), allowed)
+                if self.basis.size == size:
+                    break
 
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
         """Enrich the basis by what it lacks at some lines of several states.
@@ -578,10 +615,23 @@ class Reduction:
             The error up to which nothing is added; by default a fifth of the accuracy wanted.
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
-        for state in states:
-            definite = self._factorised(state, -self._top)
+        for definite, state in self._definites(states):
             self._checked(definite, state, freq.tolist(), allowed)
-        self._sparse.release()
+
+    def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
+        """Enrich the basis once by what it lacks at several states, each at lines of its own.
+
+        Parameters
+        ----------
+        states : sequence of State
+            As for `errors`.
+        freq : ndarray of float, shape (n_f,)
+            All lines that matter, in Hz; each state takes every n-th of them, from another one on.
+        """
+        stride = -(-len(freq) // _COUNT)
+        for number, (definite, state) in enumerate(self._definites(states)):
+            lines = freq[number % stride :: stride]
+            self._checked(definite, state, lines.tolist(), _MARGIN * self.accuracy)
 
     def below(self, state: State, frequency: float) -> int | None:
         """Return how many modes of the whole model lie below a frequency, by Sylvester's law.
@@ -695,8 +745,7 @@ class Reduction:
             The largest error of a receptance as a share of the largest of its line.
         """
         solver, worst = self.solver(), np.zeros(len(states))
-        for number, state in enumerate(states):
-            definite = self._factorised(state, -self._top)
+        for number, (definite, state) in enumerate(self._definites(states)):
             for first in range(0, len(freq), _TOGETHER):
                 some = freq[first : first + _TOGETHER]
                 lines = LineResiduals(solver, self.basis, self._channels, state, some)
@@ -704,8 +753,18 @@ class Reduction:
                 share = SAFETY * float((errors / self._channels.levels(lines.H)).max())
                 worst[number] = max(worst[number], share)
             self.poll()
-        self._sparse.release()
         return worst
+
+    def _definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
+        """Yield states with P = K + omega_max^2 M of each, or of one beside it."""
+        at: State | None = None
+        try:
+            for state in states:
+                if at is None or not _are_close(state, at):
+                    definite, at = self._factorised(state, -self._top), state
+                yield definite, state
+        finally:
+            self._sparse.release()
 
     def _orthonormal(self, W: _Real, state: State) -> _Real:
         """Return what spans the columns of W, shape (N, k), orthonormal in K + omega_max^2 M.
@@ -889,6 +948,12 @@ class _Estimate:
             lines,
             factorisations,
         )
+
+
+def _are_close(state: State, other: State) -> bool:
+    """Whether masses and stiffnesses of two states are alike."""
+    change = np.abs(state.factor - other.factor)
+    return bool((change <= _CLOSE * np.abs(other.factor)).all())
 
 
 def _columns(rows: list[Any], first: int, last: int) -> Any:

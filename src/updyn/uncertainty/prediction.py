@@ -14,6 +14,7 @@ from updyn.dynamics.fields import ACCURACY
 from updyn.errors import DataError, OptionError, SolverError
 from updyn.frf import FRF, check_lines
 from updyn.uncertainty.draws import Draws
+from updyn.uncertainty.likelihood import furthest
 from updyn.uncertainty.restored import estimate_of, restore, solved_by
 from updyn.uncertainty.surrogate import Surrogate, excess
 from updyn.updating.judge.identifiability import analyse
@@ -33,6 +34,8 @@ _Complex = NDArray[np.complex128]
 _DRAWS = 1000
 #: Solves of a line from which a reduced model is made: it takes about 20.
 _SOLVES = 40
+#: Points by which it is enriched.
+_POINTS = 4
 #: Change of H along an undetermined combination, as a share of |H|, that makes a band infinite.
 _OPEN = 1e-6
 
@@ -122,7 +125,7 @@ def predict(
     problem = _problem(result, freq, responses, references, quantity, as_read=noise)
     x = problem.coordinates.to_x(estimate_of(result))
     at = x[None] if draws is None else _some(draws, problem)
-    problem = _in_fewer(problem, x, at, accuracy)
+    problem = _in_fewer(result, problem, x, at, accuracy)
     variance = None
     if noise:
         variance = _noise(result, problem, x)
@@ -282,13 +285,15 @@ def _from_draws(
     )  # fmt: skip
 
 
-def _in_fewer(part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
+def _in_fewer(result: UpdateResult, part: Part, x: _Real, X: _Real, accuracy: float) -> Part:
     """Return a part with a reduced model about x, if it takes less time at points, shape (m, n)."""
     few = len(X) * part.n_lines < _SOLVES
     if part.solver.tier == "dense" or few or part.frf.freq[-1] == 0.0:
         return part
-    surrogate = Surrogate(Problem.of([part]), accuracy)
+    surrogate = Surrogate(Problem.of([part]), [result], accuracy)
     surrogate.begin(x)
+    if len(X) > 1:
+        surrogate.enrich(list(furthest(X, min(_POINTS, len(X)))))
     reduction = surrogate.settled(lambda problem: X)
     if errs := excess(reduction, "the furthest points"):
         raise SolverError(f"{errs} Allow it by accuracy=, or predict a narrower band")

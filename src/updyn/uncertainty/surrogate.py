@@ -1,8 +1,9 @@
 """Reduced models about the estimate, for the uncertainty of large ones, and their error.
 
-A basis is built at the estimate and enriched at a few points about it, as far from it as draws are,
-until the residual of the full model says that it is accurate there. Afterwards its error is
-evaluated at the points furthest from their mean. At no line is the full model solved.
+A basis that holds at the estimate is taken from that of the update, or built. It is enriched by
+what the residual of the full model says that it lacks at a few points about it, as far off as draws
+are. Afterwards its error is evaluated at the points furthest from their mean, and it is enriched
+further where that is too large. At no line is the full model solved.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.kept_basis import begin
 from updyn.dynamics.reduced import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.restored import RestoredFit
 from updyn.updating.fit.reducing import reduction_of
 from updyn.updating.problem.problem import Problem
+from updyn.updating.result import UpdateResult
 
 __all__ = ["Surrogate", "excess", "reduced_about", "run_about"]
 
@@ -42,11 +45,14 @@ class Surrogate:
     ----------
     exact : Problem
         The problem with the full models.
+    results : sequence of UpdateResult
+        The update of each part, with the basis to begin with.
     accuracy : float
         Largest error of a receptance, as a share of the largest receptance of its line.
     """
 
     exact: Problem
+    results: Sequence[UpdateResult]
     accuracy: float
     _reductions: list[Reduction] = field(init=False)
 
@@ -59,7 +65,7 @@ class Surrogate:
         return sum(r.basis.size for r in self._reductions)
 
     def begin(self, x: _Vector) -> None:
-        """Build the bases at the estimate.
+        """Begin the bases at the estimate.
 
         Parameters
         ----------
@@ -73,16 +79,24 @@ class Surrogate:
         Stopped
             If the user wants to stop.
         """
-        for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
-            reduction.build(part.state(x))
-            reduction.settle(part.state(x), part.frf.freq)
+        for part, reduction, result in zip(
+            self.exact.parts, self._reductions, self.results, strict=True
+        ):
+            state, freq = part.state(x), part.frf.freq
+            begin(reduction, result.start, result.kept_basis, state, freq)
+            reduction.settle([state], freq)
 
     def enrich(self, points: Sequence[_Vector]) -> None:
-        """Enrich the bases at some points; skip those where the model cannot be solved."""
-        for x in points:
-            for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
-                with suppress(SolverError):
-                    reduction.settle(part.state(x), part.frf.freq)
+        """Enrich the bases by what they lack at some points, as far as the model can be solved."""
+        for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
+            with suppress(SolverError):
+                reduction.enrich_around([part.state(x) for x in points], part.frf.freq)
+
+    def settle(self, points: Sequence[_Vector]) -> None:
+        """Enrich the bases at some points until they lack nothing, as `enrich`."""
+        for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
+            with suppress(SolverError):
+                reduction.settle([part.state(x) for x in points], part.frf.freq)
 
     def problem(self) -> Problem:
         """Return the problem with the current reduced models."""
@@ -92,19 +106,18 @@ class Surrogate:
             parts.append(replace(part, solver=solver))
         return Problem.of(parts)
 
-    def error(self, x: _Vector) -> float:
-        """Return the largest error at a point, relative to the largest receptance of its line.
+    def error(self, points: Sequence[_Vector]) -> float:
+        """Return the largest error at some points, relative to the largest receptance of its line.
 
         It is inf where the model cannot be solved.
         """
         errors = []
         for part, reduction in zip(self.exact.parts, self._reductions, strict=True):
             try:
-                found = reduction.certify(part.state(x), part.frf.freq, enrich=False)
+                errors.append(reduction.errors([part.state(x) for x in points], part.frf.freq))
             except SolverError:
                 return np.inf
-            errors.append(found.error)
-        return max(errors)
+        return float(np.max(errors))
 
     def settled(self, run: Callable[[Problem], NDArray[np.float64]]) -> dict[str, Any]:
         """Run something in the reduced models, again in better ones while they err too much.
@@ -131,10 +144,10 @@ class Surrogate:
             if not len(reached):
                 return {}
             far = furthest(reached, min(_CHECKED, len(reached)))
-            error = max(map(self.error, far))
+            error = self.error(list(far))
             if error <= self.accuracy or number == _ENRICHMENTS:
                 break
-            self.enrich(list(far))
+            self.settle(list(far))
         return {"basis": self.size, "error": error, "accuracy": self.accuracy}
 
 
@@ -215,7 +228,7 @@ def reduced_about(restored: RestoredFit, accuracy: float, seed: int) -> Surrogat
     """
     if all(part.solver.tier == "dense" for part in restored.problem.parts):
         return None
-    surrogate = Surrogate(restored.whole, accuracy)
+    surrogate = Surrogate(restored.whole, restored.results, accuracy)
     surrogate.begin(restored.x)
     likelihood = restored.with_problem(surrogate.problem()).likelihood()
     local = likelihood.local(restored.x)

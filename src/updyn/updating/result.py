@@ -6,7 +6,7 @@ import html
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from updyn.correlation.figures import agreement_table
+from updyn.dynamics.kept_basis import KeptBasis
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
 from updyn.modal import ModeSet
@@ -118,6 +119,9 @@ class UpdateResult:
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
         for: `updyn.modal_table` does so, and a run of a job.
+    kept_basis : KeptBasis or None
+        Where the reduced models of what follows in this process begin: the basis with which a fit
+        of the reduced tier ended. It is neither saved nor pickled; without it they begin anew.
 
     Examples
     --------
@@ -158,6 +162,7 @@ class UpdateResult:
     trust: Trust | None = None
     findings: tuple[Finding, ...] = ()
     modes: ModalTable | None = None
+    kept_basis: KeptBasis | None = field(default=None, repr=False)
 
     @property
     def frf(self) -> FRF:

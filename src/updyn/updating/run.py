@@ -224,6 +224,9 @@ def run(
         own: dict[str, Any] = {}
         if i < len(parts):
             own |= {**_solved(parts[i], reduced), **_left_out(problem.parts[i])}
+        kept = None
+        if reduced is not None and i < len(parts):
+            kept = reduced.kept_basis(i, test.model)
         result = UpdateResult(
             **common,
             **_of_data(problem, (*splits, *modal_splits), i),
@@ -235,6 +238,7 @@ def run(
             noise=dict(fit.noise[i]) if fit.noise else {},
             correlation=found.correlation[i],
             adequacy=found.adequacy[i],
+            kept_basis=kept,
         )
         results.append(result)
     return results

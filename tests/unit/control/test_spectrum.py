@@ -10,6 +10,7 @@ import updyn
 from updyn.control.ports import as_ports
 from updyn.control.space import Projection, projection
 from updyn.control.spectrum import Spectrum
+from updyn.control.structure import Structure
 from updyn.dynamics.affine import AffineSystem
 
 LINES = np.linspace(0.5, 60.0, 400)
@@ -51,9 +52,9 @@ def row(
 
 
 def projected(model: updyn.Model) -> tuple[Projection, AffineSystem]:
-    system = AffineSystem.compile(model)
+    structure = Structure.of(model)
     ports = as_ports(["1:X", "5:X"], "input"), as_ports(["1:X", "4:X", "8:X"], "output")
-    return projection(model, system, *ports, BAND), system
+    return projection(structure, *ports, BAND), structure.system
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
+from reduced_cases import moved, plate, true_error
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
@@ -15,66 +16,10 @@ from updyn.errors import OptionError
 from updyn.sensitivity import Unknowns
 
 
-def springs(i: np.ndarray, j: np.ndarray, n: int) -> sp.csr_array:
-    """1e6 N/m between the DOFs i and j."""
-    ends = sp.csr_array(
-        (np.r_[np.ones(len(i)), -np.ones(len(j))], (np.tile(np.arange(len(i)), 2), np.r_[i, j])),
-        shape=(len(i), n),
-    )
-    return sp.csr_array(1e6 * ends.T @ ends)
-
-
-def plate(
-    m: int = 22, *, held: bool = True, local: float = 0.0, damper: float = 0.0
-) -> updyn.Model:
-    """A grid of m x m masses on springs, in four quarters with 1, 2, 3 and 4 % of loss."""
-    n = m * m
-    node = np.arange(n).reshape(m, m)
-    quarter = np.add.outer(2 * (np.arange(m) >= m // 2), np.arange(m) >= m // 2).ravel()
-    i = np.r_[node[:-1].ravel(), node[:, :-1].ravel()]
-    j = np.r_[node[1:].ravel(), node[:, 1:].ravel()]
-    groups = {}
-    for q in range(4):
-        own = (quarter[i] == q) & (quarter[j] == q)
-        loss = local if local and q == 3 else 0.01 * (q + 1)
-        mass = sp.diags_array((quarter == q) * (1.0 + 0.1 * q))
-        groups[f"quarter {q + 1}"] = updyn.Group(springs(i[own], j[own], n), mass, loss_factor=loss)
-    seam = quarter[i] != quarter[j]
-    groups["seams"] = updyn.Group(springs(i[seam], j[seam], n), loss_factor=0.015)
-    if held:
-        groups["ground"] = updyn.Group(
-            sp.diags_array(np.where(np.arange(n) < m, 1e6, 0.0)), loss_factor=0.01
-        )
-    if damper:
-        at = np.array([n - 1, n // 2])
-        groups["dampers"] = updyn.Group(
-            viscous=sp.csr_array((np.full(2, damper), (at, at)), shape=(n, n))
-        )
-    return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in range(n)])
-
-
 def built(system: AffineSystem, state: State, *about: object, accuracy: float = 1e-5) -> Reduction:
     reduction = Reduction(system, *about, "superlu", accuracy)  # type: ignore[arg-type]
     reduction.build(state)
     return reduction
-
-
-def true_error(system: AffineSystem, state: State, reduction: Reduction, freq: np.ndarray) -> float:
-    exact, fast = LineSolver.choose(system, "sparse"), reduction.solver()
-    c = system.coefficients(state, 2 * np.pi * freq)
-    H = exact.at(exact.solve(c, reduction.columns, freq), reduction.rows)
-    R = fast.at(fast.solve(c, reduction.columns, freq), reduction.rows)
-    return float((np.abs(H - R).max(axis=(0, 2)) / np.abs(H).max(axis=(0, 2))).max())
-
-
-def moved(system: AffineSystem, size: float, seed: int = 1) -> State:
-    rng = np.random.default_rng(seed)
-    factor = system.start.factor * np.exp(size * rng.standard_normal(len(system.terms)))
-    return State(
-        factor,
-        system.start.loss * np.exp(size * rng.standard_normal(len(system.terms))),
-        system.start.rate,
-    )
 
 
 SENSORS, FORCES = np.array([470, 250, 130, 60, 31, 400, 333, 222]), np.array([470, 31])
@@ -180,13 +125,29 @@ def test_a_basis_of_the_start_is_caught_after_the_unknowns_have_moved_and_cured(
     assert true_error(system, there, reduction, UNSEEN) <= 1e-5
 
 
+def test_the_error_at_states_beside_each_other_takes_one_factorisation() -> None:
+    system = AffineSystem.compile(plate())
+    near = [moved(system, 0.02, seed) for seed in range(3)]
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
+    reduction.enrich_around(near, BAND)
+    before = reduction.factorisations
+    stated = reduction.errors([*near, moved(system, 0.3)], BAND)
+    assert reduction.factorisations == before + 2
+    true = [true_error(system, state, reduction, BAND) for state in near]
+    assert (np.array(true) <= stated[:3]).all()
+    assert stated[:3].max() <= 1e-5
+    for state, error in zip(near, stated, strict=False):  # by their own factorisation
+        own = reduction.certify(state, BAND, enrich=False).error
+        assert error == pytest.approx(own, rel=0.2)
+
+
 def test_a_basis_that_has_settled_is_certified_as_it_is() -> None:
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
     built_size = reduction.basis.size
-    reduction.settle(system.start, BAND, accuracy=1e-4)
+    reduction.settle([system.start], BAND, accuracy=1e-4)
     roughly = reduction.basis.size
-    reduction.settle(system.start, BAND)
+    reduction.settle([system.start], BAND)
     size = reduction.basis.size
     assert built_size <= roughly < size
     assert reduction.certify(system.start, BAND).size == size
@@ -199,7 +160,7 @@ def test_a_group_without_entries_is_no_hindrance() -> None:
     groups = {**model.groups, "none": updyn.Group(stiffness=empty, mass=empty)}
     system = AffineSystem.compile(updyn.Model.from_groups(groups, model.dofs))
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]), accuracy=1e-7)
-    reduction.settle(system.start, BAND)
+    reduction.settle([system.start], BAND)
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-7
 
 

@@ -29,10 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import TIERS, FieldSolver
-from updyn.dynamics.reduced import Certificate, Reduction
+from updyn.dynamics.kept_basis import KeptBasis
+from updyn.dynamics.reduced import Basis, Certificate, Reduction
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.frf import FRF
 from updyn.linalg.solver import Factorised
+from updyn.model import Model
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import as_likely, differ, distance, equals, is_at, preferred
 from updyn.updating.fit.belief import Belief
@@ -240,6 +242,7 @@ class _Certified:
     answer: Answer
     place: _Vector
     certificates: Sequence[Certificate | None]
+    bases: Sequence[Basis]
 
 
 @dataclass(slots=True, eq=False)
@@ -529,8 +532,7 @@ class Reducing:
         with suppress(SolverError):
             with monitor.stage("reduce"):
                 if self._x is not chosen.place:
-                    self._make(chosen.answer.x)
-                    self._enrich(chosen.answer.x)
+                    self._use_again(chosen)
             models = _About.of(self, chosen)
             for point in strategy.others(models, noises, monitor, chosen.answer, self._ends):
                 if monitor.stopped:
@@ -563,15 +565,24 @@ class Reducing:
         if answer is None:
             return None
         certificates = [part.certificate for part in self._parts]
-        return _Certified(problem, fit, answer, self._x, certificates)
+        bases = [part.reduction.basis for part in self._parts]
+        bases = [basis.leading(basis.size) for basis in bases]
+        return _Certified(problem, fit, answer, self._x, certificates, bases)
 
     def _use_again(self, one: _Certified) -> None:
         """Take the reduced models of a certified fit again."""
         self._x, self.certified = one.place, True
-        for part, solved, certificate in zip(
-            self._parts, one.problem.parts, one.certificates, strict=True
+        for part, solved, certificate, basis in zip(
+            self._parts, one.problem.parts, one.certificates, one.bases, strict=True
         ):
             part.solver, part.certificate = solved.solver, certificate
+            part.reduction.basis = basis.leading(basis.size)
+
+    def kept_basis(self, i: int, model: Model) -> KeptBasis | None:
+        """Return the basis of a part, whose model is given, where the fit ended; if certified."""
+        if not self.certified:
+            return None
+        return KeptBasis.of(model, self._parts[i].reduction)
 
     def _better(self, problem: Problem, noises: Sequence[NoiseModel], x: _Vector) -> _Vector:
         """Return where a search ended, or the start where its log error is smaller.
@@ -653,7 +664,7 @@ class Reducing:
         """Add to the reduced models what they lack at x, of some times the error wanted."""
         for part in self._parts:
             state, accuracy = part.exact.state(x), times * part.reduction.accuracy
-            part.reduction.settle(state, part.exact.frf.freq, accuracy=accuracy)
+            part.reduction.settle([state], part.exact.frf.freq, accuracy=accuracy)
         self._use(x)
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
