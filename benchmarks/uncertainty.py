@@ -1,11 +1,11 @@
 """What follows an update of a large model, beside the update: time, and how much makes bases.
 
 Solids of `solids.py` (18 unknowns, 60 lines, two forces, 1 % noise), fitted from a start that is
-far off. Each analysis makes a reduced model of its own, as it could if the update were read from a
-file. Processor time, one thread.
+far off. Each analysis begins with what it needs of the basis of the update; with `--alone` with its
+own, as if that were read from a file. Processor time, one thread.
 
     OMP_NUM_THREADS=1 python benchmarks/uncertainty.py [--size 2025] [--sensors 8] [--draws 20]
-        [--seed 1]
+        [--seed 1] [--alone]
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import solids
@@ -74,6 +75,7 @@ def main() -> None:
     parser.add_argument("--sensors", type=int, default=8)
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--alone", action="store_true", help="without the basis of the update")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     true, clean, _ = solids.measured(args.size, args.sensors)
@@ -83,6 +85,8 @@ def main() -> None:
     watch = Watch()
     print(f"{args.size} DOFs, {args.sensors} sensors\n\n| | s | of it bases |\n|---|---|---|")
     result = watch.run("update", lambda: updyn.update(start, frf, unknowns))
+    if args.alone:
+        result = replace(result, kept_basis=None)
     draws = watch.run(
         f"bootstrap, {args.draws} refits", lambda: updyn.bootstrap(result, n=args.draws)
     )

@@ -397,7 +397,10 @@ def descend(
     if within is not None:
         return settings.minimise(evaluate, x, lower, upper, monitor.step, within)
     outermost = problem.coordinates.relaxed_lower if relax else lower
-    outcome = settings.minimise(evaluate, x, outermost, upper, monitor.step)
+    # A descent that a box cuts into rounds need not learn anew how far its steps may go.
+    first = settings if problem.coordinates.box is None else monitor.resumed(settings, x)
+    outcome = first.minimise(evaluate, x, outermost, upper, monitor.step)
+    monitor.ended(outcome)
     inside = np.clip(outcome.x, lower, upper)
     if (inside != outcome.x).any():
         try:

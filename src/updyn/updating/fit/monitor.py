@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.fit.trust_region import Step
+from updyn.updating.fit.trust_region import Outcome, Step, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
 
@@ -88,6 +88,7 @@ class Monitor:
     _n_lines: int = field(default=0, init=False)
     _accepted: int = field(default=0, init=False)
     _in_vain: bool | None = field(default=None, init=False)
+    _latest: Outcome | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         if self.callback is not None:
@@ -106,6 +107,17 @@ class Monitor:
         if self._in_vain is None:
             self._in_vain = self.overrule is not None and self.overrule()
         return self._in_vain
+
+    def ended(self, outcome: Outcome) -> None:
+        """Remember where a descent has ended."""
+        self._latest = outcome
+
+    def resumed(self, settings: TrustRegion, x: NDArray[np.float64]) -> TrustRegion:
+        """Return settings with the radius of the latest descent, where it ran out of steps at x."""
+        latest = self._latest
+        if latest is None or not np.array_equal(latest.x, x):
+            return settings
+        return replace(settings, radius=min(settings.radius, latest.radius))
 
     @contextmanager
     def stage(self, name: str, problem: Problem | None = None) -> Iterator[None]:

@@ -83,11 +83,14 @@ class Outcome:
         The problem there.
     reason : {"converged", "stalled", "unsolvable", "max-iterations", "stopped"}
         Why it ended; unsolvable where the model cannot be solved at the points next to it.
+    radius : float
+        The trust radius with which it would have gone on; of an iteration that ran out of steps.
     """
 
     x: _Vector
     local: Local
     reason: str
+    radius: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +226,7 @@ class TrustRegion:
                     return Outcome(x, here, "converged" if arrived else "stalled")
             if stop:
                 return Outcome(x, here, "stopped")
-        return Outcome(x, here, "max-iterations")
+        return Outcome(x, here, "max-iterations", radius)
 
 
 #: The Gauss-Newton model holds where it predicts what a step gains to this share, and where the

@@ -5,7 +5,7 @@ import pytest
 
 import updyn
 from updyn.updating.fit.monitor import Monitor, Progress, condition
-from updyn.updating.fit.trust_region import Step
+from updyn.updating.fit.trust_region import Outcome, Step, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
@@ -15,6 +15,20 @@ from updyn.updating.problem.residuals import LogError
 def problem(chain12, chain12_frf):
     unknowns = updyn.parameters(chain12, stiffness=["part1"], loss_factor=["part1"])
     return Part.build(chain12, chain12_frf, unknowns)
+
+
+def test_a_descent_resumes_with_its_radius_where_it_ran_out_of_steps(problem):
+    monitor, x = Monitor(Problem.of([problem])), np.array([0.1, 0.02])
+    settings = TrustRegion(radius=0.5)
+    assert monitor.resumed(settings, x) == settings
+    local = LogError().local(Problem.of([problem]), x)
+    monitor.ended(Outcome(x, local, "max-iterations", 0.03))
+    assert monitor.resumed(settings, x.copy()).radius == 0.03
+    assert monitor.resumed(settings, x + 0.1).radius == 0.5
+    monitor.ended(Outcome(x, local, "max-iterations", 3.0))
+    assert monitor.resumed(settings, x).radius == 0.5
+    monitor.ended(Outcome(x, local, "converged"))
+    assert monitor.resumed(settings, x).radius == 0.5
 
 
 def test_history_keeps_every_step_with_stage_and_values(problem):

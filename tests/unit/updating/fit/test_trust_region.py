@@ -196,6 +196,22 @@ def test_a_whole_step_that_gains_little_ends_the_iteration_whatever_the_radius()
     assert not steps
 
 
+def test_a_descent_that_is_cut_goes_on_with_its_radius():
+    """Cut after four steps it takes those that it takes in one go."""
+    start, seen, parts = np.array([-1.2, 1.0]), [], []
+
+    def steps_into(found):
+        return lambda step: found.append(step.x) or False
+
+    TrustRegion(8, radius=0.1).minimise(rosenbrock, start, *FREE, observe=steps_into(seen))
+    first = TrustRegion(4, radius=0.1).minimise(rosenbrock, start, *FREE, observe=steps_into(parts))
+    assert first.reason == "max-iterations"
+    TrustRegion(4, radius=first.radius).minimise(
+        rosenbrock, first.x, *FREE, observe=steps_into(parts)
+    )
+    np.testing.assert_allclose(parts, seen, rtol=1e-12)
+
+
 def test_points_that_cannot_be_evaluated_are_stepped_around():
     def walled(x):
         return None if x[0] > 1.5 else linear(np.eye(2), np.array([1.0, 1.0]))(x)
