@@ -246,8 +246,10 @@ def _likeliest(
     assert without is not None
     # What freed the unknowns from a poor minimum may not have been the fault.
     better = tried(here, None, [ranked[0].trial.x, *_imitating(here, ranked[0])])
-    lost = max(better.gain(without), 0.0) if better is not None else 0.0
-    if ranked[0].log_odds - lost < LIKELY:
+    if better is not None and better.gain(without) > 0.0:
+        against = compared([one.trial for one in ranked], better)
+        ranked = list(filter(is_worth_a_word, against))
+    if not _stands(ranked):
         return []
     return [one for one in ranked if is_as_likely(one, ranked[0])]
 
