@@ -129,11 +129,11 @@ class Search:
             Records the steps.
         """
         belief = Belief(problem, all(noise.size_known for noise in noises))
-        agreed, settled, in_vain = False, None, False
+        agreed, in_vain = False, False
         ends: list[Outcome] = []
         with suppress(Stopped):  # the best so far
             for number in range(_SEARCHES):
-                way = _on_few_lines(problem) if number == 0 else problem
+                way, begun = _on_few_lines(problem) if number == 0 else problem, len(ends)
                 starts = self._points(problem, number)
                 agreed = self._tried(problem, way, starts, belief, monitor, ends)
                 in_vain = not agreed and not monitor.stopped and monitor.is_in_vain()
@@ -141,11 +141,8 @@ class Search:
                     agreed = self._again(problem, belief, monitor, ends)
                 if agreed or in_vain or monitor.stopped:
                     break
-                self._go_on(problem, monitor, ends)
-                best = min(ends, key=_cost, default=None)
-                if best is not settled and best is not None:
-                    settled = best = self._hop(problem, way, best, belief, monitor, ends)
-                if best is not None and belief.plausible(best):
+                self._deepen(problem, way, begun, belief, monitor, ends)
+                if ends and belief.plausible(min(ends, key=_cost)):
                     break
         home = problem.coordinates.home
         found = [end.x for end in _distinct(ends)] or [home]
@@ -193,10 +190,31 @@ class Search:
         ends += own
         return agreed and min(map(_cost, own)) <= min(map(_cost, ends)) * (1.0 + SAME)
 
-    def _go_on(self, problem: Problem, monitor: Monitor, ends: list[Outcome]) -> None:
-        """Add where the best of the tries ends if its number of steps is not limited."""
-        best = min(ends, key=_cost, default=None)
-        if best is None or best.reason != "max-iterations":
+    def _deepen(
+        self,
+        problem: Problem,
+        way: Problem,
+        begun: int,
+        belief: Belief,
+        monitor: Monitor,
+        ends: list[Outcome],
+    ) -> None:
+        """Add the ends of further descents from the best end of a round, which began at `begun`.
+
+        What was found in an earlier round is left alone, as what is beside it is known. Another
+        basin may be nearer to the answer, though its end is not the best of all.
+        """
+        own = min(ends[begun:], key=_cost, default=None)
+        if own is None or any(_is_same(own, end) for end in ends[:begun]):
+            return
+        self._go_on(problem, monitor, own, ends)
+        self._hop(problem, way, min(ends[begun:], key=_cost), belief, monitor, ends)
+
+    def _go_on(
+        self, problem: Problem, monitor: Monitor, best: Outcome, ends: list[Outcome]
+    ) -> None:
+        """Add where a try ends if its number of steps is not limited."""
+        if best.reason != "max-iterations":
             return
         longer = replace(self._settings, max_iterations=_LONG * self.max_iterations)
         end = self._relaxed_descent(problem, log_error(problem), best.x, monitor, longer)
@@ -211,8 +229,8 @@ class Search:
         belief: Belief,
         monitor: Monitor,
         ends: list[Outcome],
-    ) -> Outcome:
-        """Return the best end of tries beside the best one, and beside each better one, adding it.
+    ) -> None:
+        """Add the better ends of tries beside an end, and beside each better one.
 
         They go on until it may be the answer, or so many have not found a better one. That others
         come back to it is no sign that tries from elsewhere would; only better ones are added.
@@ -226,7 +244,6 @@ class Search:
             if end is not None and end.local.cost < best.local.cost * (1.0 - SAME):
                 best, last = end, number
                 ends.append(best)
-        return best
 
     def beside(self, problem: Problem, x: _Vector, number: int, monitor: Monitor) -> _Vector | None:
         """Return where a try ends that begins beside a point, shape (n,).

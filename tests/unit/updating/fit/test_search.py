@@ -233,6 +233,35 @@ def test_what_few_lines_agree_on_is_tried_on_all_where_it_leaves_more_than_noise
         assert np.array_equal(found.points[0], np.clip(expected, *rough.coordinates.bounds))
 
 
+def test_each_round_goes_on_from_its_own_best_end(chain12, monkeypatch):
+    """Planetary gear: all tries beside the best end came back to it, from the best of a later round
+    the fifth one reached the answer."""
+    data = updyn.response(chain12, np.linspace(0.5, 20.0, 60), ["2:X", "12:X"], ["12:X"])
+    part = Part.build(chain12, data, updyn.parameters(chain12, stiffness="all"))
+    rough = coarse(Problem.of([part]), [Stated(0.01, 0.0)])
+    home = rough.coordinates.home
+    best, other, answer = home, home + 0.1, home + 0.2
+    rounds, begun = [], []
+
+    def made(self, problem, way, starts, belief, monitor, ends):
+        ends.append(rounds.pop(0))
+        return False
+
+    def beside(self, problem, way, x, number, monitor):
+        begun.append(x)
+        return end(1.0, answer) if x is other else end(3.0, best)
+
+    monkeypatch.setattr(Search, "_tried", made)
+    monkeypatch.setattr(Search, "_try_beside", beside)
+    monkeypatch.setattr(Belief, "plausible", lambda self, end: end.local.cost < 2.0)
+    monkeypatch.setattr(Belief, "exact", lambda self, end: False)
+    rounds += [end(3.0, best), end(3.0, best), end(4.0, other)]
+    found = Search(starts=2).run(rough, [Stated(0.01, 0.0)], Monitor(rough))
+    assert np.array_equal(found.points[0], answer)
+    assert sum(x is best for x in begun) == 4  # beside what is known no further tries are made
+    assert sum(x is other for x in begun) == 1
+
+
 def test_end_points_are_distinct_and_within_bounds(problem):
     whole = Problem.of([problem])
     noises = [Stated(0.01, 0.0)]
