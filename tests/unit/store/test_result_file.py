@@ -183,6 +183,7 @@ def sample(**changes: object) -> UpdateResult:
                 "Look.",
                 "swapped:1:Z,2:Z",
                 ("sign:1:Z",),
+                of_misfit=0.7,
             ),
         ),
         "alternatives": others(),
@@ -279,7 +280,7 @@ def test_no_field_is_forgotten():
             " identifiability history noise correlation timing_s versions title adequacy"
             " alternatives trust findings modes"
         ),
-        Finding: "kind channels value odds explains statement remedy written also test",
+        Finding: "kind channels value odds explains statement remedy written also test of_misfit",
         Trust: "converged determined validated plausible",
         Claim: "holds why",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",

@@ -496,21 +496,31 @@ def _on_some_lines(problem: Problem, number: int, seed: int) -> Problem | None:
     """
     if not problem.parts:
         return None
-    rng = np.random.default_rng([seed, number])
+    turn, any_lines = divmod(number, 2)
+    rng = np.random.default_rng([seed, turn])
     numbers = sum(2 * part.n_values / part.n_lines for part in problem.parts)
     least = math.ceil(_NUMBERS * problem.n / numbers)
     parts = []
     for part in problem.parts:
-        share = _ANY if number % 2 else _NEIGHBOURS
+        share = _ANY if any_lines else _NEIGHBOURS
         n, some = part.n_lines, max(math.ceil(share * part.n_lines), least)
         if some >= n:
             return None
-        if number % 2:
+        if any_lines:
             own = np.sort(rng.choice(n, some, replace=False))
         else:
-            own = rng.integers(n - some + 1) + np.arange(some)
+            own = round(_spread(turn) * (n - some)) + np.arange(some)
         parts.append(replace(part, frf=part.frf.select(lines=part.frf.freq[own])))
     return problem.with_parts(parts)
+
+
+def _spread(turn: int) -> float:
+    """Return 1/2, 1/4, 3/4, 1/8, ... by turns, each far from those before (van der Corput 1935)."""
+    place, share, rest = 0.0, 0.5, turn + 1
+    while rest:
+        place += share * (rest % 2)
+        share, rest = share / 2.0, rest // 2
+    return place
 
 
 def scattered(x: _Vector, far: float | _Vector, number: int, seed: int) -> NDArray[np.float64]:

@@ -22,7 +22,10 @@ from updyn.updating.fit.answers import (
     put_back,
     weakly_held,
 )
+from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.models import Models
+from updyn.updating.fit.monitor import Monitor
+from updyn.updating.fit.search import Search
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Stated, Variance
 from updyn.updating.problem.problem import Part, Problem
@@ -315,3 +318,24 @@ def test_noise_that_was_estimated_from_averages_may_be_off(averages):
     assert most > 1.005 * 0.01 * np.sqrt(chi2.isf(1e-3, 158) / 160)
     assert looked_at(white(0.999 * most), averages=averages)
     assert not looked_at(white(1.001 * most), averages=averages)
+
+
+def test_a_better_answer_is_not_agreed_on_before_tries_come_back_to_it(two_factors, monkeypatch):
+    """A beam with light boxes: the search agreed on an answer, the first better one looked like
+    noise, too, and a third, 55 better in chi-square, was never looked for."""
+    x = np.zeros(2)
+    first, better, best = (answer_at(x, unlikelihood=u) for u in (200.0, 50.0, 20.0))
+    found = [first, better, best, best, best]
+
+    def further(self, models, noises, points, monitor, at, most=None):
+        return [found.pop(0)]
+
+    monkeypatch.setattr(Search, "beside", lambda self, *given: x)
+    monkeypatch.setattr(MaximumLikelihood, "_further", further)
+    monkeypatch.setattr(
+        MaximumLikelihood, "_explains", staticmethod(lambda problem, answer: answer is not first)
+    )
+    noises, monitor = [Stated(0.01, 0.0)], Monitor(two_factors)
+    answers = MaximumLikelihood()._beside(two_factors, noises, monitor, first, True)
+    assert best in answers
+    assert not found

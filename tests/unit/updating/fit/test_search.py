@@ -8,7 +8,7 @@ import pytest
 import updyn
 from updyn.updating.fit.belief import Belief
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import Search, _distinct, coarse
+from updyn.updating.fit.search import Search, _distinct, _on_some_lines, coarse
 from updyn.updating.fit.trust_region import Outcome
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.noise import Estimated, Stated, Variance
@@ -292,6 +292,16 @@ def test_tries_beside_a_point_stay_within_bounds(problem, number):
     other = Search(max_iterations=3).beside(rough, x, number + 1, Monitor(rough))
     assert np.array_equal(found, again)
     assert not np.array_equal(found, other)
+
+
+def test_half_bands_that_tries_begin_on_lie_apart(problem):
+    """Draws at random had the upper half twice before any lower one; the middle comes first."""
+    rough = coarse(Problem.of([problem]), [Stated(0.01, 0.0)])
+    freq = rough.parts[0].frf.freq
+    assert len(freq) == 60
+    for turn, begin in enumerate((15, 8, 22)):
+        half = _on_some_lines(rough, 2 * turn, 0).parts[0].frf.freq
+        assert np.array_equal(half, freq[begin : begin + 30])
 
 
 def test_tries_beside_the_truth_come_back_to_it(chain12_task):

@@ -251,8 +251,8 @@ class MaximumLikelihood(SearchingMethod):
             found += near
             for answer in near:
                 gained = best.unlikelihood - answer.unlikelihood
-                if gained > _SAME:
-                    back, last = 0, number + 1
+                if gained > _SAME:  # on which the search has not agreed
+                    back, last, agreed = 0, number + 1, False
                 elif gained > -_SAME:
                     back += 1
                 if gained > 0.0:

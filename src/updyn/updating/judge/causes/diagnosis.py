@@ -325,4 +325,5 @@ def _finding(found: Sequence[Ranked], test: str) -> Finding:
         fault.written,
         tuple(one.fault.written for one in others),
         test,
+        best.of_misfit,
     )

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from updyn.errors import DataError
 from updyn.frf import FRF
-from updyn.updating.judge.causes.catalogue import CAUSES, read_fault
-from updyn.updating.judge.causes.shown import ShownFault
+from updyn.updating.judge.causes.catalogue import read_fault
 
 __all__ = ["Finding"]
 
@@ -52,6 +51,9 @@ class Finding:
         Other faults that these data do not tell from it, as the job writes them.
     test : str
         Which test, where there are several.
+    of_misfit : float
+        Share of the misfit alone that is left without it and not with it; 0 where it was not
+        compared with a model.
 
     Examples
     --------
@@ -76,6 +78,7 @@ class Finding:
     written: str = ""
     also: tuple[str, ...] = ()
     test: str = ""
+    of_misfit: float = 0.0
 
     @property
     def grave(self) -> bool:
@@ -92,9 +95,11 @@ class Finding:
 
     @property
     def overruling(self) -> bool:
-        """Whether it leaves nothing of the misfit to explain, so that no other answer is wanted."""
-        by_data = issubclass(CAUSES[self.kind], ShownFault)
-        return self.grave and self.explains > _ALL_OF_IT and not by_data
+        """Whether it leaves nothing of the misfit to explain, so that no other answer is wanted.
+
+        One that only brings unknowns back to their start leaves what another answer may explain.
+        """
+        return self.grave and self.of_misfit > _ALL_OF_IT
 
     def repair(self, frf: FRF) -> FRF:
         """Return data without the fault.

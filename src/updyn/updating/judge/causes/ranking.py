@@ -35,12 +35,17 @@ _ALIKE_ODDS = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ranked:
-    """The trial of a fault, and the logarithm of the odds that the data have it."""
+    """The trial of a fault, and the logarithm of the odds that the data have it.
+
+    `explains` is the share of the misfit that it explains, or of the unknowns' way from their start
+    where that is more; `of_misfit` is that of the misfit alone.
+    """
 
     trial: Trial
     fault: Fault
     log_odds: float
     explains: float
+    of_misfit: float
 
 
 def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
@@ -57,7 +62,8 @@ def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
         assert end.fault is not None
         gain, explained = end.compared(without, alike)
         log_odds = gain + float(np.log(end.fault.odds))
-        out.append(Ranked(end, end.fault, log_odds, _share(end, without, explained)))
+        share = _share(end, without, explained)
+        out.append(Ranked(end, end.fault, log_odds, share, explained))
     return sorted(out, key=lambda one: -one.log_odds)
 
 

@@ -246,7 +246,7 @@ def test_conjugated_data_are_found_where_damping_hardly_shows(chain12_true, add_
 def test_how_much_a_fault_has_to_explain(explains, left, alike, n_values, worth):
     fault = read_fault("delay:7:X=0.001")
     trial = Trial(fault, np.zeros(1), left**2, 0.0, alike, n_values)
-    assert is_worth_a_word(Ranked(trial, fault, 50.0, explains)) == worth
+    assert is_worth_a_word(Ranked(trial, fault, 50.0, explains, explains)) == worth
 
 
 def test_the_size_of_a_fault_is_as_exact_as_the_data_allow(chain12, add_noise):

@@ -97,17 +97,19 @@ def test_a_search_goes_on_where_nothing_is_found(chain12, data, unknowns):
 
 
 @pytest.mark.parametrize(
-    ("kind", "explains", "value", "overruling"),
+    ("kind", "of_misfit", "value", "overruling"),
     [
         ("sign", 0.99, 0.0, True),
         ("sign", 0.9, 0.0, False),
         ("calibration", 0.99, 0.2, False),
+        ("calibration", 0.99, 0.4, True),
+        ("calibration", 0.14, 0.4, False),  # it brings unknowns back to their start
         ("missing-mode", 0.99, 9.0, False),
-        ("drive-point", 0.99, 0.0, False),
+        ("drive-point", 0.0, 0.0, False),  # the data show it by themselves
     ],
 )
-def test_what_overrules(kind, explains, value, overruling):
-    found = Finding(kind, ("5:X",), value, 1e9, explains, "", "")
+def test_what_overrules(kind, of_misfit, value, overruling):
+    found = Finding(kind, ("5:X",), value, 1e9, 0.99, "", "", of_misfit=of_misfit)
     assert found.overruling is overruling
 
 
