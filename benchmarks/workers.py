@@ -38,7 +38,8 @@ def main() -> None:
             model, frf, unknowns, "log", tier="sparse", starts=0, max_iterations=5, engine=engine
         )
         seconds[engine].append(time.perf_counter() - begun)
-        print(f"{engine or 1} at work: {seconds[engine][-1]:.1f} s", flush=True)
+        stages = {k: round(v, 1) for k, v in results[engine].timing_s.items()}
+        print(f"{engine or 1} at work: {seconds[engine][-1]:.1f} s {stages}", flush=True)
     one, many = results[None], results[given.workers]
     apart = max(abs(many.values[n] / v - 1.0) for n, v in one.values.items())
     print(

@@ -353,8 +353,9 @@ def examine(
     """Test the residual of a fit against noise, whitened by the noise models of its tests.
 
     Whatever residual a method has minimised, measured minus computed FRF is looked at. Values that
-    a robust fit gave less weight count in full. To find what would explain a misfit takes one
-    evaluation with derivatives.
+    a robust fit gave less weight count in full, but not where something is sought that would
+    explain a misfit: whatever moves a single value explains an outlier. That takes one evaluation
+    with derivatives.
 
     Parameters
     ----------
@@ -378,22 +379,23 @@ def examine(
         answers = [part.responses(x) for part in problem.parts]
     except SolverError:
         return (None,) * len(problem.parts)
-    found, errors, whitened = [], [], []
+    found, errors, limited = [], [], []
     for part, noise, H in zip(problem.parts, noises, answers, strict=True):
         share = -(-problem.n * part.n_values // problem.n_values)
-        weight = _weight(noise, H, part, share)
-        errors.append(OutputError(weight, "residual"))
+        weight, robust = (_weight(noise, H, part, share, full=full) for full in (True, False))
+        errors.append(OutputError(robust, "residual"))
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
             counted = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
-            whitened.append(np.where(counted, weight * misfit, np.nan))
+            limited.append(np.where(counted, robust * misfit, np.nan))
+            whitened = np.where(counted, weight * misfit, np.nan)
         base = noise
         if isinstance(noise, Robust):
             base = noise.base
         absolute = base.scale_known and base.source in ("data", "stated")
         found.append(
             assess(
-                whitened[-1],
+                whitened,
                 H,
                 part.frf.freq,
                 part.frf.responses.labels,
@@ -415,10 +417,10 @@ def examine(
     beyond = None
     if all(a.absolute for a in found):
         beyond = 0.0
-        for e in whitened:
+        for e in limited:
             beyond += float(np.nansum(np.abs(e) ** 2)) - 2.0 * np.isfinite(e).sum()
         beyond += problem.n
-    suspects = localise(problem, x, residual, whitened, beyond)
+    suspects = localise(problem, x, residual, limited, beyond)
     return tuple(blamed(a, suspects) for a in found)
 
 
@@ -429,11 +431,14 @@ def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
 
 
 def _weight(
-    noise: NoiseModel, H: NDArray[np.complex128], part: Part, share: int
+    noise: NoiseModel, H: NDArray[np.complex128], part: Part, share: int, *, full: bool
 ) -> NDArray[np.float64]:
-    """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance."""
+    """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance.
+
+    `full` counts outliers of a robust fit as all other values.
+    """
     known = noise.refit(H, part.frf, share)
-    if isinstance(known, Robust):
+    if full and isinstance(known, Robust):
         known = replace(known, weight=None)
     variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
     usable = np.isfinite(variance) & (variance > 0.0)

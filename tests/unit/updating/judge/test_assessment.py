@@ -104,6 +104,24 @@ def test_outliers_count_in_full_though_the_fit_was_robust(chain12_true, data):
     assert FREQ[20] <= worst.near <= FREQ[23]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_lines_of_outliers_are_no_error_of_the_model(chain12_true, seed, add_noise):
+    """Three of sixty lines with thirty times the noise, at all channels."""
+    rng = np.random.default_rng(seed)
+    clean = updyn.response(chain12_true, FREQ, SENSORS, SENSORS[:2])
+    values = add_noise(clean, rng, 0.02).values.copy()
+    lost = rng.choice(len(FREQ), 3, replace=False)
+    values[lost] = add_noise(clean, rng, 0.6).values[lost]
+    data = dataclasses.replace(clean, values=values)
+    unknowns = updyn.parameters(chain12_true, stiffness="all", loss_factor="all")
+    result = updyn.update(chain12_true, data, unknowns, starts=0, noise={"robust": "student-t"})
+    assert result.adequacy.outcome == "excess"
+    assert result.adequacy.explained_by == ()
+    spacing = FREQ[1] - FREQ[0]
+    for one in result.adequacy.worst[:3]:  # the largest of three lines together
+        assert abs(FREQ[lost] - one.near).min() < 1.5 * spacing
+
+
 def test_each_of_several_tests_is_judged_by_itself(chain12_true, wrong, data, add_noise):
     """The second test's structure has part 3 as stiff as the model says."""
     other = add_noise(
