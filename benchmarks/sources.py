@@ -13,7 +13,7 @@ residual is called an error of the model, which is true.
 - sensor: 1 % of |H|, ten times as much at one of the five sensors or at none, by default, estimated
   together and by channel.
 
-    python benchmarks/sources.py [--draws 40] [--seed 0]
+    python benchmarks/sources.py [--draws 40] [--seed 0] [--cases outlier]
 """
 
 from __future__ import annotations
@@ -93,6 +93,7 @@ def main() -> None:
     )
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--cases", default="", help="those whose name has this text")
     args = parser.parse_args()
     case = chain12()
     clean = case.clean.select(references=[case.clean.references[0], case.clean.references[-1]])
@@ -135,6 +136,8 @@ def main() -> None:
         f"{'std/bound':>11}{'chi-square':>12}{'blamed':>8}"
     )
     for name, noise, variance, draw in studies:
+        if args.cases not in name:
+            continue
         rng, bound = np.random.default_rng(args.seed), bound_of(case, clean, truth, variance)
         off, bars, chi, blamed = [], [], [], 0
         for _ in range(args.draws):
