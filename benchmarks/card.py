@@ -4,10 +4,7 @@ Three-dimensional solids in 20 layers, loss factors of 1 to 4 %, 30 right-hand s
 real matrices at one line. By the clock, as a card has no processor time; the least of a few.
 Residuals are the largest normwise backward errors of a column. Answers are compared.
 
-With `--update` an update of the solid by default follows, 20 stiffnesses off by up to 30 %, 200
-lines, 30 sensors, 1 % noise, with each backend.
-
-    python benchmarks/card.py [--sizes 10k 50k 150k] [--backends pardiso cudss] [--update]
+    python benchmarks/card.py [--sizes 10k 50k 150k] [--backends pardiso cudss]
 """
 
 from __future__ import annotations
@@ -15,19 +12,16 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from large import BANDS, NOISE
+from large import BANDS
 from models import SOLIDS, sensors, solid
 
 import updyn
 from updyn.dynamics.affine import AffineSystem
 from updyn.linalg.solver import BACKENDS, accuracy, unit_scale
-
-LINES = 200
 
 
 def seconds(run: Callable[[], Any], repeats: int) -> tuple[float, Any]:
@@ -74,34 +68,6 @@ def factorised(A: sp.csc_array, at: np.ndarray, backend: str, repeats: int) -> n
     return X
 
 
-def updated(model: updyn.Model, size: str, backend: str) -> None:
-    """Print how long an update takes."""
-    rng, at = np.random.default_rng(0), sensors(model)
-    lines = np.linspace(*BANDS[size], LINES)
-    data = updyn.response(model, lines, at, at[:3], tier="reduced", backend=backend)
-    draw = rng.standard_normal((2, *data.values.shape))
-    values = data.values * (1.0 + NOISE * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
-    off = {g: {"stiffness": float(rng.uniform(0.75, 1.3))} for g in model.groups}
-    unknowns = updyn.parameters(model, stiffness="all")
-    begun = time.perf_counter()
-    result = updyn.update(
-        model.scaled(off), replace(data, values=values), unknowns, backend=backend
-    )
-    took = time.perf_counter() - begun
-    estimates = np.array(list(result.values.values())) * [
-        off[name.split(".")[0]]["stiffness"] for name in result.values
-    ]
-    std = np.array(list(result.std.values())) * np.array(
-        [off[name.split(".")[0]]["stiffness"] for name in result.values]
-    )
-    print(
-        f"{model.n_dofs:>8} update   {backend:<8} {took:>8.1f} s, {result.status},"
-        f" {result.iterations} steps, off by {np.sqrt(np.mean(((estimates - 1) / std) ** 2)):.2f}"
-        " standard deviations (rms)",
-        flush=True,
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -110,7 +76,6 @@ def main() -> None:
     parser.add_argument("--backends", nargs="+", default=["pardiso", "cudss"])
     parser.add_argument("--kinds", nargs="+", default=["complex", "real"])
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--update", action="store_true", help="whole updates, too")
     given = parser.parse_args()
     print(
         f"{'DOFs':>8} {'matrix':<8} {'backend':<8} {'analyse':>8} {'factor':>8} {'solve':>8}"
@@ -126,9 +91,6 @@ def main() -> None:
             for X in answers[1:]:
                 apart = np.abs(X - answers[0]).max() / np.abs(answers[0]).max()
                 print(f"{'':>8} answers differ by {apart:.1e} of the largest", flush=True)
-        if given.update:
-            for backend in given.backends:
-                updated(model, size, backend)
 
 
 if __name__ == "__main__":

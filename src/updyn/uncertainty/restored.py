@@ -91,10 +91,8 @@ class RestoredFit:
         SolverError
             If the model cannot be solved at the estimate.
         """
-        n, n_values = self.problem.n, self.problem.n_values
-        # The unknowns that count against a part, for unbiased weights: its share of the data.
         return tuple(
-            _noise(result, part, self.x, -(-n * part.n_values // n_values))
+            _noise(result, part, self.x, self.problem.share(part))
             for result, part in zip(self.results, self.problem.parts, strict=True)
         )
 

@@ -26,7 +26,7 @@ from updyn.updating.judge.adequacy import (
     scatters_unequally,
     with_own_noise,
 )
-from updyn.updating.judge.assessment import Judgement
+from updyn.updating.judge.assessment import Judgement, whitening
 from updyn.updating.problem.noise import (
     Estimated,
     EstimatedByChannel,
@@ -121,16 +121,15 @@ class OwnNoise:
             if own is self.noises[i]:
                 continue
             H = part.responses(x)
-            variance = _plain(own).refit(H, part.frf, self._share(part)).variance(H, part.frf)
-            seen = variance > 0.0
-            weight = np.where(seen, np.sqrt(2.0 / np.where(seen, variance, 1.0)), np.nan)
+            weight = whitening(self._known(own, part, H), H, part)
+            weight = np.where(weight > 0.0, weight, np.nan)
             if not may_be_noisy(H, weight * H, weight * (part.frf.values - H), part.frf.freq):
                 return False
         return True
 
-    def _share(self, part: Part) -> int:
-        """Return how many of the unknowns count against a part, by its share of the data."""
-        return -(-self.problem.n * part.n_values // self.problem.n_values)
+    def _known(self, noise: NoiseModel, part: Part, H: NDArray[np.complex128]) -> NoiseModel:
+        """Return a noise model, without outliers, refitted to the residual."""
+        return noise.bulk.refit(H, part.frf, self.problem.share(part))
 
     def _holds(self, fit: Fit) -> bool:
         return self.reduced is None or self.reduced.holds_at(fit.x)
@@ -144,10 +143,7 @@ class OwnNoise:
         part = self.problem.parts[i]
         H = part.responses(x)
         each, common = (
-            _plain(noise)
-            .refit(H, part.frf, self._share(part))
-            .variance(H, part.frf)
-            .sum(axis=(0, 2))
+            self._known(noise, part, H).variance(H, part.frf).sum(axis=(0, 2))
             for noise in (own, self.noises[i])
         )
         return with_own_noise(adequacy, np.sqrt(each / common))
@@ -165,8 +161,3 @@ def _by_sensor(noise: NoiseModel, part: Part) -> NoiseModel:
     if not isinstance(noise, Estimated):
         return noise
     return EstimatedByChannel.of_data(part.frf, noise.tails)
-
-
-def _plain(noise: NoiseModel) -> NoiseModel:
-    """Return a noise model without its outliers."""
-    return noise.base if isinstance(noise, Robust) else noise

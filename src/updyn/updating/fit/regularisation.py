@@ -628,7 +628,7 @@ class _Run:
         held = []
         try:
             for part, noise in zip(self.problem.parts, noises, strict=True):
-                share = -(-self.problem.n * part.n_values // self.problem.n_values)
+                share = self.problem.share(part)
                 held.append(_Held(noise.refit(part.responses(fit.x), part.frf, share)))
         except Stopped:  # the next fit stops, too
             return noises

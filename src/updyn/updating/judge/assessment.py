@@ -41,6 +41,7 @@ __all__ = [
     "examine",
     "judge",
     "local_at_start",
+    "whitening",
 ]
 
 T = TypeVar("T")
@@ -381,18 +382,18 @@ def examine(
         return (None,) * len(problem.parts)
     found, errors, limited = [], [], []
     for part, noise, H in zip(problem.parts, noises, answers, strict=True):
-        share = -(-problem.n * part.n_values // problem.n_values)
-        weight, robust = (_weight(noise, H, part, share, full=full) for full in (True, False))
+        share = problem.share(part)
+        known = noise.refit(H, part.frf, share)
+        weight = robust = whitening(known, H, part)
+        if isinstance(known, Robust):  # outliers count as all other values
+            weight = whitening(replace(known, weight=None), H, part)
         errors.append(OutputError(robust, "residual"))
         with np.errstate(invalid="ignore"):
             misfit = part.frf.values - H
             counted = (weight > 0.0) & ((H != 0.0) | (part.frf.values != 0.0))
             limited.append(np.where(counted, robust * misfit, np.nan))
             whitened = np.where(counted, weight * misfit, np.nan)
-        base = noise
-        if isinstance(noise, Robust):
-            base = noise.base
-        absolute = base.scale_known and base.source in ("data", "stated")
+        base = noise.bulk
         found.append(
             assess(
                 whitened,
@@ -401,7 +402,7 @@ def examine(
                 part.frf.responses.labels,
                 part.frf.references.labels,
                 n_unknowns=share,
-                absolute=absolute,
+                absolute=base.size_known,
                 averages=part.frf.averages if base.source != "stated" else None,
                 level=LEVEL / len(problem.parts),
                 relative=_relative(misfit, part),
@@ -430,16 +431,18 @@ def _moves(problem: Problem, residual: Each, x: NDArray[np.float64]) -> bool:
     return local is None or float(local.q @ local.q) > _MOVING * 2.0 * local.cost
 
 
-def _weight(
-    noise: NoiseModel, H: NDArray[np.complex128], part: Part, share: int, *, full: bool
-) -> NDArray[np.float64]:
+def whitening(known: NoiseModel, H: NDArray[np.complex128], part: Part) -> NDArray[np.float64]:
     """Return 1 / sigma of the real and of the imaginary part; 0 for what has no finite variance.
 
-    `full` counts outliers of a robust fit as all other values.
+    Parameters
+    ----------
+    known : NoiseModel
+        Refitted to the residual.
+    H : ndarray of complex, shape (n_f, n_i, n_j)
+        Of the model.
+    part : Part
+        With the data.
     """
-    known = noise.refit(H, part.frf, share)
-    if full and isinstance(known, Robust):
-        known = replace(known, weight=None)
     variance = np.broadcast_to(known.variance(H, part.frf), H.shape)
     usable = np.isfinite(variance) & (variance > 0.0)
     return np.where(usable, np.sqrt(2.0 / np.where(usable, variance, 1.0)), 0.0)

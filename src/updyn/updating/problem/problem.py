@@ -464,6 +464,10 @@ class Problem:
         """Number of measured values of all FRFs."""
         return sum(part.n_values for part in self.parts)
 
+    def share(self, part: Part) -> int:
+        """Return how many of the unknowns count against a part, by its share of the data."""
+        return -(-self.n * part.n_values // self.n_values)
+
     @property
     def n_numbers(self) -> int:
         """Number of measured real numbers: two a value of an FRF, and those of modes."""

@@ -31,7 +31,7 @@ from updyn.updating.fit.null_space import RANK_TOLERANCE
 from updyn.updating.fit.search import coarse
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.problem.local import Local
-from updyn.updating.problem.noise import Estimated, NoiseModel, Robust
+from updyn.updating.problem.noise import Estimated, NoiseModel
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import (
     Each,
@@ -353,10 +353,8 @@ def _sandwich(
     looked, weights, spreads, total, loud = [], [], [], 0.0, []
     for i, (part, given) in enumerate(zip(problem.parts, noises, strict=True)):
         H, frf = part.responses(x), part.frf
-        noise = given
-        if isinstance(given, Robust):
-            noise = given.base  # its weights are not those of this fit
-        noise = noise.refit(H, frf, -(-problem.n * part.n_values // problem.n_values))
+        # The weights of outliers are not those of this fit.
+        noise = given.bulk.refit(H, frf, problem.share(part))
         variance = noise.variance(H, frf)
         size = np.abs(H)
         seen = (size > 0.0) & (frf.values != 0.0)

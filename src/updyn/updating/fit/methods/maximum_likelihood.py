@@ -639,7 +639,7 @@ def _weigh(
     for part, noise in zip(problem.parts, noises, strict=True):
         H = part.responses(x)
         # Each part pays for its share of the unknowns.
-        looked.append(noise.refit(H, part.frf, -(-problem.n * part.n_values // problem.n_values)))
+        looked.append(noise.refit(H, part.frf, problem.share(part)))
         errors.append(
             OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
         )

@@ -88,6 +88,11 @@ class NoiseModel(ABC):
         return self.scale_known and self.source in ("data", "stated")
 
     @property
+    def bulk(self) -> NoiseModel:
+        """The noise without outliers: the same where there are none."""
+        return self
+
+    @property
     def heavy_tails(self) -> bool:
         """Whether a few values that are far off hardly count."""
         return False

@@ -60,6 +60,11 @@ class Robust(Wrapping):
         return True
 
     @property
+    def bulk(self) -> NoiseModel:
+        """The noise without outliers."""
+        return self.base
+
+    @property
     def heavy_tails(self) -> bool:
         """Whether a few values that are far off hardly count: so it is."""
         return True
