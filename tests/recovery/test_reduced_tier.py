@@ -10,7 +10,10 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
+from updyn.dynamics.affine import State
+from updyn.dynamics.reduced import Reduction
 from updyn.errors import OptionError
+from updyn.linalg.solver import Factorised
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
 from updyn.updating.fit.reducing import Reducing, is_reduced
 from updyn.updating.problem.noise import choose_noise
@@ -159,6 +162,38 @@ def test_starts_far_off_with_many_sensors(seed: int) -> None:
     assert worst(found, true) < 4.0
     # 21 and more where each descent on the way goes no further from its basis than the fit does.
     assert found.options["factorisations"] <= 18
+
+
+def test_the_factorisation_that_rounds_share_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = plate()
+    names = list(start.groups)
+    true = start.scaled({name: {"stiffness": 1.05} for name in names[:2]})
+    frf = updyn.response(true, BAND, SENSORS, SENSORS[:1])
+    draw = np.random.default_rng(0).standard_normal((2, *frf.values.shape))
+    values = frf.values * (1 + 0.01 * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
+    frf = updyn.FRF(BAND, values, frf.responses, frf.references, frf.quantity)
+    definite, ended = [], []
+    factorised, release = Reduction._factorised, Reducing.release
+
+    def counted(self: Reduction, state: State, shift: float) -> Factorised:
+        definite.append(shift < 0.0)
+        return factorised(self, state, shift)
+
+    def noted(self: Reducing) -> None:
+        ended.append([part.reduction for part in self._parts])
+        release(self)
+
+    monkeypatch.setattr(Reduction, "_factorised", counted)
+    monkeypatch.setattr(Reducing, "release", noted)
+    unknowns = updyn.parameters(start, stiffness=names)
+    found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
+    assert found.status == "converged"
+    assert found.options["error"] <= found.options["accuracy"]
+    # One at the start, for its figures; one for all that comes about the answer.
+    assert sum(definite) <= 2
+    assert sum(definite) < len(definite)
+    ((reduction,),) = ended
+    assert reduction._definite is None
 
 
 def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -253,9 +253,12 @@ class AffineSystem:
             out[t] = table.at(omega / (2.0 * np.pi), self.terms[t].group)
         return out
 
-    def values(self, coefficients: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the entries of Z, shape (nnz, n_lines); those of a line are contiguous."""
-        out = np.empty((coefficients.shape[1], len(self.indices)), dtype=np.complex128)
+    def values(self, coefficients: NDArray[Any]) -> NDArray[Any]:
+        """Return the entries of Z, shape (nnz, n_lines); those of a line are contiguous.
+
+        They are real where the coefficients, shape (n_terms, n_lines), are.
+        """
+        out = np.empty((coefficients.shape[1], len(self.indices)), dtype=coefficients.dtype)
         self._write(coefficients, out)
         return out.T
 
@@ -355,6 +358,9 @@ def _union(matrices: list[Any], n: int) -> Any:
         ends = np.searchsorted(numbers, n * np.arange(n + 1)).astype(np.int32)
         there = np.ones(len(numbers), dtype=np.bool_)
         return sp.csr_array((there, (numbers % n).astype(np.int32), ends), shape=(n, n))
+    full = [m for m in matrices if _is_full(m)]
+    if len(matrices) > 1 and full:
+        return _union(full[:1], n)
     if len(matrices) > 1:
         half = len(matrices) // 2
         return _union(matrices[:half], n) + _union(matrices[half:], n)
@@ -363,6 +369,10 @@ def _union(matrices: list[Any], n: int) -> Any:
         (np.ones(only.nnz, dtype=np.bool_), only.indices, only.indptr), shape=(n, n)
     )
     return entries + sp.eye_array(n, dtype=np.bool_, format="csr")
+
+
+def _is_full(matrix: Any) -> bool:
+    return bool(matrix.nnz == (len(matrix.indptr) - 1) ** 2)
 
 
 def _numbers(matrix: Any) -> NDArray[np.int64]:
@@ -391,12 +401,13 @@ class _Places:
 
     def term(self, name: str, quantity: str, matrix: Any, table: LossTable | None) -> Term:
         """Return the term of a matrix, canonical CSR."""
-        key = _digest(matrix.indptr, matrix.indices)
+        # All full patterns are alike.
+        key = b"" if _is_full(matrix) else _digest(matrix.indptr, matrix.indices)
         if key not in self._known:
             self._known[key] = self._of(matrix)
         rows, slots, columns = self._known[key]
         n, data = len(rows), matrix.data
-        if matrix.nnz == n * n:
+        if matrix.nnz == n * n:  # in its own rows
             return Term(name, quantity, rows, data.reshape(n, n), slots, data, table)
         begin = _begin(matrix, rows)
         # Sparse rows pay only when the group is large and its matrix mostly empty.

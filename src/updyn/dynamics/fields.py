@@ -422,10 +422,11 @@ class LineSolver:
         partition, solver = self._partitioned(retained)
         eliminated, n = partition.eliminated, len(retained)
         if self.tier == "dense":
-            Z = self._dense(self.system.values(coefficients))
+            damped = coefficients.imag.any()
+            Z = self._dense(self.system.values(coefficients if damped else coefficients.real))
             T = np.zeros((len(freq), self.system.n, n), dtype=np.complex128)
             T[:, retained] = np.eye(n)
-            Znn = Z[:, retained[:, None], retained]
+            Znn = Z[:, retained[:, None], retained].astype(np.complex128)
             if eliminated.size == 0:
                 return Znn, T.transpose(1, 0, 2)
             Zsn = Z[:, eliminated[:, None], retained]
@@ -485,11 +486,11 @@ class LineSolver:
         M[places] = self.system.real_values(weights.mass)
         return K.reshape(n, n), D.reshape(n, n), M.reshape(n, n)
 
-    def _dense(self, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def _dense(self, values: NDArray[Any]) -> NDArray[Any]:
         n = self.system.n
         if len(values) == n * n:
             return values.T.reshape(-1, n, n)
-        Z = np.zeros((values.shape[1], n * n), dtype=np.complex128)
+        Z = np.zeros((values.shape[1], n * n), dtype=values.dtype)
         Z[:, self.system.rows_of_entries() * n + self.system.indices] = values.T
         return Z.reshape(-1, n, n)
 
@@ -546,8 +547,8 @@ def solve_lines(
 
 @alone
 def solve_dense(
-    Z: NDArray[np.complex128],
-    B: NDArray[np.complex128],
+    Z: NDArray[Any],
+    B: NDArray[Any],
     freq: NDArray[np.float64],
     held: str = "",
     *,
@@ -557,9 +558,9 @@ def solve_dense(
 
     Parameters
     ----------
-    Z : ndarray of complex, shape (n_lines, n, n)
+    Z : ndarray of complex or float, shape (n_lines, n, n)
         Matrices.
-    B : ndarray of complex, shape (n_lines, n, r)
+    B : ndarray of complex or float, shape (n_lines, n, r)
         Right-hand sides.
     freq : ndarray of float, shape (n_lines,)
         In Hz, for messages.
@@ -597,18 +598,16 @@ def solve_dense(
     return answer
 
 
-def _solved(Z: NDArray[np.complex128], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def _solved(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the solution of Z X = B, in real arithmetic where nothing damps."""
-    if Z.imag.any():
+    if np.iscomplexobj(Z) and Z.imag.any():
         return np.asarray(np.linalg.solve(Z, B), dtype=np.complex128)
     # Real and imaginary parts stand side by side, as columns of their own.
     X = np.linalg.solve(Z.real, np.ascontiguousarray(B).view(np.float64))
     return np.ascontiguousarray(X).view(np.complex128)
 
 
-def _solved_or_infinite(
-    Z: NDArray[np.complex128], B: NDArray[np.complex128]
-) -> NDArray[np.complex128]:
+def _solved_or_infinite(Z: NDArray[Any], B: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the solution of Z X = B at one line, infinite where Z has no inverse."""
     try:
         return _solved(Z, B)

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -88,8 +88,9 @@ _COMBINATIONS = 2
 _LINES_A_STATE, _LINES_OF_STATES = 12, 250
 #: A direction that holds less than this share of the error that is allowed is not worth a column.
 _WORTH = 0.05
-#: Lines that a pass checks, and those that are checked together.
-_COUNT, _TOGETHER = 12, 4
+#: Lines that a pass checks; how many are checked together at most, and how large their residuals
+#: may be together.
+_COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**26
 #: Pieces of the band in each of which a pass beside another state looks at a line.
 _BESIDE = 4
 #: Lines without a residual may be worse than those that have one: a basis is enriched to this share
@@ -174,6 +175,9 @@ class Reduction:
         DOFs that can be read besides, without a promise of accuracy.
     poll : callable, optional
         Called after every step that takes long; what it raises ends the work.
+    keeps : bool
+        Whether the factorisation of P = K + omega_max^2 M stays in memory for states beside its
+        own, until `release` or the next one.
     """
 
     system: AffineSystem
@@ -184,8 +188,10 @@ class Reduction:
     accuracy: float = ACCURACY
     extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     poll: Callable[[], object] = lambda: None
+    keeps: bool = False
     basis: Basis = field(init=False)
     factorisations: int = field(default=0, init=False)
+    _definite: tuple[Factorised, State] | None = field(default=None, init=False)
     _channels: Channels = field(init=False)
     _sparse: SparseSolver = field(init=False)
 
@@ -383,6 +389,7 @@ class Reduction:
         return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
 
     def _factorised(self, state: State, shift: float) -> Factorised:
+        self._definite = None  # it ends with the next factorisation
         self.factorisations += 1
         return self._sparse.factorise(
             self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
@@ -519,10 +526,43 @@ class Reduction:
         SolverError
             If K + omega_max^2 M is not definite, or the reduced model is singular at a line.
         """
-        definite = self._factorised(state, -self._top)
-        found = self._certified(definite, state, freq, enrich=enrich, count=count)
-        self._sparse.release()
+        (found,) = self._certificates([state], freq, enrich=enrich, count=count)
         return found
+
+    def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
+        """Compute the error at a state, or enrich the basis where it lacks something there.
+
+        For a point that moves with the basis: an error that is to be computed anew is not computed.
+
+        Parameters
+        ----------
+        state, freq
+            As for `certify`.
+
+        Returns
+        -------
+        Certificate or None
+            None where the basis has grown.
+
+        Raises
+        ------
+        SolverError
+            As `certify`.
+        """
+        with self._kept():
+            definite, size = self.definite(state), self.basis.size
+            level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
+            lines = _some_lines(freq, level, _COUNT, 0)
+            estimate = self._estimated(definite, state, freq, lines, self.accuracy)
+            if estimate is None:
+                self._settle(definite, state, freq, level, _MARGIN * self.accuracy)
+                return None
+            if estimate.reduction > self.accuracy:
+                worst = _worst_lines(freq, estimate.shares, _COUNT)
+                self._check_all(definite, state, worst, _MARGIN * self.accuracy)
+                return None
+            self.basis = self.basis.leading(size)
+            return estimate.certificate(size, tuple(lines), self.factorisations)
 
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
         """Compute the error at several states, the basis as it is.
@@ -545,12 +585,16 @@ class Reduction:
         SolverError
             As `certify`.
         """
-        return np.array(
-            [
-                self._certified(definite, state, freq, enrich=False, count=_COUNT).error
-                for definite, state in self._definites(states)
-            ]
-        )
+        found = self._certificates(states, freq, enrich=False, count=_COUNT)
+        return np.array([certificate.error for certificate in found])
+
+    def _certificates(
+        self, states: Sequence[State], freq: _Real, *, enrich: bool, count: int
+    ) -> list[Certificate]:
+        return [
+            self._certified(definite, state, freq, enrich=enrich, count=count)
+            for definite, state in self._definites(states)
+        ]
 
     def _certified(
         self, definite: Factorised, state: State, freq: _Real, *, enrich: bool, count: int
@@ -562,17 +606,36 @@ class Reduction:
             # A basis that may do already is not enriched before its error is known.
             margin = _MARGIN if number > 1 else 1.0
             allowed = margin * self.accuracy if growing else np.inf
-            size, lacking = self.basis.size, self._checked(definite, state, lines, allowed)
-            if self.basis.size > size:
+            size = self.basis.size
+            estimate = self._estimated(definite, state, freq, lines, allowed)
+            if estimate is None:
                 lines = _some_lines(freq, level, count, number)
                 continue
-            self.basis.extend(self._orthonormal(lacking, state))
-            estimate = self._estimate_within(definite, state, freq, size)
             if not growing or estimate.reduction <= self.accuracy:
                 break
             lines = _worst_lines(freq, estimate.shares, count)
+        assert estimate is not None
         self.basis = self.basis.leading(size)
         return estimate.certificate(size, tuple(lines), self.factorisations)
+
+    def _estimated(
+        self,
+        definite: Factorised,
+        state: State,
+        freq: _Real,
+        lines: Sequence[float],
+        allowed: float,
+    ) -> _Estimate | None:
+        """Check some lines; return the error at all, or None where the basis has grown.
+
+        The basis is left with what it lacks, beside which its error was estimated.
+        """
+        size = self.basis.size
+        lacking = list(self._checks(definite, state, lines, allowed))
+        if self.basis.size > size:
+            return None
+        self.basis.extend(self._orthonormal(lacking, state))
+        return self._estimate_within(definite, state, freq, size)
 
     def settle(
         self, states: Sequence[State], freq: _Real, *, accuracy: float | None = None
@@ -596,11 +659,17 @@ class Reduction:
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
         for definite, state in self._definites(states):
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
-            for number in range(_PASSES):
-                size = self.basis.size
-                self._checked(definite, state, _some_lines(freq, level, _COUNT, number), allowed)
-                if self.basis.size == size:
-                    break
+            self._settle(definite, state, freq, level, allowed)
+
+    def _settle(
+        self, definite: Factorised, state: State, freq: _Real, level: _Real, allowed: float
+    ) -> None:
+        for number in range(_PASSES):
+            size = self.basis.size
+            lines = _some_lines(freq, level, _COUNT, number)
+            self._check_all(definite, state, lines, allowed)
+            if self.basis.size == size:
+                break
 
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
         """Enrich the basis by what it lacks at some lines of several states.
@@ -616,7 +685,7 @@ class Reduction:
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
         for definite, state in self._definites(states):
-            self._checked(definite, state, freq.tolist(), allowed)
+            self._check_all(definite, state, freq.tolist(), allowed)
 
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
         """Enrich the basis once by what it lacks at several states, each at lines of its own.
@@ -631,7 +700,7 @@ class Reduction:
         stride = -(-len(freq) // _COUNT)
         for number, (definite, state) in enumerate(self._definites(states)):
             lines = freq[number % stride :: stride]
-            self._checked(definite, state, lines.tolist(), _MARGIN * self.accuracy)
+            self._check_all(definite, state, lines.tolist(), _MARGIN * self.accuracy)
 
     def below(self, state: State, frequency: float) -> int | None:
         """Return how many modes of the whole model lie below a frequency, by Sylvester's law.
@@ -653,7 +722,7 @@ class Reduction:
         except SolverError:
             return None
         finally:
-            self._sparse.release()
+            self.release()
 
     def outside(self, state: State, X: _Real) -> _Real:
         """Return what the basis lacks of the space of some motions.
@@ -679,7 +748,9 @@ class Reduction:
         return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
 
     def definite(self, state: State) -> Factorised:
-        """Return K + omega_max^2 M of a state, factorised; it holds until the next factorisation.
+        """Return K + omega_max^2 M of a state, factorised, or of a state beside it if at hand.
+
+        It holds until the next factorisation, or `release`.
 
         Parameters
         ----------
@@ -691,7 +762,14 @@ class Reduction:
         SolverError
             If it is not definite.
         """
-        return self._factorised(state, -self._top)
+        if self._definite is None or not _are_close(state, self._definite[1]):
+            self._definite = self._factorised(state, -self._top), state
+        return self._definite[0]
+
+    def release(self) -> None:
+        """Give the memory of factorisations back."""
+        self._definite = None
+        self._sparse.release()
 
     def enrich_beside(
         self,
@@ -726,7 +804,7 @@ class Reduction:
             Whether the basis has grown.
         """
         size, lines = self.basis.size, _some_lines(freq, level, _BESIDE, number)[1:-1]
-        self._checked(definite, state, lines, _MARGIN * accuracy)
+        self._check_all(definite, state, lines, _MARGIN * accuracy)
         return self.basis.size > size
 
     def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
@@ -746,8 +824,7 @@ class Reduction:
         """
         solver, worst = self.solver(), np.zeros(len(states))
         for number, (definite, state) in enumerate(self._definites(states)):
-            for first in range(0, len(freq), _TOGETHER):
-                some = freq[first : first + _TOGETHER]
+            for some in self._few_together(freq):
                 lines = LineResiduals(solver, self.basis, self._channels, state, some)
                 errors = np.abs(lines.errors(definite.solve(lines.residual())))
                 share = SAFETY * float((errors / self._channels.levels(lines.H)).max())
@@ -757,20 +834,26 @@ class Reduction:
 
     def _definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
         """Yield states with P = K + omega_max^2 M of each, or of one beside it."""
-        at: State | None = None
-        try:
+        with self._kept():
             for state in states:
-                if at is None or not _are_close(state, at):
-                    definite, at = self._factorised(state, -self._top), state
-                yield definite, state
+                yield self.definite(state), state
+
+    @contextmanager
+    def _kept(self) -> Iterator[None]:
+        """Keep P while it is worked with, and longer only if it is to be kept."""
+        try:
+            yield
         finally:
-            self._sparse.release()
+            if not self.keeps:
+                self.release()
 
-    def _orthonormal(self, W: _Real, state: State) -> _Real:
-        """Return what spans the columns of W, shape (N, k), orthonormal in K + omega_max^2 M.
+    def _orthonormal(self, pieces: list[_Real], state: State) -> _Real:
+        """Return what spans the columns of all pieces, orthonormal in K + omega_max^2 M.
 
-        The weakest directions, which rounding makes, are left out.
+        The weakest directions, which rounding makes, are left out. The pieces, of shape (N, k)
+        each, are used up: there is no room for them and the result in the memory that they take.
         """
+        W = _joined(pieces)
         alone = Basis(self.system, self.basis.weight)
         alone.extend(W)
         gram = alone.combined(self._weights(state, -self._top))
@@ -779,7 +862,11 @@ class Reduction:
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
         size, axes = np.linalg.eigh(scale[:, None] * gram * scale)
         kept = np.flatnonzero(size > _INDEPENDENT * size[-1])[::-1]
-        return np.asarray(W @ (scale[:, None] * axes[:, kept] / np.sqrt(size[kept])))
+        C = scale[:, None] * axes[:, kept] / np.sqrt(size[kept])
+        for first in range(0, len(W), _ROWS):
+            part = slice(first, first + _ROWS)
+            W[part, : len(kept)] = W[part] @ C
+        return W[:, : len(kept)]
 
     def _estimate_within(
         self, definite: Factorised, state: State, freq: _Real, size: int
@@ -851,20 +938,29 @@ class Reduction:
             q = solver.solve(c, loaded, freq[block], pencil)
             yield q, solver.at(q, self.rows)
 
-    def _checked(
+    def _check_all(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
-    ) -> _Real:
-        """Check some lines, few together; return what the basis lacks, shape (N, k)."""
-        lacking = []
-        for first in range(0, len(lines), _TOGETHER):
-            some = lines[first : first + _TOGETHER]
-            lacking.append(self._check(definite, state, some, allowed))
-            self.poll()
-        return np.hstack(lacking)
+    ) -> None:
+        """Check some lines; the basis grows by what is worth it."""
+        for _ in self._checks(definite, state, lines, allowed):
+            pass
 
-    def _check(
+    def _checks(
         self, definite: Factorised, state: State, lines: Sequence[float], allowed: float
-    ) -> _Real:
+    ) -> Iterator[_Real]:
+        """Check some lines, few together; yield what the basis lacks at them, shape (N, k)."""
+        for some in self._few_together(np.array(lines)):
+            yield self._check(definite, state, some, allowed)
+            self.poll()
+
+    def _few_together(self, lines: _Real) -> Iterator[_Real]:
+        """Yield few lines at a time, fewer of a larger model: residuals of theirs take memory."""
+        of_one = 2 * self.system.n * len(self._channels.forced) * np.dtype(np.float64).itemsize
+        step = min(max(_TOGETHER_BYTES // of_one, 1), _TOGETHER)
+        for first in range(0, len(lines), step):
+            yield lines[first : first + step]
+
+    def _check(self, definite: Factorised, state: State, lines: _Real, allowed: float) -> _Real:
         """Add what is worth it of what the basis lacks at some lines; return it if nothing is.
 
         Where their largest error is what is allowed, nothing is.
@@ -873,7 +969,7 @@ class Reduction:
         matrix in P across all lines.
         """
         solver = self.solver()
-        checked = LineResiduals(solver, self.basis, self._channels, state, np.array(lines))
+        checked = LineResiduals(solver, self.basis, self._channels, state, lines)
         R = checked.residual()
         Y = definite.solve(R)
         gram = R.T @ Y
@@ -948,6 +1044,18 @@ class _Estimate:
             lines,
             factorisations,
         )
+
+
+def _joined(pieces: list[_Real]) -> _Real:
+    """Return arrays side by side, (N, k) each; each is given back as soon as it is copied."""
+    out = np.empty((len(pieces[0]), sum(piece.shape[1] for piece in pieces)))
+    first = 0
+    pieces.reverse()
+    while pieces:
+        piece = pieces.pop()
+        out[:, first : first + piece.shape[1]] = piece
+        first += piece.shape[1]
+    return out
 
 
 def _are_close(state: State, other: State) -> bool:
@@ -1087,7 +1195,8 @@ class Basis:
     def _add(self, W: _Real) -> None:
         if W.shape[1] == 0:
             return
-        W = np.ascontiguousarray(W)
+        if W.strides[1] != W.itemsize:
+            W = np.ascontiguousarray(W)
         rows: Any = None
         for t, term in enumerate(self.system.terms):
             if term.rows is not rows:  # stiffness and mass of a group share theirs

@@ -207,6 +207,8 @@ def run(
             found = judged(fit, noises)
         chosen = [test.noise for test in of_frfs]
         found = OwnNoise(problem, driver, noises, chosen, monitor, reduced).tried(found, judged)
+        if reduced is not None:
+            reduced.release()
         causes = looked.after(found)
         if monitor.stopped:
             found = replace(found, fit=replace(found.fit, reason="stopped"))

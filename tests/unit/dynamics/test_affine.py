@@ -207,6 +207,31 @@ def test_a_matrix_of_zeros_is_a_term_without_rows() -> None:
     assert np.isinf(result.std["b.stiffness"])
 
 
+@pytest.mark.parametrize("few", [0, 10**6])
+def test_full_matrices_and_others_have_a_full_pattern(few, monkeypatch):
+    monkeypatch.setattr(affine, "_FEW", few)
+    rng = np.random.default_rng(1)
+    A, B = rng.standard_normal((2, 6, 6))
+    corner = np.zeros((6, 6))
+    corner[4:, 4:] = [[2.0, -1.0], [-1.0, 1.0]]
+    groups = {
+        "corner": updyn.Group(corner, np.diag([0, 0, 0, 0, 1.0, 1.0])),
+        "one": updyn.Group(A @ A.T, np.eye(6)),
+        "two": updyn.Group(B @ B.T, loss_factor=0.1),
+    }
+    model = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 7)])
+    system, omega = AffineSystem.compile(model), np.array([0.0, 2.0])
+    Z = dense(system, system.values(system.coefficients(system.start, omega)))
+    for z, w in zip(Z, omega, strict=True):
+        assert z == pytest.approx(by_hand(model, w), rel=1e-14, abs=1e-14)
+    assert len(system.indices) == 36
+    one, two = (
+        system.terms[system.find("one", "stiffness")],
+        system.terms[system.find("two", "stiffness")],
+    )
+    assert one.slots is two.slots
+
+
 def test_small_patterns_are_those_of_large_ones(monkeypatch):
     """Places found by sorting numbers, and by sparse arrays: the same in every term."""
     rng = np.random.default_rng(0)

@@ -61,6 +61,27 @@ def test_static_condensation_of_two_springs_in_series():
     )
 
 
+@pytest.mark.parametrize("tier", ["dense", "sparse"])
+def test_where_nothing_damps_the_answer_is_real(tier):
+    """Z_nn - Z_ns Z_ss^-1 Z_sn of full matrices, beside a group of few entries, in real numbers."""
+    A = np.random.default_rng(2).standard_normal((2, 9, 9))
+    K, M = (B @ B.T for B in A)
+    spring = np.zeros((9, 9))
+    spring[0, 0] = 40.0
+    groups = {"full": updyn.Group(1e3 * K, M), "spring": updyn.Group(spring)}
+    model = updyn.Model.from_groups(groups, [f"{i}:X" for i in range(1, 10)])
+    freq = np.array([0.5, 3.0])
+    found = updyn.condense(model, freq, ["7:X", "2:X"], tier=tier)
+    kept, rest = np.array([6, 1]), np.array([0, 2, 3, 4, 5, 7, 8])
+    for Z_red, f in zip(found.Z, freq, strict=True):
+        Z = 1e3 * K + spring - (2 * np.pi * f) ** 2 * M
+        inner = np.linalg.solve(Z[np.ix_(rest, rest)], Z[np.ix_(rest, kept)])
+        expected = Z[np.ix_(kept, kept)] - Z[np.ix_(kept, rest)] @ inner
+        assert Z_red == pytest.approx(expected, rel=1e-9)
+    assert found.Z.dtype == found.T.dtype == np.complex128
+    assert not found.Z.imag.any()
+
+
 def test_refusals(gear_train):
     with pytest.raises(DofError, match="retained DOF 8:RZ is not among"):
         updyn.condense(gear_train, [1.0], ["8:RZ"])

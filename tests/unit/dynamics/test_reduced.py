@@ -185,6 +185,46 @@ def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-5
 
 
+def beside(system: AffineSystem, share: float) -> State:
+    """The start, every other mass and stiffness changed by a share."""
+    change = np.where(np.arange(len(system.terms)) % 2 == 0, 1.0 + share, 1.0 - share)
+    return State(system.start.factor * change, system.start.loss, system.start.rate)
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_factorisation_serves_states_beside_its_own_while_it_is_kept(keeps: bool) -> None:
+    system = AffineSystem.compile(plate())
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
+    reduction.keeps = keeps
+    reduction.certify(system.start, BAND)
+    before, near = reduction.factorisations, beside(system, 0.05)
+    certificate = reduction.certify(near, BAND)
+    assert reduction.factorisations == before + (not keeps)
+    # P of the other state is a tenth off at most, and so is the error that it states.
+    assert true_error(system, near, reduction, UNSEEN) <= certificate.error <= 1e-5
+    reduction.certify(beside(system, 0.2), BAND)  # too far off
+    assert reduction.factorisations == before + 1 + (not keeps)
+    reduction.release()
+    reduction.certify(beside(system, 0.2), BAND)
+    assert reduction.factorisations == before + 2 + (not keeps)
+
+
+def test_a_basis_is_enriched_or_certified_but_not_both() -> None:
+    system = AffineSystem.compile(plate())
+    reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
+    far, size = beside(system, 0.3), reduction.basis.size
+    assert true_error(system, far, reduction, UNSEEN) > 1e-5
+    calls = 0
+    while (certificate := reduction.certify_or_enrich(far, BAND)) is None:
+        assert reduction.basis.size > size
+        size, calls = reduction.basis.size, calls + 1
+    assert 1 <= calls <= 4
+    assert certificate.size == reduction.basis.size == size
+    assert true_error(system, far, reduction, UNSEEN) <= certificate.error <= 1e-5
+    again = reduction.certify(far, BAND, enrich=False)
+    assert certificate.error == pytest.approx(again.error, rel=0.01)
+
+
 def test_a_model_at_rest_on_a_shift_that_hits_a_natural_frequency() -> None:
     # A chain of two masses among thousands of free DOFs would do; here 1 Hz^2 units make the shift
     # exact.

@@ -76,7 +76,7 @@ _DOWN = TrustRegion(_MAX_STEPS_PER_ROUND, 1e-9, radius=0.3, relative_fall=1e-3)
 _AT_START = 10.0
 #: Within this share of the trust radius a basis is enriched; beyond it a new one is smaller, and
 #: takes less time, where factorisations do: up to so many DOFs (`benchmarks/large.py`).
-_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 0.5, 20_000
+_NEAR, _NEAR_IF_HEAVY, _HEAVY = 0.1, 1.0, 20_000
 #: Bases that a fit makes anew. After them what the next one lacks is added, and as the basis then
 #: holds all along the way, each goes so many times as far as the one before.
 _RENEWED, _FURTHER = 2, 2.0
@@ -191,11 +191,12 @@ class _Part:
     lost: NDArray[np.float64] | None = None
 
     @classmethod
-    def of(cls, part: Part, accuracy: float) -> _Part:
+    def of(cls, part: Part, accuracy: float, *, keeps: bool) -> _Part:
         others = part.solver.others(np.union1d(part.rows, part.columns))
         stride = max(1, -(-len(others) // _ELSEWHERE))
         reduction = reduction_of(part, accuracy, others[::stride])
         reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), FINEST))
+        reduction.keeps = keeps
         return cls(part, reduction)
 
     def build(self, x: _Vector) -> None:
@@ -213,10 +214,15 @@ class _Part:
         self.lost = self.reduction.compress_around(states, freq, _DROPPED)
         self.solver = self.reduction.solver("reduced, around the start")
 
-    def certify(self, x: _Vector, *, enrich: bool) -> None:
-        self.certificate = self.reduction.certify(
-            self.exact.state(x), self.exact.frf.freq, enrich=enrich
-        )
+    def certify(self, x: _Vector) -> None:
+        state, freq = self.exact.state(x), self.exact.frf.freq
+        self.certificate = self.reduction.certify(state, freq, enrich=False)
+
+    def certify_or_enrich(self, x: _Vector) -> bool:
+        """Certify the basis at x and return True, or enrich it there."""
+        state, freq = self.exact.state(x), self.exact.frf.freq
+        self.certificate = self.reduction.certify_or_enrich(state, freq)
+        return self.certificate is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -272,7 +278,9 @@ class Reducing:
     _made: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        self._parts = [_Part.of(part, self.accuracy) for part in self.exact.parts]
+        # Of several tests the factorisations of all would be in memory at once.
+        keeps = len(self.exact.parts) == 1
+        self._parts = [_Part.of(part, self.accuracy, keeps=keeps) for part in self.exact.parts]
 
     @property
     def firsts(self) -> list[FieldSolver]:
@@ -632,6 +640,11 @@ class Reducing:
         self.certified = True
         return False
 
+    def release(self) -> None:
+        """Give the memory of factorisations back, once the fit does not go on."""
+        for part in self._parts:
+            part.reduction.release()
+
     @property
     def record(self) -> dict[str, float | int | str]:
         """Record for the result; of several tests, sums and the largest error."""
@@ -669,12 +682,8 @@ class Reducing:
 
     def _enrich_or_certify(self, x: _Vector) -> bool:
         """Enrich the bases at x and return True, or certify them where they lack nothing."""
-        grown = False
-        for part in self._parts:
-            before = part.reduction.basis.size
-            part.certify(x, enrich=True)
-            grown = grown or part.reduction.basis.size != before
-        if grown:
+        hold = [part.certify_or_enrich(x) for part in self._parts]
+        if not all(hold):
             self._use(x)
             return True
         error = self.error
@@ -701,7 +710,7 @@ class Reducing:
 
     def _check(self, x: _Vector) -> None:
         for part in self._parts:
-            part.certify(x, enrich=False)
+            part.certify(x)
         error = self.error
         self.certified = error is not None and error <= self.accuracy
 
