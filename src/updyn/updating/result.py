@@ -585,7 +585,7 @@ def _residual_lines(found: Adequacy | None, message: str) -> list[str]:
     if found.verdict not in message:
         lines.append(f"Residual: {found.verdict}")
     elif found.worst:
-        lines.append("Residual, where it is largest:")
+        lines.append("Residual, where it stands out most:")
     unit = "times the noise" if found.absolute else "times the typical misfit"
     for place in found.worst[:5]:
         over = ""

@@ -517,18 +517,20 @@ def assess(
         return replace(found, verdict=text)
     against = _Size(float(square.sum()), float(count.sum()), n_unknowns, absolute, averages)
     alone = white
-    large, white, p_size, p_serial = _tested(square, count, white, against)
-    p_value = min(p_size, p_serial)
+    (large, white), (p_size, p_serial), (telling_size, telling_serial) = _tested(
+        square, count, white, against
+    )
+    p_value, telling = min(p_size, p_serial), telling_size
     outcome = "noise"
     if p_serial <= level:
-        outcome = "structure"
+        outcome, telling = "structure", telling_serial
     elif p_value <= level:
         outcome = "excess"
         if course is not None and may_be_noisy(H, course, whitened, freq):
             found = replace(found, noisy=_noisy(found, square, count, alone, n_unknowns))
     found = replace(found, outcome=outcome, p_value=p_value, chi_square_p=large, whiteness_p=white)
     if p_value <= level:
-        found = replace(found, worst=_worst(found, whitened, freq, cut))
+        found = replace(found, worst=_worst(found, telling, whitened, freq, cut))
     return replace(found, verdict=_words(found))
 
 
@@ -687,12 +689,25 @@ class _Size:
         return np.asarray(np.clip(np.where(count > 0, p, 1.0), 1e-300, 1.0))
 
 
-def _tested(
-    square: _Real, count: _Real, white: _Real, size: _Size
-) -> tuple[_Real, _Real, float, float]:
-    """Return adjusted p-values by channel and band, and the least of all families.
+def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Real, _Real, _Real]:
+    """Test places (a channel in a band), channels, bands, and all together.
 
-    Of each kind, the first is that of the size and the second that of serial correlation.
+    Parameters
+    ----------
+    square, count, white : ndarray of float, shape (n_i, n_j, n_b)
+        Of each place: sum of squares, number of real values, p-value of serial correlation.
+    size : _Size
+        What sums of squares are set against.
+
+    Returns
+    -------
+    places : ndarray of float, shape (2, n_i, n_j, n_b)
+        Adjusted p-values. Here and below the first are those of the size, then come those of serial
+        correlation.
+    least : ndarray of float, shape (2,)
+        The least of all families.
+    telling : ndarray of float, shape (2, n_i, n_j, n_b)
+        p-values as they are, of the places of which the least one is made; inf elsewhere.
     """
     shape = square.shape
     n_bands = shape[2]
@@ -704,16 +719,21 @@ def _tested(
     if white.size > 1:
         axes.append(None)
     share = 1.0 + len(axes)
-    large, serial = np.minimum(share * adjusted(np.stack([size.p(square, count), white])), 1.0)
-    p_size, p_serial = float(large.min()), float(serial.min())
+    alone = np.stack([size.p(square, count), white])
+    places = np.minimum(share * adjusted(alone), 1.0)
+    least, telling = places.min(axis=(1, 2)), alone.copy()
     for axis in axes:
-        sums = size.p(np.atleast_1d(square.sum(axis=axis)), np.atleast_1d(count.sum(axis=axis)))
-        pair = np.minimum(
-            share * adjusted(np.stack([sums, np.atleast_1d(_combined(white, axis))])), 1.0
-        )
-        p_size = min(p_size, float(pair[0].min()))
-        p_serial = min(p_serial, float(pair[1].min()))
-    return large.reshape(shape), serial.reshape(shape), p_size, p_serial
+        sums = size.p(square.sum(axis=axis), count.sum(axis=axis))
+        pair = np.minimum(share * adjusted(np.stack([sums, _combined(white, axis)])), 1.0)
+        for kind, p in enumerate(pair):
+            if p.min() < least[kind]:
+                least[kind] = p.min()
+                made_of = np.zeros(p.shape, dtype=np.bool_)
+                made_of.flat[np.argmin(p)] = True
+                if axis == 1:
+                    made_of = made_of[:, None]
+                telling[kind] = np.where(made_of, alone[kind], np.inf)
+    return places.reshape(2, *shape), least, telling.reshape(2, *shape)
 
 
 def _noisy(
@@ -730,8 +750,8 @@ def _noisy(
     own = np.sqrt(sums / np.maximum(numbers, 1.0))
     levelled = square / np.where(there, own, 1.0)[:, None, None] ** 2
     size = _Size(float(levelled.sum()), float(count.sum()), n_unknowns, False, None)
-    *_, p_size, p_serial = _tested(levelled, count, white, size)
-    if min(p_size, p_serial) <= found.level:
+    _, least, _ = _tested(levelled, count, white, size)
+    if least.min() <= found.level:
         return ()
     return _louder_than_most(np.where(there, own, np.nan), found.responses)
 
@@ -777,13 +797,12 @@ def _length(values: _Complex) -> _Real:
 
 
 def _worst(
-    found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice]
+    found: Adequacy, telling: _Real, whitened: _Complex, freq: _Real, cut: list[slice]
 ) -> tuple[Misfit, ...]:
     """Return the places that stand out; where none does by itself, the most telling."""
-    least = np.minimum(found.chi_square_p, found.whiteness_p)
-    at = np.argwhere(least <= found.level)
+    at = np.argwhere(np.minimum(found.chi_square_p, found.whiteness_p) <= found.level)
     if not len(at):
-        at = np.argwhere(least == least.min())[:1]
+        at = np.argwhere(telling == telling.min())[:1]
     strength = found.misfit * np.sqrt(
         np.where(found.whiteness_p <= found.level, found.correlation_length, 1.0)
     )
@@ -826,7 +845,10 @@ def _words(found: Adequacy) -> str:
         how = "larger than the noise"
         if found.outcome == "structure":
             how = "serially correlated"
-        return f"The residual is {how} over many channels, though none stands out; most in {where}."
+        return (
+            f"The residual is {how} over many channels or bands, though no place stands out by"
+            f" itself; most in {where}."
+        )
     if found.noisy:
         return f"The residual is noise, but not of one size: {_louder(found.noisy)}."
     start = "More noise than expected, or outliers, in"

@@ -240,6 +240,38 @@ def test_a_weak_misfit_of_all_channels_is_found_in_their_sum():
     assert min(found.whiteness_p.min(), found.chi_square_p.min()) > found.p_value
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("where", ["channel", "band"])
+def test_where_no_place_stands_out_the_most_telling_of_many_is_named(where, seed):
+    """A quarter too loud all along a channel, or a fifth in one band of all channels."""
+    e, cut = noise(seed), bands(np.log(np.abs(H[:, 0, 0])))
+    e *= np.sqrt(2.0) / np.abs(e)
+    if where == "channel":
+        e[:, 2, 1] *= 1.25
+    else:
+        e[cut[1]] *= 1.18
+    found = look(e)
+    assert found.outcome == "excess"
+    assert found.chi_square_p.min() > found.level >= found.p_value
+    (named,) = found.worst
+    if where == "channel":
+        assert (named.response, named.reference) == ("3:Z", "4:-Z")
+    else:
+        assert named.low == FREQ[cut[1].start]
+    assert found.verdict == (
+        "The residual is larger than the noise over many channels or bands, though no place stands out by itself;"
+        f" most in channel {named.response} (force {named.reference}) near {named.near:.4g} Hz."
+    )
+    assert (
+        named.misfit
+        == found.misfit[
+            RESPONSES.index(named.response),
+            REFERENCES.index(named.reference),
+            found.bands[:, 0] == named.low,
+        ]
+    )
+
+
 def test_what_cannot_be_tested_is_said():
     assert look(noise(1), relative=1e-12).outcome == "exact"
     assert look(noise(1), relative=1e-12).adequate
