@@ -90,7 +90,7 @@ _LINES_A_STATE, _LINES_OF_STATES = 12, 250
 _WORTH = 0.05
 #: Lines that a pass checks; how many are checked together at most, and how large their residuals
 #: may be together.
-_COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**26
+_COUNT, _TOGETHER, _TOGETHER_BYTES = 12, 4, 2**28
 #: Pieces of the band in each of which a pass beside another state looks at a line.
 _BESIDE = 4
 #: Lines without a residual may be worse than those that have one: a basis is enriched to this share

@@ -318,6 +318,7 @@ class _Adequacy:
             worst = _records(Misfit, rest.pop("worst"))
             suspects = _records(Suspect, rest.pop("explained_by"))
             noisy = _records(Noisy, rest.pop("noisy", []))  # not in files of before
+            rest["lone"] = tuple(rest.get("lone", ()))
             return Adequacy(**rest, **arrays, worst=worst, explained_by=suspects, noisy=noisy)
         except (AttributeError, KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
@@ -525,8 +526,9 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``timing_s`` in s; ``versions``; ``adequacy``, None where it was not tested: ``outcome``,
         ``verdict``, ``absolute``, ``chi_square``, ``p_value``, ``level``, ``bands`` in Hz,
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
-        ``explained_by`` and the ``noisy`` sensors; ``trust``, ``holds`` and ``why`` of each part of
-        the verdict, None in old records; ``findings``, the causes that were found, as of
+        ``explained_by``, the ``noisy`` sensors and ``lone`` lines; ``trust``, ``holds`` and ``why``
+        of each part of the verdict, None in old records; ``findings``, the causes that were found,
+        as of
         `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that fit as
         well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and their
         ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
@@ -589,6 +591,7 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
         "worst": plain_records(found.worst),
         "explained_by": plain_records(found.explained_by),
         "noisy": plain_records(found.noisy),
+        "lone": list(found.lone),
     }
 
 

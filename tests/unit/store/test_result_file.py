@@ -57,6 +57,7 @@ def adequacy() -> Adequacy:
         worst=(Misfit("1:Z", "1:Z", 10.0, 20.0, 12.0, 2.0, 4.5, 1e-9, 1e-300, "structure"),),
         explained_by=(Suspect("foot", "mass", 2.0 / 3.0, -0.1, 0.3, confirmed=True),),
         noisy=(Noisy("1:Z", 10.0 / 3.0),),
+        lone=(17.0, 100.0 / 3.0),
     )
 
 
@@ -286,7 +287,7 @@ def test_no_field_is_forgotten():
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"
-            " correlation_length chi_square_p whiteness_p worst explained_by noisy"
+            " correlation_length chi_square_p whiteness_p worst explained_by noisy lone"
         ),
         Alternative: "values odds sensor difference",
         Misfit: "response reference low high near misfit correlation_length chi_square_p whiteness_p kind",
@@ -548,6 +549,7 @@ def test_json_says_what_is_left():
         "confirmed": True,
     }
     assert found["noisy"] == [{"response": "1:Z", "times": 10.0 / 3.0}]
+    assert found["lone"] == [17.0, 100.0 / 3.0]
     assert result_to_json(sample(adequacy=None))["adequacy"] is None
 
 

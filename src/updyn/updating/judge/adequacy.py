@@ -267,6 +267,9 @@ _NAMED = 3
 #: From so many times the noise of most sensors on, one is called noisy, up to this misfit as a
 #: share of its response.
 _NOISY, _MISSED = 1.5, 0.3
+#: Ratio of the squared misfit of a line to those beside it, and to the usual one, from which it
+#: stands out alone; largest share of such lines.
+_ALONE, _FEW_LINES = 9.0, 0.05
 #: p-value of serial correlation up to which a response is a smooth course along the lines.
 _SMOOTH = 1e-3
 
@@ -417,6 +420,7 @@ class Adequacy:
     worst: tuple[Misfit, ...] = ()
     explained_by: tuple[Suspect, ...] = ()
     noisy: tuple[Noisy, ...] = ()
+    lone: tuple[float, ...] = ()
 
     @property
     def adequate(self) -> bool:
@@ -530,7 +534,8 @@ def assess(
             found = replace(found, noisy=_noisy(found, square, count, alone, n_unknowns))
     found = replace(found, outcome=outcome, p_value=p_value, chi_square_p=large, whiteness_p=white)
     if p_value <= level:
-        found = replace(found, worst=_worst(found, telling, whitened, freq, cut))
+        worst = _worst(found, telling, whitened, freq, cut)
+        found = replace(found, worst=worst, lone=_lone(whitened, freq))
     return replace(found, verdict=_words(found))
 
 
@@ -810,18 +815,37 @@ def _worst(
     return tuple(_place(found, whitened, freq, cut, *map(int, index)) for index in at[order])
 
 
+def _lone(whitened: _Complex, freq: _Real) -> tuple[float, ...]:
+    """Return the lines that stand out alone, if there are few and they leave most of what is left.
+
+    A mode that the model lacks leaves something at the lines beside it, too.
+    """
+    seen = np.isfinite(whitened)
+    number = np.maximum(seen.sum(axis=(1, 2)), 1)
+    power = np.where(seen, np.abs(whitened) ** 2, 0.0).sum(axis=(1, 2)) / number
+    beside = np.pad(power, 1)
+    usual = np.median(power)
+    out = power > _ALONE * np.maximum(np.maximum(beside[:-2], beside[2:]), usual)
+    excess = np.maximum(power - usual, 0.0)
+    if out.sum() > _FEW_LINES * len(freq) or excess[out].sum() <= 0.5 * excess.sum():
+        return ()
+    return tuple(freq[out].tolist())
+
+
 def _place(
     found: Adequacy, whitened: _Complex, freq: _Real, cut: list[slice], i: int, j: int, k: int
 ) -> Misfit:
     band = cut[k]
     square = np.nan_to_num(np.abs(whitened[band, i, j]) ** 2)
     smooth = np.convolve(square, np.ones(min(3, len(square))), mode="same")
+    first = max(int(np.argmax(smooth)) - 1, 0)
+    near = first + int(np.argmax(square[first : first + 3]))
     return Misfit(
         found.responses[i],
         found.references[j],
         float(found.bands[k, 0]),
         float(found.bands[k, 1]),
-        float(freq[band][int(np.argmax(smooth))]),
+        float(freq[band][near]),
         float(found.misfit[i, j, k]),
         float(found.correlation_length[i, j, k]),
         float(found.chi_square_p[i, j, k]),
@@ -847,7 +871,7 @@ def _words(found: Adequacy) -> str:
             how = "serially correlated"
         return (
             f"The residual is {how} over many channels or bands, though no place stands out by"
-            f" itself; most in {where}."
+            f" itself; most in {where}.{_standing_alone(found.lone)}"
         )
     if found.noisy:
         return f"The residual is noise, but not of one size: {_louder(found.noisy)}."
@@ -862,7 +886,18 @@ def _words(found: Adequacy) -> str:
         more = "; and 1 more place"
     elif number > 2:
         more = f"; and {number - 1} more places"
-    return f"{start} {where}: {size}, {over}{more}."
+    return f"{start} {where}: {size}, {over}{more}.{_standing_alone(found.lone)}"
+
+
+def _standing_alone(lone: Sequence[float]) -> str:
+    """Return the sentence on lines that stand out alone; empty without any."""
+    if not lone:
+        return ""
+    shown = ", ".join(f"{f:.5g}" for f in lone[:_NAMED])
+    if len(lone) > _NAMED:
+        shown += f" and {len(lone) - _NAMED} more"
+    which = "the line at" if len(lone) == 1 else "the lines at"
+    return f" Most of it is in {which} {shown} Hz alone, and not beside."
 
 
 def _louder(noisy: Sequence[Noisy]) -> str:

@@ -42,6 +42,10 @@ _OWN_NOISE = (
     'Let each sensor count by its own noise, noise = "estimated-by-channel": the values get'
     " closer to the truth, and their standard deviations smaller."
 )
+_LONE = (
+    "Leave out the lines that stand out alone (exclude under [test]), or let outliers count less"
+    ' (noise = { robust = "student-t" }); if it is a resonance, measure it with finer lines.'
+)
 _LOOK = f"{_CHECK}; look at the channels with the lowest FRAC; free other groups."
 
 
@@ -129,6 +133,8 @@ def _look(found: list[Adequacy]) -> str:
     """Return the remedy for a residual that no error of the model explains."""
     if all(adequacy.noisy for adequacy in found):
         return _OWN_NOISE
+    if all(adequacy.lone for adequacy in found):
+        return _LONE
     return _LOOK
 
 

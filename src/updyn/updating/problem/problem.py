@@ -230,14 +230,27 @@ class Part:
 
     @property
     def work(self) -> float:
-        """Rough number of floating-point operations of one evaluation with derivatives."""
+        """Rough number of floating-point operations of an evaluation with derivatives, by line.
+
+        Without the eigendecomposition by which all lines are solved at once, if they are: every
+        process makes it anew.
+        """
         n, n_values = self.solver.system.n, self.sign.size
         columns = len(self.rows) + len(self.columns)
-        solve = 8.0 / 3.0 * n**3 + 8.0 * n**2 * columns
+        solve = 8.0 * n**2 * columns
         if self.solver.tier == "sparse":
             # As measured on three-dimensional solids of 10k to 300k DOFs.
             solve = 50.0 * n**1.75
+        elif not self._at_once:
+            solve += 8.0 / 3.0 * n**3
         return len(self.frf.freq) * (solve + 4.0 * n_values * self.n**2)
+
+    @property
+    def _at_once(self) -> bool:
+        """Whether one eigendecomposition of a dense model serves all lines."""
+        system = self.solver.system
+        least = LEAST_REDUCED_LINES if self.solver.tier == "reduced" else LEAST_LINES
+        return pays(system, system.start, len(self.frf.freq), least)
 
     @property
     def spreads(self) -> bool:
@@ -264,10 +277,8 @@ class Part:
         stored = n * n
         if tier == "sparse":
             stored = len(system.indices)
-        else:
-            least = LEAST_REDUCED_LINES if tier == "reduced" else LEAST_LINES
-            if pays(system, system.start, len(self.frf.freq), least):
-                stored = n * n_columns
+        elif self._at_once:
+            stored = n * n_columns
         size = _BLOCK_BYTES // (16 * (stored + n * n_columns + self.n * n_values))
         allowed = self.solver.block_size(n_columns + self.n * n_values // n)
         return list(line_blocks(len(self.frf.freq), max(1, min(int(size), allowed))))

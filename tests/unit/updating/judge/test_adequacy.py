@@ -272,6 +272,41 @@ def test_where_no_place_stands_out_the_most_telling_of_many_is_named(where, seed
     )
 
 
+@pytest.mark.parametrize("at", [[17], [17, 40]])
+@pytest.mark.parametrize("absolute", [True, False])
+def test_lines_that_stand_out_alone_are_named(at, absolute):
+    e = noise(21)
+    e[at] *= 12.0
+    found = look(e, absolute=absolute)
+    assert not found.adequate
+    assert found.lone == tuple(FREQ[at])
+    assert found.worst[0].near in FREQ[at]  # and not next to it
+    named = ", ".join(f"{f:.5g}" for f in FREQ[at])
+    which = "the line at" if len(at) == 1 else "the lines at"
+    assert found.verdict.endswith(f" Most of it is in {which} {named} Hz alone, and not beside.")
+
+
+@pytest.mark.parametrize("wide", [1.0, 2.0, 5.0])
+def test_a_resonance_that_is_missing_does_not_stand_out_at_one_line(wide):
+    """Half-power bandwidths from one spacing of the lines on: the skirts are seen."""
+    spacing = FREQ[1] - FREQ[0]
+    mode = 1.0 / (30.3**2 - FREQ**2 + 1j * wide * spacing * 30.3)
+    e = noise(22) + 15.0 * (mode / np.abs(mode).max())[:, None, None]
+    found = look(e)
+    assert not found.adequate
+    assert found.lone == ()
+
+
+def test_many_lines_or_a_little_of_the_misfit_do_not_stand_out_alone():
+    e = noise(23)
+    e[::6] *= 12.0
+    assert look(e).lone == ()
+    e = planted(8.0)
+    e[5] *= 4.0
+    assert look(e).lone == ()
+    assert look(noise(24)).lone == ()
+
+
 def test_what_cannot_be_tested_is_said():
     assert look(noise(1), relative=1e-12).outcome == "exact"
     assert look(noise(1), relative=1e-12).adequate

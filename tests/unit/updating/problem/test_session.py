@@ -166,14 +166,18 @@ def test_small_evaluations_stay_here(chain12, data, unknowns):
     assert engine.functions == []
 
 
-def test_large_models_are_worth_spreading_and_long():
+@pytest.mark.parametrize("at_once", [False, True])
+def test_large_models_are_worth_spreading_and_long(at_once):
+    """Not where one eigendecomposition serves all lines: every process would make it anew."""
     n = 60
     groups = {"g": updyn.Group(1e4 * np.eye(n), np.eye(n), loss_factor=0.1)}
+    if not at_once:  # viscous damping has no such form
+        groups["damper"] = updyn.Group(viscous=np.diag(np.arange(n) == 0).astype(float))
     model = updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
     lines = np.linspace(1.0, 10.0, 1000)
     data = updyn.FRF(lines, np.ones((1000, 1, 1)), ["1:X"], ["1:X"], "receptance")
     problem = Part.build(model, data, updyn.parameters(model, stiffness="all"))
-    assert problem.spreads
+    assert problem.spreads != at_once
     assert not problem.is_long
     assert problem.thinned(100).work == pytest.approx(0.1 * problem.work)
 
