@@ -129,6 +129,8 @@ def footbridge(spans: int = 4, bays: int = 19, wide: int = 4, pieces: int = 0) -
 
 #: By about how many DOFs.
 SOLIDS = {
+    "120": (1, 1, 10),
+    "1k": (5, 5, 10),
     "10k": (12, 12, 20),
     "50k": (20, 20, 38),
     "150k": (30, 30, 52),

@@ -106,11 +106,14 @@ def _keys(matrix: Any) -> np.ndarray:
 
 
 def compare(case: Case, budget: float) -> list[Row]:
-    """Ours by every backend, then the peer."""
+    """Ours by every sparse backend, small models by default first; then the peer."""
     x = case.unknowns.start
     rows: list[Row] = []
-    for backend in backends():
-        problem = case.problem("sparse", backend)
+    ways: list[tuple[str | None, str | None]] = [("sparse", backend) for backend in backends()]
+    if case.problem().solver.tier == "dense":
+        ways.insert(0, (None, None))
+    for tier, backend in ways:
+        problem = case.problem(tier, backend)
         step = steps(LogError(), problem)
         first, _ = once(step)
         taken = best(step)
@@ -121,7 +124,7 @@ def compare(case: Case, budget: float) -> list[Row]:
         against = rows[0].against if rows else taken
         rows.append(
             Row(
-                f"updyn, {backend}",
+                f"updyn, {backend or 'tier by size'}",
                 taken,
                 against,
                 note=f"first one, with its analysis: {first:.3g} s",
