@@ -168,8 +168,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert "in a new basis where the one before ended, 12 at most" in words
     assert "within a fiftieth of a factor of the point of the basis" in words
     assert pytest.approx(0.02) == reducing._NEAR * reducing._TRUST_RADIUS
-    assert f"(a tenth above {reducing._HEAVY:,} DOFs" in words
-    assert pytest.approx(0.1) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
+    assert f"(a fifth, the trust radius, above {reducing._HEAVY:,} DOFs" in words
+    assert pytest.approx(0.2) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
+    assert "more than a tenth off that of the last one" in words
+    assert reduction._CLOSE == 0.1
     assert "too large above a fifth of what is allowed" in words
     assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)
