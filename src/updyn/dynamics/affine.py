@@ -359,8 +359,7 @@ def _union(matrices: list[Any], n: int) -> Any:
         there = np.ones(len(numbers), dtype=np.bool_)
         return sp.csr_array((there, (numbers % n).astype(np.int32), ends), shape=(n, n))
     full = [m for m in matrices if _is_full(m)]
-    if len(matrices) > 1 and full:
-        return _union(full[:1], n)
+    matrices = full[:1] or matrices  # nothing is added to a full pattern
     if len(matrices) > 1:
         half = len(matrices) // 2
         return _union(matrices[:half], n) + _union(matrices[half:], n)
