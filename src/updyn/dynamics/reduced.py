@@ -555,7 +555,7 @@ class Reduction:
             lines = _some_lines(freq, level, _COUNT, 0)
             estimate = self._estimated(definite, state, freq, lines, self.accuracy)
             if estimate is None:
-                self._settle(definite, state, freq, level, _MARGIN * self.accuracy)
+                self._settle(definite, state, freq, level, _MARGIN * self.accuracy, first=1)
                 return None
             if estimate.reduction > self.accuracy:
                 worst = _worst_lines(freq, estimate.shares, _COUNT)
@@ -662,9 +662,16 @@ class Reduction:
             self._settle(definite, state, freq, level, allowed)
 
     def _settle(
-        self, definite: Factorised, state: State, freq: _Real, level: _Real, allowed: float
+        self,
+        definite: Factorised,
+        state: State,
+        freq: _Real,
+        level: _Real,
+        allowed: float,
+        first: int = 0,
     ) -> None:
-        for number in range(_PASSES):
+        """Check, in a pass after the other from the first on, until one adds nothing."""
+        for number in range(first, _PASSES):
             size = self.basis.size
             lines = _some_lines(freq, level, _COUNT, number)
             self._check_all(definite, state, lines, allowed)

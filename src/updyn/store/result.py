@@ -528,10 +528,9 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``misfit`` over noise by response, reference and band, the ``worst`` places and
         ``explained_by``, the ``noisy`` sensors and ``lone`` lines; ``trust``, ``holds`` and ``why``
         of each part of the verdict, None in old records; ``findings``, the causes that were found,
-        as of
-        `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that fit as
-        well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and their
-        ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
+        as of `updyn.updating.judge.causes.finding.Finding`; ``alternatives``, other answers that
+        fit as well: ``values`` by unknown, ``odds``, ``sensor`` that would tell them apart and
+        their ``difference`` there; ``modes``, None where they were not looked for: ``rows`` with
         ``test``, ``start`` and ``updated``, each None or ``number``, ``frequency`` in Hz,
         ``loss_factor``, ``change`` in % and ``mac``;
         ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
