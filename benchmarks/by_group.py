@@ -40,8 +40,9 @@ import scipy.sparse.linalg as sla
 
 import updyn
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import LineSolver, line_blocks
-from updyn.dynamics.reduced import Basis, Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.linalg.solver import Factorised, SparseSolver, check_backend
 
 MODELS = (
@@ -261,10 +262,10 @@ class Case:
             exact.append(np.array(solved))
         band = float(freq[0]), float(freq[-1])
         reduction = Reduction(system, rows, columns, band, check_backend(None))
-        P, times = reduction._matrix(system.start, -reduction._top), []
+        P, times = reduction.shifted.matrix(system.start, -reduction.shifted.top), []
         for _ in range(4):  # the first analyses the pattern
             begun = time.process_time()
-            reduction._sparse.factorise(P, 0.0)
+            reduction.shifted._solver.factorise(P, 0.0)
             times.append(time.process_time() - begun)
         return cls(reduction, freq, tests, lines, exact, float(np.median(times[1:])))
 

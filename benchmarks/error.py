@@ -18,7 +18,7 @@ import numpy as np
 import updyn
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.linalg.solver import check_backend
 
 SIZES = {"864": (3, 3, 18), "2025": (4, 4, 27), **models.SOLIDS}

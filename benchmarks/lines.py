@@ -19,8 +19,9 @@ import numpy as np
 import scipy.sparse.linalg as sla
 
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import line_blocks
-from updyn.dynamics.reduced import Basis, ReducedSolver
+from updyn.dynamics.reduced_solver import ReducedSolver
 
 _FORCES, _REPEATS = 30, 3
 

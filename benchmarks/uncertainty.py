@@ -20,7 +20,7 @@ from typing import Any
 import solids
 
 import updyn
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 
 #: What makes a basis, or says how good it is.
 MAKING = (

@@ -139,8 +139,7 @@ def test_every_source_is_cited_and_every_citation_has_its_source() -> None:
 
 
 def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
-    from updyn.dynamics import fields
-    from updyn.dynamics import reduced as reduction
+    from updyn.dynamics import certificate, fields, reduction, shifted
     from updyn.updating.fit import reducing
 
     section = TEXT.split("## Large models")[1].split("## ")[0]
@@ -152,11 +151,11 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert f"`accuracy` ({fields.ACCURACY:g}".replace("e-05", "e-5") in section
     assert "twice the difference to the answer in a larger basis" in section
     assert "sixteen times r_i^T P^-1 r_j at the four lines" in section
-    assert (reduction._OF_DIFFERENCE, reduction._OF_REMAINING) == (2.0, 16.0)
-    assert reduction._VALIDATION == 4
+    assert (certificate._OF_DIFFERENCE, certificate._OF_REMAINING) == (2.0, 16.0)
+    assert certificate._VALIDATION == 4
     assert "rounding: 2 eps" in section
     assert "0.5 eps" in section
-    assert (reduction._IN_ENTRIES, reduction._IN_FACTORS) == (2.0, 0.5)
+    assert (certificate._IN_ENTRIES, certificate._IN_FACTORS) == (2.0, 0.5)
     assert "at least 8 and at most 24" in section
     assert reducing._POINTS == (8, 24)
     assert "s = 0.2, 0.5 and 0.8 omega_max^2 in turn" in section
@@ -171,7 +170,7 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert f"(a fifth, the trust radius, above {reducing._HEAVY:,} DOFs" in words
     assert pytest.approx(0.2) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
     assert "more than a tenth off that of the last one" in words
-    assert reduction._CLOSE == 0.1
+    assert shifted._CLOSE == 0.1
     assert "too large above a fifth of what is allowed" in words
     assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)

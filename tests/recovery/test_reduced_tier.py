@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 import updyn
 from updyn.dynamics.affine import State
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.shifted import Shifted
 from updyn.errors import OptionError
 from updyn.linalg.solver import Factorised
 from updyn.updating.fit.methods.maximum_likelihood import MaximumLikelihood
@@ -173,17 +173,17 @@ def test_the_factorisation_that_rounds_share_is_given_back(monkeypatch: pytest.M
     values = frf.values * (1 + 0.01 * np.sqrt(0.5) * (draw[0] + 1j * draw[1]))
     frf = updyn.FRF(BAND, values, frf.responses, frf.references, frf.quantity)
     definite, ended = [], []
-    factorised, release = Reduction._factorised, Reducing.release
+    factorise, release = Shifted.factorise, Reducing.release
 
-    def counted(self: Reduction, state: State, shift: float) -> Factorised:
+    def counted(self: Shifted, state: State, shift: float) -> Factorised:
         definite.append(shift < 0.0)
-        return factorised(self, state, shift)
+        return factorise(self, state, shift)
 
     def noted(self: Reducing) -> None:
         ended.append([part.reduction for part in self._parts])
         release(self)
 
-    monkeypatch.setattr(Reduction, "_factorised", counted)
+    monkeypatch.setattr(Shifted, "factorise", counted)
     monkeypatch.setattr(Reducing, "release", noted)
     unknowns = updyn.parameters(start, stiffness=names)
     found = updyn.update(start, frf, unknowns, tier="reduced", backend="superlu")
@@ -193,7 +193,7 @@ def test_the_factorisation_that_rounds_share_is_given_back(monkeypatch: pytest.M
     assert sum(definite) <= 2
     assert sum(definite) < len(definite)
     ((reduction,),) = ended
-    assert reduction._definite is None
+    assert reduction.shifted._definite is None
 
 
 def test_a_search_leaves_the_basis_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 import updyn
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 
 
 def springs(i: np.ndarray, j: np.ndarray, n: int) -> sp.csr_array:

@@ -15,7 +15,8 @@ from updyn.control.structure import Structure
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.dynamics.kept_basis import begin
 from updyn.dynamics.modes import modes
-from updyn.dynamics.reduced import ReducedSolver, Reduction
+from updyn.dynamics.reduced_solver import ReducedSolver
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import ModelError, SolverError
 from updyn.group import LossTable
 from updyn.linalg.solver import check_backend
@@ -449,7 +450,7 @@ class _Projecting:
     def _rigid_in(self, reduction: Reduction) -> int:
         """Return how many rigid-body motions a basis has: those that the ports see, or more."""
         slow = max(self.band[0], _SLOW * self.band[1])
-        if reduction.below(self.system.start, slow) == 0:
+        if reduction.shifted.below(self.system.start, slow) == 0:
             return 0
         lacking = reduction.outside(self.system.start, _rigid_motions(self.model))
         return int((lacking < _SLOW**2).sum())

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from updyn.control.antiresonances import raised, resolved
 from updyn.control.ports import Port, port_matrix
 from updyn.control.space import Conversion
-from updyn.dynamics.reduced import ReducedSolver
+from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.response import response
 from updyn.frf import QUANTITIES
 from updyn.model import Model

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import State
-from updyn.dynamics.reduced import Basis, Reduction
+from updyn.dynamics.basis import Basis
+from updyn.dynamics.reduction import Reduction
 from updyn.model import Model
 
 __all__ = ["KeptBasis", "begin"]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.fields import ACCURACY, FieldSolver, LineSolver, line_blocks
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.frf import FRF, QUANTITIES, check_decay, check_lines, check_quantity
 from updyn.linalg.solver import check_backend

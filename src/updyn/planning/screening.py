@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
-from updyn.dynamics.reduced import Across, Reduction
+from updyn.dynamics.reduction import Across, Reduction
 from updyn.planning.criteria import Criterion, Planning
 from updyn.planning.information import Candidates, PairInformation
 from updyn.updating.problem.optimal_design import DesignScore, greedy

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.kept_basis import begin
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.uncertainty.likelihood import Gaussian, Point, furthest
 from updyn.uncertainty.restored import RestoredFit

@@ -11,7 +11,7 @@ import updyn
 from updyn.control.family import PlantFamily, plant_family
 from updyn.control.shared import Shared
 from updyn.dynamics.affine import AffineSystem
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import ModelError, OptionError, SolverError
 from updyn.uncertainty.draws import Draws
 from updyn.updating.result import JointResult, UpdateResult

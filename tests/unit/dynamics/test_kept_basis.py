@@ -13,7 +13,7 @@ from reduced_cases import moved, plate, true_error
 from updyn.dynamics import kept_basis
 from updyn.dynamics.affine import AffineSystem
 from updyn.dynamics.kept_basis import KeptBasis, begin
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 
 LINES = np.linspace(5.0, 60.0, 80)
 BAND = float(LINES[0]), float(LINES[-1])
@@ -46,7 +46,7 @@ def test_it_begins_a_reduction_that_is_proved_as_a_new_one(model, kept, rows) ->
     reduction = reduction_of(model, rows)
     state = moved(reduction.system, 0.02)
     begin(reduction, model, kept, state, LINES)
-    assert reduction.factorisations == 0
+    assert reduction.shifted.count == 0
     found = reduction.certify(state, LINES)
     true = true_error(reduction.system, state, reduction, LINES)
     assert true <= found.error <= 1e-5
@@ -81,7 +81,7 @@ def test_another_model_begins_with_a_basis_of_its_own(kept) -> None:
     other = plate(local=0.3)
     reduction = reduction_of(other)
     begin(reduction, other, kept, reduction.system.start, LINES)
-    assert reduction.factorisations > 0
+    assert reduction.shifted.count > 0
     found = reduction.certify(reduction.system.start, LINES)
     assert true_error(reduction.system, reduction.system.start, reduction, LINES) <= found.error
 

@@ -17,7 +17,7 @@ from updyn.dynamics.pencil import (
     Pencil,
     pays,
 )
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.problem import Part, Problem

@@ -10,8 +10,9 @@ import updyn
 from reduced_cases import moved, plate, true_error
 from updyn import sensitivity
 from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.basis import Basis
 from updyn.dynamics.fields import LineSolver
-from updyn.dynamics.reduced import Basis, Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import OptionError
 from updyn.sensitivity import Unknowns
 
@@ -130,9 +131,9 @@ def test_the_error_at_states_beside_each_other_takes_one_factorisation() -> None
     near = [moved(system, 0.02, seed) for seed in range(3)]
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
     reduction.enrich_around(near, BAND)
-    before = reduction.factorisations
+    before = reduction.shifted.count
     stated = reduction.errors([*near, moved(system, 0.3)], BAND)
-    assert reduction.factorisations == before + 2
+    assert reduction.shifted.count == before + 2
     true = [true_error(system, state, reduction, BAND) for state in near]
     assert (np.array(true) <= stated[:3]).all()
     assert stated[:3].max() <= 1e-5
@@ -168,7 +169,7 @@ def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
     """Terms differ by a factor of e; each pass looks at other lines of them."""
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    definite, before = reduction.definite(system.start), reduction.factorisations
+    definite, before = reduction.shifted.definite(system.start), reduction.shifted.count
     signs = np.where(np.random.default_rng(3).random((2, len(system.terms))) < 0.5, -0.5, 0.5)
     level = np.ones(len(BAND))
     for sign in signs:
@@ -180,7 +181,7 @@ def test_one_factorisation_makes_a_basis_hold_at_states_far_off() -> None:
             passes += 1
         assert 2 <= passes <= 12
         assert true_error(system, far, reduction, UNSEEN) < min(1e-3, 0.05 * off)
-    assert reduction.factorisations == before
+    assert reduction.shifted.count == before
     # what was there is as good as before
     assert true_error(system, system.start, reduction, UNSEEN) <= 1e-5
 
@@ -195,18 +196,18 @@ def beside(system: AffineSystem, share: float) -> State:
 def test_a_factorisation_serves_states_beside_its_own_while_it_is_kept(keeps: bool) -> None:
     system = AffineSystem.compile(plate())
     reduction = built(system, system.start, SENSORS, FORCES, (BAND[0], BAND[-1]))
-    reduction.keeps = keeps
+    reduction.shifted.keeps = keeps
     reduction.certify(system.start, BAND)
-    before, near = reduction.factorisations, beside(system, 0.05)
+    before, near = reduction.shifted.count, beside(system, 0.05)
     certificate = reduction.certify(near, BAND)
-    assert reduction.factorisations == before + (not keeps)
+    assert reduction.shifted.count == before + (not keeps)
     # P of the other state is a tenth off at most, and so is the error that it states.
     assert true_error(system, near, reduction, UNSEEN) <= certificate.error <= 1e-5
     reduction.certify(beside(system, 0.2), BAND)  # too far off
-    assert reduction.factorisations == before + 1 + (not keeps)
-    reduction.release()
+    assert reduction.shifted.count == before + 1 + (not keeps)
+    reduction.shifted.release()
     reduction.certify(beside(system, 0.2), BAND)
-    assert reduction.factorisations == before + 2 + (not keeps)
+    assert reduction.shifted.count == before + 2 + (not keeps)
 
 
 def test_a_basis_is_enriched_or_certified_but_not_both() -> None:

@@ -28,9 +28,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dynamics.basis import Basis
+from updyn.dynamics.certificate import Certificate
 from updyn.dynamics.fields import TIERS, FieldSolver
 from updyn.dynamics.kept_basis import KeptBasis
-from updyn.dynamics.reduced import Basis, Certificate, Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import OptionError, SolverError, suggest
 from updyn.frf import FRF
 from updyn.linalg.solver import Factorised
@@ -196,7 +198,7 @@ class _Part:
         stride = max(1, -(-len(others) // _ELSEWHERE))
         reduction = reduction_of(part, accuracy, others[::stride])
         reduction.accuracy = min(accuracy, max(_FAINT * _faintest(part.frf), FINEST))
-        reduction.keeps = keeps
+        reduction.shifted.keeps = keeps
         return cls(part, reduction)
 
     def build(self, x: _Vector) -> None:
@@ -643,7 +645,7 @@ class Reducing:
     def release(self) -> None:
         """Give the memory of factorisations back, once the fit does not go on."""
         for part in self._parts:
-            part.reduction.release()
+            part.reduction.shifted.release()
 
     @property
     def record(self) -> dict[str, float | int | str]:
@@ -657,13 +659,13 @@ class Reducing:
             error, channel = max(c.error for c in found), max(c.channel for c in found)
         used: Counter[str] = Counter()
         for part in self._parts:
-            used.update(part.reduction.used)
+            used.update(part.reduction.shifted.used)
         return {
             "accuracy": self.accuracy,
             "basis": sum(c.size for c in found),
             "error": error,
             "channel error": channel,
-            "factorisations": sum(part.reduction.factorisations for part in self._parts),
+            "factorisations": sum(part.reduction.shifted.count for part in self._parts),
             **fallback(used, self._parts[0].reduction.backend),
         }
 
@@ -742,7 +744,7 @@ class _About(Models):
             replace(part, solver=made.exact.solver)
             for part, made in zip(about.problem.parts, parts, strict=True)
         ]
-        definite = [p.reduction.definite(p.exact.state(about.answer.x)) for p in parts]
+        definite = [p.reduction.shifted.definite(p.exact.state(about.answer.x)) for p in parts]
         sizes = [part.reduction.basis.size for part in parts]
         exact, latest = about.problem.with_parts(whole), reducing.inside(about.problem)
         return cls(exact, latest, reducing, definite, sizes)

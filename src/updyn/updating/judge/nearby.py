@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.affine import State
-from updyn.dynamics.reduced import Reduction
+from updyn.dynamics.reduction import Reduction
 from updyn.errors import SolverError
 from updyn.updating.problem.problem import Part
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.dynamics.reduced import NOT_CONDENSED
+from updyn.dynamics.reduced_solver import NOT_CONDENSED
 from updyn.errors import SolverError
 from updyn.updating.fit.method import Fit, in_units, spread_of
 from updyn.updating.fit.methods.linear import basic_solution, turned_negative

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from updyn.dofs import DIRECTIONS
 from updyn.dynamics.affine import AffineSystem, Term
-from updyn.dynamics.reduced import ReducedSolver
+from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.updating.judge.causes.evidence import spread_of
 from updyn.updating.problem.problem import Part
 

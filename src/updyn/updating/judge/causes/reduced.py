@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.dynamics.fields import FieldSolver
-from updyn.dynamics.reduced import Across, Reduction
+from updyn.dynamics.reduction import Across, Reduction
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.search import scattered
 from updyn.updating.judge.causes.evidence import loosened, spread_of

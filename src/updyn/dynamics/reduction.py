@@ -25,34 +25,26 @@ mode in the band is missing when the basis is made.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, TypeAlias
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from updyn.dofs import DofSet
-from updyn.dynamics.affine import AffineSystem, State, Term
-from updyn.dynamics.fields import ACCURACY, line_blocks, solve_dense, solve_lines
-from updyn.dynamics.pencil import LEAST_REDUCED_LINES, Pencil, PencilCache, StateWeights
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.dynamics.basis import INDEPENDENT, ROWS, Basis
+from updyn.dynamics.certificate import Certificate, Estimate
+from updyn.dynamics.fields import ACCURACY, line_blocks
+from updyn.dynamics.line_residuals import Channels, LineResiduals
+from updyn.dynamics.reduced_solver import ReducedSolver
+from updyn.dynamics.shifted import Shifted
 from updyn.errors import OptionError, SolverError
-from updyn.linalg.solver import Factorised, SparseSolver
-from updyn.linalg.threads import alone
+from updyn.linalg.solver import Factorised
 
-__all__ = [
-    "NOT_CONDENSED",
-    "SAFETY",
-    "Basis",
-    "Certificate",
-    "Channels",
-    "LineResiduals",
-    "ReducedSolver",
-    "Reduction",
-]
+__all__ = ["SAFETY", "Across", "Reduction"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -61,14 +53,6 @@ _Answer: TypeAlias = "tuple[_Complex, _Real, _Complex]"
 
 #: Factor on the error that residuals give while a basis is enriched.
 SAFETY = 4.0
-#: Factor on the difference to a larger basis.
-_OF_DIFFERENCE = 2.0
-#: Factor on the error that residuals give of the larger basis, at other lines and near resonance.
-_OF_REMAINING = 16.0
-#: Factors on the errors of rounding in the entries of the matrices and in dense factorisations.
-_IN_ENTRIES, _IN_FACTORS = 2.0, 0.5
-#: Lines at which the error of the larger basis is computed.
-_VALIDATION = 4
 #: A direction below this share of the largest is left out of the larger basis.
 _SMALL = 1e-3
 
@@ -97,40 +81,6 @@ _BESIDE = 4
 #: of what is allowed.
 _MARGIN = 0.2
 _PASSES = 24
-#: States of which no mass and no stiffness differs by more than this share are beside each other.
-_CLOSE = 0.1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Certificate:
-    """The certified error of a reduced model.
-
-    Attributes
-    ----------
-    size : int
-        Number of basis vectors.
-    error : float
-        Largest of `errors` as a share of the largest |H| of its line, rounding included.
-    channel : float
-        Largest error of a channel as a share of the rms |H| of the channel, at most 1: what `error`
-        does not show of channels that are weak beside others.
-    rounding : float
-        What rounding has in `error`.
-    errors : ndarray of float, shape (n_f, n_rows, n_columns)
-        Stated |H_reduced - H| at every line, in m/N.
-    lines : tuple of float
-        Lines whose full residual was computed for it, in Hz.
-    factorisations : int
-        Real factorisations of the whole model so far.
-    """
-
-    size: int
-    error: float
-    channel: float
-    rounding: float
-    errors: _Real
-    lines: tuple[float, ...]
-    factorisations: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,9 +125,13 @@ class Reduction:
         DOFs that can be read besides, without a promise of accuracy.
     poll : callable, optional
         Called after every step that takes long; what it raises ends the work.
-    keeps : bool
-        Whether the factorisation of P = K + omega_max^2 M stays in memory for states beside its
-        own, until `release` or the next one.
+
+    Attributes
+    ----------
+    basis : Basis
+        As far as it has grown.
+    shifted : Shifted
+        Factorisations of the whole model.
     """
 
     system: AffineSystem
@@ -188,12 +142,9 @@ class Reduction:
     accuracy: float = ACCURACY
     extra: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     poll: Callable[[], object] = lambda: None
-    keeps: bool = False
     basis: Basis = field(init=False)
-    factorisations: int = field(default=0, init=False)
-    _definite: tuple[Factorised, State] | None = field(default=None, init=False)
+    shifted: Shifted = field(init=False)
     _channels: Channels = field(init=False)
-    _sparse: SparseSolver = field(init=False)
 
     def __post_init__(self) -> None:
         if not 1e-10 <= self.accuracy <= 0.1:
@@ -203,7 +154,8 @@ class Reduction:
                 key=("accuracy",),
             )
         self._channels = Channels(self.rows, self.columns, self.system.dofs)
-        self._sparse = SparseSolver(self.backend, real=True)
+        top = float((2.0 * np.pi * self.band[1]) ** 2)
+        self.shifted = Shifted(self.system, top, self.backend)
 
     def build(self, state: State) -> None:
         """Build a new basis for one state of the model.
@@ -221,7 +173,7 @@ class Reduction:
         self._begin(state)
         loads = np.zeros((self.system.n, len(self._loaded)), order="F")
         loads[self._loaded, np.arange(len(self._loaded))] = 1.0
-        low, high = (2.0 * np.pi * self.band[0]) ** 2, self._top
+        low, high = (2.0 * np.pi * self.band[0]) ** 2, self.shifted.top
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
             np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
         )
@@ -258,7 +210,7 @@ class Reduction:
         self._begin(states[0])
         rng, across = np.random.default_rng(seed), across or Across()
         for number, state in enumerate(states):
-            shift = across.shifts[number % len(across.shifts)] * self._top
+            shift = across.shifts[number % len(across.shifts)] * self.shifted.top
             with suppress(SolverError):
                 loads = self._combined_loads(rng, across.combinations)
                 self._expand(state, shift, loads, across.depth, lossy=across.lossy)
@@ -277,22 +229,13 @@ class Reduction:
         """
         rng = np.random.default_rng(seed)
         for number, state in enumerate(states):
-            shift = _BETWEEN[number % len(_BETWEEN)] * self._top
+            shift = _BETWEEN[number % len(_BETWEEN)] * self.shifted.top
             with suppress(SolverError):
                 self._expand(state, shift, self._combined_loads(rng, _COMBINATIONS), 1)
 
     @property
-    def used(self) -> dict[str, int]:
-        """How many sparse solves each backend answered, by name."""
-        return self._sparse.used
-
-    @property
     def _loaded(self) -> NDArray[np.intp]:
         return self._channels.loaded
-
-    @property
-    def _top(self) -> float:
-        return float((2.0 * np.pi * self.band[1]) ** 2)
 
     @property
     def _depth(self) -> int:
@@ -301,7 +244,7 @@ class Reduction:
     # -- construction --------------------------------------------------------------------------
     def _begin(self, state: State) -> None:
         """Begin a basis whose scale of each DOF is that of a state."""
-        diagonal = self._matrix(state, -self._top).diagonal()
+        diagonal = self.shifted.matrix(state, -self.shifted.top).diagonal()
         self.basis = Basis(self.system, np.sqrt(np.maximum(diagonal, 1e-16 * diagonal.max())))
 
     def _combined_loads(self, rng: np.random.Generator, combinations: int) -> _Real:
@@ -322,7 +265,7 @@ class Reduction:
         self, state: State, shift: float, loads: _Real, depth: int, *, lossy: bool = True
     ) -> int | None:
         """Add the basis vectors of a shift; return how many modes lie below it, if known."""
-        factorised, X = self._solved(state, shift, loads)
+        factorised, X = self.shifted.solve(state, shift, loads)
         damping, inertial = self._lossy(state), self._inertial(state)
         lost = None
         if lossy and damping.any():
@@ -336,25 +279,13 @@ class Reduction:
             self.basis.append(lost)
         return factorised.negative
 
-    def _solved(self, state: State, shift: float, loads: _Real) -> tuple[Factorised, _Real]:
-        """Factorise K - s M and solve for the loads; shift s off a natural frequency."""
-        for nudge in (0.0, 1e-4, 1e-3):
-            at = shift - nudge * self._top
-            try:
-                factorised = self._factorised(state, at)
-                return factorised, factorised.solve(loads)
-            except SolverError:
-                if nudge == 1e-3:
-                    raise
-        raise AssertionError
-
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
         """Return neighbouring shifts with missed or too many modes between them; None if none."""
         values = scipy.linalg.eigvalsh(
             self.basis.combined(self._inertial(state)),
-            self.basis.combined(self._weights(state, -self._top)),
+            self.basis.combined(self.shifted.weights(state, -self.shifted.top)),
         )
-        squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self._top
+        squares = 1.0 / np.maximum(values, np.finfo(np.float64).tiny) - self.shifted.top
         room = max(2, len(self._loaded) * self._depth)
         shifts = sorted(below)
         for low, high in itertools.pairwise(shifts):
@@ -367,19 +298,6 @@ class Reduction:
         return None
 
     # -- matrices ------------------------------------------------------------------------------
-    def _weights(self, state: State, shift: float) -> _Real:
-        """Return the weight of each term in K - s M."""
-        weights = {"stiffness": 1.0, "mass": -shift}
-        return np.array([weights.get(t.quantity, 0.0) for t in self.system.terms]) * state.factor
-
-    def _matrix(self, state: State, shift: float) -> Any:
-        """Return K - s M."""
-        values = self.system.real_values(self._weights(state, shift))
-        # Symmetric: the CSR arrays are those of CSC, which factorisations want.
-        return sp.csc_array(
-            (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
-        )
-
     def _lossy(self, state: State) -> _Real:
         """Return the weight of each term in D + omega C at the top of the band."""
         return self.system.coefficients(state, np.array([2.0 * np.pi * self.band[1]]))[:, 0].imag
@@ -387,13 +305,6 @@ class Reduction:
     def _inertial(self, state: State) -> _Real:
         """Return the weight of each term in M."""
         return np.array([t.quantity == "mass" for t in self.system.terms]) * state.factor
-
-    def _factorised(self, state: State, shift: float) -> Factorised:
-        self._definite = None  # it ends with the next factorisation
-        self.factorisations += 1
-        return self._sparse.factorise(
-            self._matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
-        )
 
     # -- use ---------------------------------------------------------------------------------
     def solver(self, label: str = "reduced") -> ReducedSolver:
@@ -447,7 +358,7 @@ class Reduction:
             What the receptance of each channel changed by (rms), over the largest of its line.
         """
         rng = np.random.default_rng(len(states))
-        metric = self.basis.combined(self._weights(states[0], -self._top))
+        metric = self.basis.combined(self.shifted.weights(states[0], -self.shifted.top))
         solver = self.solver()
         gram, total = np.zeros_like(metric), 0
         before: list[_Answer] = []
@@ -487,7 +398,7 @@ class Reduction:
 
     def _truncate(self, state: State, gram: _Real, allowed: float) -> None:
         """Drop the directions of least energy in P of fields with a Gram matrix, up to a sum."""
-        C = np.linalg.cholesky(self.basis.combined(self._weights(state, -self._top)))
+        C = np.linalg.cholesky(self.basis.combined(self.shifted.weights(state, -self.shifted.top)))
         energy, axes = np.linalg.eigh(C.T @ gram @ C)
         dropped = np.searchsorted(np.cumsum(np.maximum(energy, 0.0)), allowed)
         self.basis.rotate(
@@ -549,8 +460,8 @@ class Reduction:
         SolverError
             As `certify`.
         """
-        with self._kept():
-            definite, size = self.definite(state), self.basis.size
+        with self.shifted.kept():
+            definite, size = self.shifted.definite(state), self.basis.size
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
             lines = _some_lines(freq, level, _COUNT, 0)
             estimate = self._estimated(definite, state, freq, lines, self.accuracy)
@@ -562,7 +473,7 @@ class Reduction:
                 self._check_all(definite, state, worst, _MARGIN * self.accuracy)
                 return None
             self.basis = self.basis.leading(size)
-            return estimate.certificate(size, tuple(lines), self.factorisations)
+            return estimate.certificate(size, tuple(lines), self.shifted.count)
 
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
         """Compute the error at several states, the basis as it is.
@@ -593,7 +504,7 @@ class Reduction:
     ) -> list[Certificate]:
         return [
             self._certified(definite, state, freq, enrich=enrich, count=count)
-            for definite, state in self._definites(states)
+            for definite, state in self.shifted.definites(states)
         ]
 
     def _certified(
@@ -616,7 +527,7 @@ class Reduction:
             lines = _worst_lines(freq, estimate.shares, count)
         assert estimate is not None
         self.basis = self.basis.leading(size)
-        return estimate.certificate(size, tuple(lines), self.factorisations)
+        return estimate.certificate(size, tuple(lines), self.shifted.count)
 
     def _estimated(
         self,
@@ -625,7 +536,7 @@ class Reduction:
         freq: _Real,
         lines: Sequence[float],
         allowed: float,
-    ) -> _Estimate | None:
+    ) -> Estimate | None:
         """Check some lines; return the error at all, or None where the basis has grown.
 
         The basis is left with what it lacks, beside which its error was estimated.
@@ -657,7 +568,7 @@ class Reduction:
             As `certify`.
         """
         allowed = _MARGIN * (self.accuracy if accuracy is None else accuracy)
-        for definite, state in self._definites(states):
+        for definite, state in self.shifted.definites(states):
             level = np.linalg.norm(self._receptance(state, freq), axis=(1, 2))
             self._settle(definite, state, freq, level, allowed)
 
@@ -691,7 +602,7 @@ class Reduction:
             The error up to which nothing is added; by default a fifth of the accuracy wanted.
         """
         allowed = _MARGIN * self.accuracy if allowed is None else allowed
-        for definite, state in self._definites(states):
+        for definite, state in self.shifted.definites(states):
             self._check_all(definite, state, freq.tolist(), allowed)
 
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
@@ -705,31 +616,9 @@ class Reduction:
             All lines that matter, in Hz; each state takes every n-th of them, from another one on.
         """
         stride = -(-len(freq) // _COUNT)
-        for number, (definite, state) in enumerate(self._definites(states)):
+        for number, (definite, state) in enumerate(self.shifted.definites(states)):
             lines = freq[number % stride :: stride]
             self._check_all(definite, state, lines.tolist(), _MARGIN * self.accuracy)
-
-    def below(self, state: State, frequency: float) -> int | None:
-        """Return how many modes of the whole model lie below a frequency, by Sylvester's law.
-
-        Parameters
-        ----------
-        state : State
-            The model.
-        frequency : float
-            In Hz; above 0.
-
-        Returns
-        -------
-        int or None
-            None where the backend does not count, or the frequency is a natural one.
-        """
-        try:
-            return self._factorised(state, (2.0 * np.pi * frequency) ** 2).negative
-        except SolverError:
-            return None
-        finally:
-            self.release()
 
     def outside(self, state: State, X: _Real) -> _Real:
         """Return what the basis lacks of the space of some motions.
@@ -748,35 +637,11 @@ class Reduction:
         """
         if not X.shape[1]:
             return np.zeros(0)
-        weights = self._weights(state, -self._top)
+        weights = self.shifted.weights(state, -self.shifted.top)
         PX = self.system.applied(weights, X)
         within = self.basis.projected(PX)
         shared = within.T @ scipy.linalg.solve(self.basis.combined(weights), within, assume_a="pos")
         return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
-
-    def definite(self, state: State) -> Factorised:
-        """Return K + omega_max^2 M of a state, factorised, or of a state beside it if at hand.
-
-        It holds until the next factorisation, or `release`.
-
-        Parameters
-        ----------
-        state : State
-            The model.
-
-        Raises
-        ------
-        SolverError
-            If it is not definite.
-        """
-        if self._definite is None or not _are_close(state, self._definite[1]):
-            self._definite = self._factorised(state, -self._top), state
-        return self._definite[0]
-
-    def release(self) -> None:
-        """Give the memory of factorisations back."""
-        self._definite = None
-        self._sparse.release()
 
     def enrich_beside(
         self,
@@ -830,7 +695,7 @@ class Reduction:
             The largest error of a receptance as a share of the largest of its line.
         """
         solver, worst = self.solver(), np.zeros(len(states))
-        for number, (definite, state) in enumerate(self._definites(states)):
+        for number, (definite, state) in enumerate(self.shifted.definites(states)):
             for some in self._few_together(freq):
                 lines = LineResiduals(solver, self.basis, self._channels, state, some)
                 errors = np.abs(lines.errors(definite.solve(lines.residual())))
@@ -838,21 +703,6 @@ class Reduction:
                 worst[number] = max(worst[number], share)
             self.poll()
         return worst
-
-    def _definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
-        """Yield states with P = K + omega_max^2 M of each, or of one beside it."""
-        with self._kept():
-            for state in states:
-                yield self.definite(state), state
-
-    @contextmanager
-    def _kept(self) -> Iterator[None]:
-        """Keep P while it is worked with, and longer only if it is to be kept."""
-        try:
-            yield
-        finally:
-            if not self.keeps:
-                self.release()
 
     def _orthonormal(self, pieces: list[_Real], state: State) -> _Real:
         """Return what spans the columns of all pieces, orthonormal in K + omega_max^2 M.
@@ -863,21 +713,21 @@ class Reduction:
         W = _joined(pieces)
         alone = Basis(self.system, self.basis.weight)
         alone.extend(W)
-        gram = alone.combined(self._weights(state, -self._top))
+        gram = alone.combined(self.shifted.weights(state, -self.shifted.top))
         if not gram.size:
             return W
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
         size, axes = np.linalg.eigh(scale[:, None] * gram * scale)
-        kept = np.flatnonzero(size > _INDEPENDENT * size[-1])[::-1]
+        kept = np.flatnonzero(size > INDEPENDENT * size[-1])[::-1]
         C = scale[:, None] * axes[:, kept] / np.sqrt(size[kept])
-        for first in range(0, len(W), _ROWS):
-            part = slice(first, first + _ROWS)
+        for first in range(0, len(W), ROWS):
+            part = slice(first, first + ROWS)
             W[part, : len(kept)] = W[part] @ C
         return W[:, : len(kept)]
 
     def _estimate_within(
         self, definite: Factorised, state: State, freq: _Real, size: int
-    ) -> _Estimate:
+    ) -> Estimate:
         """Return the estimate beside as many of the vectors after the first `size` as it can.
 
         They come in the order of what they add. Where those that add least make the larger model
@@ -892,41 +742,13 @@ class Reduction:
                     raise
                 self.basis = self.basis.leading(size + added // 2)
 
-    def _estimate(self, definite: Factorised, state: State, freq: _Real, size: int) -> _Estimate:
+    def _estimate(self, definite: Factorised, state: State, freq: _Real, size: int) -> Estimate:
         """Return the error at all lines of the first `size` basis vectors, beside all of them."""
-        eps = float(np.finfo(np.float64).eps)
         wide, narrow = self.solver(), self._solver_of(self.basis.leading(size))
-        forced, P = self._channels.forced, self.basis.combined(self._weights(state, -self._top))
-        norms = np.array([np.linalg.norm(A) for A in self.basis.terms])
-        parts, of_wide, of_narrow = [], wide.pencil(state, freq), narrow.pencil(state, freq)
-        for block in line_blocks(len(freq), wide.block_size(len(self._loaded))):
-            c = self.system.coefficients(state, 2.0 * np.pi * freq[block])
-            q = wide.solve(c, self._loaded, freq[block], of_wide)
-            H = wide.at(q, self._loaded)[:, :, forced]
-            fewer = narrow.solve(c, self._loaded[forced], freq[block], of_narrow)
-            energy = np.sum((q.conj() * np.tensordot(P, q, axes=1)).real, axis=0)
-            length = np.sum(np.abs(q) ** 2, axis=0) * (norms @ np.abs(c))[:, None]
-            parts.append((H, narrow.at(fewer, self._loaded) - H, energy.T, length.T))
-        H, difference = (
-            np.concatenate(p, axis=1).transpose(1, 0, 2) for p in _columns(parts, 0, 2)
-        )
-        energy, length = (np.sqrt(np.concatenate(p, axis=1).T) for p in _columns(parts, 2, 4))
-        level = self._channels.levels(H)
-        factors = length[:, :, None] * length[:, None, forced]
-        products = energy[:, :, None] * energy[:, None, forced]
-        worst = _validation_lines(np.abs(difference) / level)
-        lines = LineResiduals(wide, self.basis, self._channels, state, freq[worst])
-        left = np.abs(lines.errors(definite.solve(lines.residual()))) / level[worst]
-        remaining = left.max(axis=(0, 2))[:, None]
-        entries = (lines.magnitudes() / products[worst]).max(axis=0)
+        P = self.basis.combined(self.shifted.weights(state, -self.shifted.top))
+        found = Estimate.beside(wide, narrow, self.basis, self._channels, P, definite, state, freq)
         self.poll()
-        return _Estimate(
-            self._channels,
-            H,
-            level,
-            _OF_DIFFERENCE * np.abs(difference) + _OF_REMAINING * remaining * level,
-            eps * (_IN_ENTRIES * entries * products + _IN_FACTORS * factors),
-        )
+        return found
 
     def _receptance(self, state: State, freq: _Real) -> _Complex:
         """Return the reduced model's receptance, shape (n_f, n_rows, n_columns)."""
@@ -1004,55 +826,6 @@ class Reduction:
         return np.hstack(lacking)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Estimate:
-    """The error of a reduced model at all lines, for all loaded DOFs and references.
-
-    Attributes
-    ----------
-    channels : Channels
-        What is loaded and read.
-    H : ndarray of complex, shape (n_f, k, n_j)
-        Receptance in the larger basis.
-    level : ndarray of float, shape (n_f, k, n_j)
-        The largest |H| of the line, of the same units.
-    reduced, rounded : ndarray of float, shape (n_f, k, n_j)
-        Stated error by the reduction and by rounding.
-    """
-
-    channels: Channels
-    H: _Complex
-    level: _Real
-    reduced: _Real
-    rounded: _Real
-
-    @property
-    def shares(self) -> _Real:
-        """The largest share of each line that is the error by the reduction, shape (n_f,)."""
-        return np.asarray((self.reduced / self.level).max(axis=(1, 2)))
-
-    @property
-    def reduction(self) -> float:
-        """The largest of `shares`."""
-        return float(self.shares.max())
-
-    def certificate(self, size: int, lines: tuple[float, ...], factorisations: int) -> Certificate:
-        """Return what is stated."""
-        error = self.reduced + self.rounded
-        measured = error[:, self.channels.read]
-        rms = np.sqrt(np.mean(np.abs(self.H[:, self.channels.read]) ** 2, axis=0))
-        rms = np.maximum(rms, np.finfo(np.float64).tiny)
-        return Certificate(
-            size,
-            float((error / self.level).max()),
-            min(float((measured / rms).max()), 1.0),
-            float((self.rounded / self.level).max()),
-            measured,
-            lines,
-            factorisations,
-        )
-
-
 def _joined(pieces: list[_Real]) -> _Real:
     """Return arrays side by side, (N, k) each; each is given back as soon as it is copied."""
     out = np.empty((len(pieces[0]), sum(piece.shape[1] for piece in pieces)))
@@ -1065,28 +838,10 @@ def _joined(pieces: list[_Real]) -> _Real:
     return out
 
 
-def _are_close(state: State, other: State) -> bool:
-    """Whether masses and stiffnesses of two states are alike."""
-    change = np.abs(state.factor - other.factor)
-    return bool((change <= _CLOSE * np.abs(other.factor)).all())
-
-
-def _columns(rows: list[Any], first: int, last: int) -> Any:
-    """Return entries `first` to `last` of all rows, by entry."""
-    return list(zip(*rows, strict=True))[first:last]
-
-
 def _worst_lines(freq: _Real, shares: _Real, count: int) -> list[float]:
     """Return the lines of largest share, one of each piece of the band."""
     pieces = np.array_split(np.arange(len(freq)), min(count, len(freq)))
     return [float(freq[p[np.argmax(shares[p])]]) for p in pieces]
-
-
-def _validation_lines(shares: _Real) -> list[int]:
-    """Return the line of largest share, and the worst one of each quarter of the band."""
-    worst = shares.max(axis=(1, 2))
-    quarters = np.array_split(np.arange(len(worst)), min(_VALIDATION, len(worst)))
-    return [int(q[np.argmax(worst[q])]) for q in quarters]
 
 
 def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[float]:
@@ -1101,508 +856,3 @@ def _some_lines(freq: _Real, level: _Real, count: int, number: int) -> list[floa
     for i, piece in enumerate(pieces):
         picked.add(int(choose[(i + number) % 3](piece)))
     return freq[sorted(picked)].tolist()  # type: ignore[no-any-return]
-
-
-#: Directions of a larger basis with a smaller share of the largest square are rounding.
-_INDEPENDENT = 1e-10
-#: Norm of a unit column after orthogonalisation below which it is rounding.
-_NEW = 1e-9
-_ROWS = 1 << 16
-
-
-@dataclass(slots=True, eq=False)
-class Basis:
-    """Real basis vectors V and the projected matrices V^T A_t V of every term t.
-
-    Parameters
-    ----------
-    system : AffineSystem
-        The compiled model, N DOFs.
-    weight : ndarray of float, shape (N,)
-        Scale of each DOF, so that translations and rotations compare; the columns are normal in it.
-
-    Attributes
-    ----------
-    terms : list of ndarray of float, shape (r, r)
-        The projected matrices, one a term of the system.
-    """
-
-    system: AffineSystem
-    weight: _Real
-    terms: list[_Real] = field(init=False)
-    _blocks: list[_Real] = field(default_factory=list, init=False)
-    _is_normal: bool = field(default=True, init=False)
-
-    def __post_init__(self) -> None:
-        self.terms = [np.zeros((0, 0)) for _ in self.system.terms]
-
-    @property
-    def size(self) -> int:
-        """Number of basis vectors r."""
-        return sum(b.shape[1] for b in self._blocks)
-
-    def at(self, dofs: NDArray[np.intp]) -> _Real:
-        """Return V at some DOFs, shape (len(dofs), r)."""
-        return np.hstack([b[dofs] for b in self._blocks])
-
-    def leading(self, size: int) -> Basis:
-        """Return the first vectors as a basis."""
-        out = Basis(self.system, self.weight)
-        for block in self._blocks:
-            if out.size < size:
-                out._blocks.append(block[:, : size - out.size])
-        out.terms = [np.ascontiguousarray(A[:size, :size]) for A in self.terms]
-        out._is_normal = self._is_normal
-        return out
-
-    def moved(self, coordinates: _Real) -> _Real:
-        """Return V q for real coordinates q, shape (r, k), as (N, k)."""
-        out = np.zeros((self.system.n, coordinates.shape[1]))
-        first = 0
-        for block in self._blocks:
-            out += block @ coordinates[first : first + block.shape[1]]
-            first += block.shape[1]
-        return out
-
-    def projected(self, F: _Real) -> _Real:
-        """Return V^T F for forces F, shape (N, k), as (r, k)."""
-        return np.vstack([b.T @ F for b in self._blocks])
-
-    def append(self, X: _Real) -> None:
-        """Add what is new in the columns of X, shape (N, k); X is overwritten."""
-        scale = self.weight[:, None]
-        X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
-        root = None if self._is_normal else self._normalising()
-        for _ in range(2):  # once more, for what rounding left
-            if root is not None:
-                X -= self.moved(root @ (root.T @ self.projected(scale**2 * X)))
-                continue
-            for block in self._blocks:
-                X -= block @ (block.T @ (scale**2 * X))
-        Q, R = np.linalg.qr(scale * X)
-        U, s, _ = np.linalg.svd(R)
-        Q = Q @ U[:, s > _NEW]
-        Q /= scale
-        self._add(Q)
-
-    def _normalising(self) -> _Real:
-        """Return T for which V T is orthonormal in the weights and spans what V does, (r, k)."""
-        gram = np.hstack([self.projected(self.weight[:, None] ** 2 * b) for b in self._blocks])
-        sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
-        square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
-        kept = square > _INDEPENDENT * square[-1]
-        return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
-
-    def extend(self, W: _Real) -> None:
-        """Add columns as they are, shape (N, k), and project the model's matrices on them."""
-        if W.shape[1]:
-            self._is_normal = False
-            self._add(W)
-
-    def _add(self, W: _Real) -> None:
-        if W.shape[1] == 0:
-            return
-        if W.strides[1] != W.itemsize:
-            W = np.ascontiguousarray(W)
-        rows: Any = None
-        for t, term in enumerate(self.system.terms):
-            if term.rows is not rows:  # stiffness and mass of a group share theirs
-                rows, own = term.rows, term.own
-                parts, w = [b[own] for b in self._blocks], W[own]
-            product = term.local @ w
-            corner = w.T @ product
-            r = len(self.terms[t])
-            grown = np.empty((r + W.shape[1], r + W.shape[1]))
-            grown[:r, :r], grown[r:, r:] = self.terms[t], 0.5 * (corner + corner.T)
-            if parts:
-                grown[:r, r:] = np.vstack([p.T @ product for p in parts])
-                grown[r:, :r] = grown[:r, r:].T
-            self.terms[t] = grown
-        self._blocks.append(W)
-
-    def rotate(self, C: _Real) -> None:
-        """Replace V by V C, C of shape (r, s), in one block."""
-        V = np.empty((self.system.n, C.shape[1]))
-        for first in range(0, len(V), _ROWS):
-            part = slice(first, first + _ROWS)
-            V[part] = np.hstack([b[part] for b in self._blocks]) @ C
-        self._blocks, self._is_normal = [V], False
-        self.terms = [C.T @ A @ C for A in self.terms]
-
-    def combined(self, weights: _Real) -> _Real:
-        """Return the sum of weight_t V^T A_t V, shape (r, r)."""
-        return np.tensordot(weights, np.stack(self.terms), axes=1)
-
-
-#: Why the condensed equation error is refused.
-NOT_CONDENSED = (
-    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
-    " a reduced model by the condition number of H; use tier 'sparse', or another method"
-)
-
-#: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
-_BLOCK_BYTES, _LINES = 192 * 2**20, 32
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReducedSolver:
-    """Solver in the coordinates of a basis, without fields of the full model: small to send.
-
-    Attributes
-    ----------
-    system : AffineSystem
-        The projected model: r coordinates, the same terms as the whole.
-    observed : ndarray of int, shape (k,)
-        DOFs of the model that can be loaded and read, ascending.
-    rows : ndarray of float, shape (k, r)
-        The basis there.
-    stack : ndarray of float, shape (n_terms, r * r)
-        The projected matrices.
-    coupling : mapping of int to ndarray of int
-        The DOFs that each of the observed is coupled with in the whole model.
-    backend : str
-        Which backend made the basis.
-    label : str
-        Tells the reduced models of a run apart.
-    """
-
-    system: AffineSystem
-    observed: NDArray[np.intp]
-    rows: NDArray[np.float64]
-    stack: NDArray[np.float64]
-    coupling: Mapping[int, NDArray[np.integer[Any]]]
-    backend: str
-    label: str = "reduced"
-    _pencils: PencilCache = field(
-        default_factory=lambda: PencilCache(LEAST_REDUCED_LINES), init=False, repr=False
-    )
-
-    tier: ClassVar[str] = "reduced"
-
-    @property
-    def used(self) -> dict[str, int]:
-        """No sparse solves."""
-        return {}
-
-    @classmethod
-    def project(
-        cls,
-        system: AffineSystem,
-        basis: Basis,
-        observed: NDArray[np.intp],
-        backend: str,
-        label: str = "reduced",
-    ) -> ReducedSolver:
-        """Return the solver in a basis as it is.
-
-        Parameters
-        ----------
-        system : AffineSystem
-            The whole model.
-        basis : Basis
-            Motions and projected matrices.
-        observed : ndarray of int
-            DOFs that will be loaded or read, ascending.
-        backend : str
-            Which backend made the basis.
-        label : str
-            Tells the reduced models of a run apart.
-        """
-        r = basis.size
-        rows, entries = np.arange(r), np.arange(r * r)
-        terms = tuple(
-            Term(t.group, t.quantity, rows, A, entries, A.ravel(), t.table)
-            for t, A in zip(system.terms, basis.terms, strict=True)
-        )
-        reduced = AffineSystem(
-            terms,
-            system.start,
-            r * np.arange(r + 1),
-            np.tile(rows, r),
-            system.dofs,
-            decay=system.decay,
-        )
-        stack = np.stack([A.ravel() for A in basis.terms])
-        coupling = {int(d): system.coupled(int(d)) for d in observed}
-        return cls(reduced, observed, basis.at(observed), stack, coupling, backend, label)
-
-    def decaying(self, decay: float) -> ReducedSolver:
-        """Return the solver at i omega + decay, in 1/s, in the same basis."""
-        if decay == self.system.decay:
-            return self
-        out = replace(self, system=self.system.decaying(decay))
-        object.__setattr__(out, "_pencils", self._pencils)  # they hold at any s
-        return out
-
-    def block_size(self, n_columns: int) -> int:
-        """Return how many lines fit into one block of bounded memory."""
-        r = self.system.n
-        return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
-
-    def pencil(self, state: State, lines: _Real) -> Pencil | None:
-        """Return what solves many lines of a state at once; None where that does not pay.
-
-        Parameters
-        ----------
-        state : State
-            Of the model.
-        lines : ndarray of float, shape (n_f,)
-            All lines that are solved at this state, in Hz.
-        """
-        return self._pencils.find(self.system, state, lines, self._matrices)
-
-    def _matrices(self, weights: StateWeights) -> tuple[_Real, _Real, _Real]:
-        """Return K, D and M of a state, shape (r, r) each."""
-        parts = np.stack([weights.stiffness, weights.damping, weights.mass]) @ self.stack
-        K, D, M = parts.reshape(3, self.system.n, self.system.n)
-        return K, D, M
-
-    @alone
-    def solve(
-        self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
-        pencil: Pencil | None = None,
-    ) -> NDArray[np.complex128]:
-        """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
-
-        Parameters
-        ----------
-        coefficients : ndarray of complex, shape (n_terms, n_lines)
-            Of Z.
-        columns : ndarray of int, shape (k,)
-            DOFs of the model that carry a unit force.
-        freq : ndarray of float, shape (n_lines,)
-            In Hz; without a pencil for messages.
-        pencil : Pencil, optional
-            Of the state that the coefficients belong to.
-
-        Returns
-        -------
-        ndarray of complex, shape (r, n_lines, k)
-            Coordinates q; `at` gives the motion.
-
-        Raises
-        ------
-        SolverError
-            If the matrix is singular at a line; the message names it.
-        """
-        loads = self._rows_of(columns).T
-
-        def exact(lines: NDArray[np.intp]) -> _Complex:
-            forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
-            return self._forced(coefficients[:, lines], forces, freq[lines])
-
-        return solve_lines(pencil, freq, self.system.decay, loads, exact)
-
-    def solve_twice(
-        self,
-        coefficients: NDArray[np.complex128],
-        columns: NDArray[np.intp],
-        freq: NDArray[np.float64],
-        forces: Callable[[_Complex, slice], _Complex],
-    ) -> tuple[_Complex, _Complex]:
-        """Solve for unit forces, then for forces V^T F that follow from their coordinates.
-
-        See `LineSolver.solve_twice`.
-        """
-        q = self.solve(coefficients, columns, freq)
-        return q, self._forced(coefficients, forces(q, slice(len(freq))), freq)
-
-    def _forced(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
-        """Return coordinates for forces V^T F, both (r, n_lines, k)."""
-        r, c = self.system.n, coefficients.T
-        Z = np.empty((len(freq), r, r), dtype=np.complex128)
-        Z.real = (c.real @ self.stack).reshape(-1, r, r)
-        Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
-        return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
-
-    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
-        """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""
-        r, n_lines, k = fields.shape
-        flat = np.ascontiguousarray(fields).reshape(r, -1).view(np.float64)
-        moved = np.ascontiguousarray(self._rows_of(dofs) @ flat)
-        return moved.view(np.complex128).reshape(len(dofs), n_lines, k)
-
-    def condense(
-        self,
-        coefficients: NDArray[np.complex128],
-        retained: NDArray[np.intp],
-        freq: NDArray[np.float64],
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Refuse, because the inverse of H multiplies its error by its condition number.
-
-        Raises
-        ------
-        OptionError
-            Always.
-        """
-        raise OptionError(NOT_CONDENSED)
-
-    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return DOFs besides `seen` that can be read."""
-        return np.setdiff1d(self.observed, seen)
-
-    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
-        """Return the DOFs that one is coupled with in the whole model, itself included."""
-        return self.coupling[dof]
-
-    def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:
-        place = np.searchsorted(self.observed, dofs)
-        if (place >= len(self.observed)).any() or (self.observed[place] != dofs).any():
-            raise KeyError("the reduced model was built without this DOF")
-        return self.rows[place]
-
-
-class Channels:
-    """The DOFs of responses and references of a reduced model.
-
-    Parameters
-    ----------
-    rows, columns : ndarray of int
-        DOFs of responses and of references.
-    dofs : DofSet
-        All DOFs of the model.
-
-    Attributes
-    ----------
-    loaded : ndarray of int, shape (k,)
-        Each of them once, ascending.
-    read, forced : ndarray of int
-        Where responses and references stand in `loaded`.
-    """
-
-    __slots__ = ("_turning", "forced", "loaded", "read")
-
-    def __init__(self, rows: NDArray[np.intp], columns: NDArray[np.intp], dofs: DofSet) -> None:
-        self.loaded = np.union1d(rows, columns)
-        self.read, self.forced = (
-            np.searchsorted(self.loaded, rows),
-            np.searchsorted(self.loaded, columns),
-        )
-        self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
-
-    def levels(self, H: _Complex) -> _Real:
-        """Return the largest measured |H| of each line, of the same units.
-
-        Parameters
-        ----------
-        H : ndarray of complex, shape (n_lines, k, n_j)
-            Receptance of all loaded DOFs for the references.
-
-        Returns
-        -------
-        ndarray of float, shape (n_lines, k, n_j)
-        """
-        size, turning = np.abs(H), self._turning
-        measured = np.isin(np.arange(len(turning)), self.read)
-        out = np.empty(H.shape)
-        for a in (False, True):
-            for b in (False, True):
-                pushed = turning[self.forced] == b
-                block = (slice(None), *np.ix_(turning == a, pushed))
-                seen = (slice(None), *np.ix_((turning == a) & measured, pushed))
-                level = size[seen].max(axis=(1, 2), initial=0.0)
-                # Where no response of this unit is measured, the motion at the forces themselves is
-                # the level.
-                level = np.where(level > 0.0, level, size[block].max(axis=(1, 2), initial=0.0))
-                out[block] = level[:, None, None]
-        return np.maximum(out, np.finfo(np.float64).tiny)
-
-
-class LineResiduals:
-    """The responses of the reduced model at some lines, and their residuals in the full model.
-
-    Complex fields are real, as the whole model's matrices are: shape (N, n_lines 2 n_j), line by
-    line the real parts for all references, then the imaginary ones. Many columns at a time take
-    half as long as those of one line.
-
-    Parameters
-    ----------
-    solver : ReducedSolver
-        The reduced model.
-    basis : Basis
-        Its basis.
-    channels : Channels
-        What is loaded and read.
-    state : State
-        Of the model.
-    freq : ndarray of float, shape (n_lines,)
-        The lines in Hz.
-    """
-
-    __slots__ = ("H", "_basis", "_c", "_channels", "_q")
-
-    def __init__(
-        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: _Real
-    ) -> None:
-        self._basis, self._channels = basis, channels
-        self._c = solver.system.coefficients(state, 2.0 * np.pi * freq)
-        self._q = solver.solve(self._c, channels.loaded, freq)
-        #: Receptance of all loaded DOFs for the references, shape (n_lines, k, n_j).
-        self.H = solver.at(self._q, channels.loaded)[:, :, channels.forced].transpose(1, 0, 2)
-
-    def residual(self) -> _Real:
-        """Return e - Z V q for a unit force at each reference."""
-        forced = self._channels.forced
-        q = self._q[:, :, forced]
-        moved = self._basis.moved(np.stack([q.real, q.imag], axis=2).reshape(len(q), -1))
-        R = -self._times(moved)
-        real = self._by_line(R)[:, :, 0]
-        real[self._channels.loaded[forced], :, np.arange(len(forced))] += 1.0
-        return R
-
-    def errors(self, Y: _Real) -> _Complex:
-        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i.
-
-        Parameters
-        ----------
-        Y : ndarray of float, shape (N, n_lines 2 n_j)
-            Fields y_j.
-
-        Returns
-        -------
-        ndarray of complex, shape (n_lines, k, n_j)
-        """
-        own = self._by_line(Y[self._channels.loaded])
-        pulled = self._by_line(self._basis.projected(self._times(Y)))
-        own, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (own, pulled))
-        return np.asarray(
-            own.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
-        )
-
-    def magnitudes(self) -> _Real:
-        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, (n_lines, k, n_j).
-
-        |Z| is the sum of the sizes of its terms, before they cancel. Times the unit roundoff it
-        bounds how far an error of rounding in each entry of the matrices moves H_ij (Higham,
-        Accuracy and Stability of Numerical Algorithms (2002), section 7.2).
-        """
-        out = np.zeros(self.H.shape)
-        for line, sum_of in enumerate(out):
-            q = self._q[:, line]
-            fields = np.hypot(self._basis.moved(q.real), self._basis.moved(q.imag))
-            forced = fields[:, self._channels.forced]
-            for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
-                own = term.own
-                sum_of += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
-        return out
-
-    def _by_line(self, U: _Real) -> _Real:
-        """Return fields as (N, n_lines, 2, n_j), without a copy."""
-        n_lines = self._c.shape[1]
-        # A group without entries has no rows, of which the number of columns cannot be told.
-        return U.reshape(len(U), n_lines, 2, U.shape[1] // (2 * n_lines))
-
-    def _times(self, U: _Real) -> _Real:
-        """Return Z U, group by group: no matrix of the whole model is put together for a line."""
-        out = np.zeros_like(U)
-        parts = self._by_line(out)
-        for term, c in zip(self._basis.system.terms, self._c, strict=True):
-            own, product = term.own, self._by_line(term.local @ U[term.own])
-            parts[own] += c.real[:, None, None] * product
-            if c.imag.any():
-                parts[own, :, 0] -= c.imag[:, None] * product[:, :, 1]
-                parts[own, :, 1] += c.imag[:, None] * product[:, :, 0]
-        return out

@@ -1,0 +1,146 @@
+"""The basis of a reduced model, and the model's matrices projected on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem
+
+__all__ = ["INDEPENDENT", "ROWS", "Basis"]
+
+_Real = NDArray[np.float64]
+
+#: Directions of a larger basis with a smaller share of the largest square are rounding.
+INDEPENDENT = 1e-10
+#: Norm of a unit column after orthogonalisation below which it is rounding.
+_NEW = 1e-9
+#: Rows that are worked on at a time, as a copy of all would cost memory.
+ROWS = 1 << 16
+
+
+@dataclass(slots=True, eq=False)
+class Basis:
+    """Real basis vectors V and the projected matrices V^T A_t V of every term t.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model, N DOFs.
+    weight : ndarray of float, shape (N,)
+        Scale of each DOF, so that translations and rotations compare; the columns are normal in it.
+
+    Attributes
+    ----------
+    terms : list of ndarray of float, shape (r, r)
+        The projected matrices, one a term of the system.
+    """
+
+    system: AffineSystem
+    weight: _Real
+    terms: list[_Real] = field(init=False)
+    _blocks: list[_Real] = field(default_factory=list, init=False)
+    _is_normal: bool = field(default=True, init=False)
+
+    def __post_init__(self) -> None:
+        self.terms = [np.zeros((0, 0)) for _ in self.system.terms]
+
+    @property
+    def size(self) -> int:
+        """Number of basis vectors r."""
+        return sum(b.shape[1] for b in self._blocks)
+
+    def at(self, dofs: NDArray[np.intp]) -> _Real:
+        """Return V at some DOFs, shape (len(dofs), r)."""
+        return np.hstack([b[dofs] for b in self._blocks])
+
+    def leading(self, size: int) -> Basis:
+        """Return the first vectors as a basis."""
+        out = Basis(self.system, self.weight)
+        for block in self._blocks:
+            if out.size < size:
+                out._blocks.append(block[:, : size - out.size])
+        out.terms = [np.ascontiguousarray(A[:size, :size]) for A in self.terms]
+        out._is_normal = self._is_normal
+        return out
+
+    def moved(self, coordinates: _Real) -> _Real:
+        """Return V q for real coordinates q, shape (r, k), as (N, k)."""
+        out = np.zeros((self.system.n, coordinates.shape[1]))
+        first = 0
+        for block in self._blocks:
+            out += block @ coordinates[first : first + block.shape[1]]
+            first += block.shape[1]
+        return out
+
+    def projected(self, F: _Real) -> _Real:
+        """Return V^T F for forces F, shape (N, k), as (r, k)."""
+        return np.vstack([b.T @ F for b in self._blocks])
+
+    def append(self, X: _Real) -> None:
+        """Add what is new in the columns of X, shape (N, k); X is overwritten."""
+        scale = self.weight[:, None]
+        X /= np.maximum(np.linalg.norm(scale * X, axis=0), np.finfo(np.float64).tiny)
+        root = None if self._is_normal else self._normalising()
+        for _ in range(2):  # once more, for what rounding left
+            if root is not None:
+                X -= self.moved(root @ (root.T @ self.projected(scale**2 * X)))
+                continue
+            for block in self._blocks:
+                X -= block @ (block.T @ (scale**2 * X))
+        Q, R = np.linalg.qr(scale * X)
+        U, s, _ = np.linalg.svd(R)
+        Q = Q @ U[:, s > _NEW]
+        Q /= scale
+        self._add(Q)
+
+    def _normalising(self) -> _Real:
+        """Return T for which V T is orthonormal in the weights and spans what V does, (r, k)."""
+        gram = np.hstack([self.projected(self.weight[:, None] ** 2 * b) for b in self._blocks])
+        sizes = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
+        square, axes = np.linalg.eigh(sizes[:, None] * gram * sizes)
+        kept = square > INDEPENDENT * square[-1]
+        return np.asarray(sizes[:, None] * axes[:, kept] / np.sqrt(square[kept]))
+
+    def extend(self, W: _Real) -> None:
+        """Add columns as they are, shape (N, k), and project the model's matrices on them."""
+        if W.shape[1]:
+            self._is_normal = False
+            self._add(W)
+
+    def _add(self, W: _Real) -> None:
+        if W.shape[1] == 0:
+            return
+        if W.strides[1] != W.itemsize:
+            W = np.ascontiguousarray(W)
+        rows: Any = None
+        for t, term in enumerate(self.system.terms):
+            if term.rows is not rows:  # stiffness and mass of a group share theirs
+                rows, own = term.rows, term.own
+                parts, w = [b[own] for b in self._blocks], W[own]
+            product = term.local @ w
+            corner = w.T @ product
+            r = len(self.terms[t])
+            grown = np.empty((r + W.shape[1], r + W.shape[1]))
+            grown[:r, :r], grown[r:, r:] = self.terms[t], 0.5 * (corner + corner.T)
+            if parts:
+                grown[:r, r:] = np.vstack([p.T @ product for p in parts])
+                grown[r:, :r] = grown[:r, r:].T
+            self.terms[t] = grown
+        self._blocks.append(W)
+
+    def rotate(self, C: _Real) -> None:
+        """Replace V by V C, C of shape (r, s), in one block."""
+        V = np.empty((self.system.n, C.shape[1]))
+        for first in range(0, len(V), ROWS):
+            part = slice(first, first + ROWS)
+            V[part] = np.hstack([b[part] for b in self._blocks]) @ C
+        self._blocks, self._is_normal = [V], False
+        self.terms = [C.T @ A @ C for A in self.terms]
+
+    def combined(self, weights: _Real) -> _Real:
+        """Return the sum of weight_t V^T A_t V, shape (r, r)."""
+        return np.tensordot(weights, np.stack(self.terms), axes=1)

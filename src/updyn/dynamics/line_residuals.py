@@ -1,0 +1,169 @@
+"""What the responses of a reduced model leave in the whole model's equations."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DofSet
+from updyn.dynamics.affine import State
+from updyn.dynamics.basis import Basis
+from updyn.dynamics.reduced_solver import ReducedSolver
+
+__all__ = ["Channels", "LineResiduals"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+
+class Channels:
+    """The DOFs of responses and references of a reduced model.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int
+        DOFs of responses and of references.
+    dofs : DofSet
+        All DOFs of the model.
+
+    Attributes
+    ----------
+    loaded : ndarray of int, shape (k,)
+        Each of them once, ascending.
+    read, forced : ndarray of int
+        Where responses and references stand in `loaded`.
+    """
+
+    __slots__ = ("_turning", "forced", "loaded", "read")
+
+    def __init__(self, rows: NDArray[np.intp], columns: NDArray[np.intp], dofs: DofSet) -> None:
+        self.loaded = np.union1d(rows, columns)
+        self.read, self.forced = (
+            np.searchsorted(self.loaded, rows),
+            np.searchsorted(self.loaded, columns),
+        )
+        self._turning = np.array([dofs[int(d)].direction.startswith("R") for d in self.loaded])
+
+    def levels(self, H: _Complex) -> _Real:
+        """Return the largest measured |H| of each line, of the same units.
+
+        Parameters
+        ----------
+        H : ndarray of complex, shape (n_lines, k, n_j)
+            Receptance of all loaded DOFs for the references.
+
+        Returns
+        -------
+        ndarray of float, shape (n_lines, k, n_j)
+        """
+        size, turning = np.abs(H), self._turning
+        measured = np.isin(np.arange(len(turning)), self.read)
+        out = np.empty(H.shape)
+        for a in (False, True):
+            for b in (False, True):
+                pushed = turning[self.forced] == b
+                block = (slice(None), *np.ix_(turning == a, pushed))
+                seen = (slice(None), *np.ix_((turning == a) & measured, pushed))
+                level = size[seen].max(axis=(1, 2), initial=0.0)
+                # Where no response of this unit is measured, the motion at the forces themselves is
+                # the level.
+                level = np.where(level > 0.0, level, size[block].max(axis=(1, 2), initial=0.0))
+                out[block] = level[:, None, None]
+        return np.maximum(out, np.finfo(np.float64).tiny)
+
+
+class LineResiduals:
+    """The responses of the reduced model at some lines, and their residuals in the full model.
+
+    Complex fields are real, as the whole model's matrices are: shape (N, n_lines 2 n_j), line by
+    line the real parts for all references, then the imaginary ones. Many columns at a time take
+    half as long as those of one line.
+
+    Parameters
+    ----------
+    solver : ReducedSolver
+        The reduced model.
+    basis : Basis
+        Its basis.
+    channels : Channels
+        What is loaded and read.
+    state : State
+        Of the model.
+    freq : ndarray of float, shape (n_lines,)
+        The lines in Hz.
+    """
+
+    __slots__ = ("H", "_basis", "_c", "_channels", "_q")
+
+    def __init__(
+        self, solver: ReducedSolver, basis: Basis, channels: Channels, state: State, freq: _Real
+    ) -> None:
+        self._basis, self._channels = basis, channels
+        self._c = solver.system.coefficients(state, 2.0 * np.pi * freq)
+        self._q = solver.solve(self._c, channels.loaded, freq)
+        #: Receptance of all loaded DOFs for the references, shape (n_lines, k, n_j).
+        self.H = solver.at(self._q, channels.loaded)[:, :, channels.forced].transpose(1, 0, 2)
+
+    def residual(self) -> _Real:
+        """Return e - Z V q for a unit force at each reference."""
+        forced = self._channels.forced
+        q = self._q[:, :, forced]
+        moved = self._basis.moved(np.stack([q.real, q.imag], axis=2).reshape(len(q), -1))
+        R = -self._times(moved)
+        real = self._by_line(R)[:, :, 0]
+        real[self._channels.loaded[forced], :, np.arange(len(forced))] += 1.0
+        return R
+
+    def errors(self, Y: _Real) -> _Complex:
+        """Return r_i^T y_j = e_i^T y_j - q_i^T V^T Z y_j for all loaded DOFs i.
+
+        Parameters
+        ----------
+        Y : ndarray of float, shape (N, n_lines 2 n_j)
+            Fields y_j.
+
+        Returns
+        -------
+        ndarray of complex, shape (n_lines, k, n_j)
+        """
+        own = self._by_line(Y[self._channels.loaded])
+        pulled = self._by_line(self._basis.projected(self._times(Y)))
+        own, pulled = (A[:, :, 0] + 1j * A[:, :, 1] for A in (own, pulled))
+        return np.asarray(
+            own.transpose(1, 0, 2) - self._q.transpose(1, 2, 0) @ pulled.transpose(1, 0, 2)
+        )
+
+    def magnitudes(self) -> _Real:
+        """Return |u_i|^T |Z| |u_j| for all loaded DOFs i and references j, (n_lines, k, n_j).
+
+        |Z| is the sum of the sizes of its terms, before they cancel. Times the unit roundoff it
+        bounds how far an error of rounding in each entry of the matrices moves H_ij (Higham,
+        Accuracy and Stability of Numerical Algorithms (2002), section 7.2).
+        """
+        out = np.zeros(self.H.shape)
+        for line, sum_of in enumerate(out):
+            q = self._q[:, line]
+            fields = np.hypot(self._basis.moved(q.real), self._basis.moved(q.imag))
+            forced = fields[:, self._channels.forced]
+            for term, c in zip(self._basis.system.terms, self._c[:, line], strict=True):
+                own = term.own
+                sum_of += abs(c) * (fields[own].T @ (abs(term.local) @ forced[own]))
+        return out
+
+    def _by_line(self, U: _Real) -> _Real:
+        """Return fields as (N, n_lines, 2, n_j), without a copy."""
+        n_lines = self._c.shape[1]
+        # A group without entries has no rows, of which the number of columns cannot be told.
+        return U.reshape(len(U), n_lines, 2, U.shape[1] // (2 * n_lines))
+
+    def _times(self, U: _Real) -> _Real:
+        """Return Z U, group by group: no matrix of the whole model is put together for a line."""
+        out = np.zeros_like(U)
+        parts = self._by_line(out)
+        for term, c in zip(self._basis.system.terms, self._c, strict=True):
+            own, product = term.own, self._by_line(term.local @ U[term.own])
+            parts[own] += c.real[:, None, None] * product
+            if c.imag.any():
+                parts[own, :, 0] -= c.imag[:, None] * product[:, :, 1]
+                parts[own, :, 1] += c.imag[:, None] * product[:, :, 0]
+        return out

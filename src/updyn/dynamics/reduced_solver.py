@@ -1,0 +1,242 @@
+"""Solves in the coordinates of a basis, many lines of a state at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem, State, Term
+from updyn.dynamics.basis import Basis
+from updyn.dynamics.fields import solve_dense, solve_lines
+from updyn.dynamics.pencil import LEAST_REDUCED_LINES, Pencil, PencilCache, StateWeights
+from updyn.errors import OptionError
+from updyn.linalg.threads import alone
+
+__all__ = ["NOT_CONDENSED", "ReducedSolver"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Why the condensed equation error is refused.
+NOT_CONDENSED = (
+    "tier 'reduced': the condensed equation error needs Z_red = H^-1, which multiplies the error of"
+    " a reduced model by the condition number of H; use tier 'sparse', or another method"
+)
+
+#: Lines of a block: enough for the matrix products, few enough to be spread and to stop soon.
+_BLOCK_BYTES, _LINES = 192 * 2**20, 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReducedSolver:
+    """Solver in the coordinates of a basis, without fields of the full model: small to send.
+
+    Attributes
+    ----------
+    system : AffineSystem
+        The projected model: r coordinates, the same terms as the whole.
+    observed : ndarray of int, shape (k,)
+        DOFs of the model that can be loaded and read, ascending.
+    rows : ndarray of float, shape (k, r)
+        The basis there.
+    stack : ndarray of float, shape (n_terms, r * r)
+        The projected matrices.
+    coupling : mapping of int to ndarray of int
+        The DOFs that each of the observed is coupled with in the whole model.
+    backend : str
+        Which backend made the basis.
+    label : str
+        Tells the reduced models of a run apart.
+    """
+
+    system: AffineSystem
+    observed: NDArray[np.intp]
+    rows: NDArray[np.float64]
+    stack: NDArray[np.float64]
+    coupling: Mapping[int, NDArray[np.integer[Any]]]
+    backend: str
+    label: str = "reduced"
+    _pencils: PencilCache = field(
+        default_factory=lambda: PencilCache(LEAST_REDUCED_LINES), init=False, repr=False
+    )
+
+    tier: ClassVar[str] = "reduced"
+
+    @property
+    def used(self) -> dict[str, int]:
+        """No sparse solves."""
+        return {}
+
+    @classmethod
+    def project(
+        cls,
+        system: AffineSystem,
+        basis: Basis,
+        observed: NDArray[np.intp],
+        backend: str,
+        label: str = "reduced",
+    ) -> ReducedSolver:
+        """Return the solver in a basis as it is.
+
+        Parameters
+        ----------
+        system : AffineSystem
+            The whole model.
+        basis : Basis
+            Motions and projected matrices.
+        observed : ndarray of int
+            DOFs that will be loaded or read, ascending.
+        backend : str
+            Which backend made the basis.
+        label : str
+            Tells the reduced models of a run apart.
+        """
+        r = basis.size
+        rows, entries = np.arange(r), np.arange(r * r)
+        terms = tuple(
+            Term(t.group, t.quantity, rows, A, entries, A.ravel(), t.table)
+            for t, A in zip(system.terms, basis.terms, strict=True)
+        )
+        reduced = AffineSystem(
+            terms,
+            system.start,
+            r * np.arange(r + 1),
+            np.tile(rows, r),
+            system.dofs,
+            decay=system.decay,
+        )
+        stack = np.stack([A.ravel() for A in basis.terms])
+        coupling = {int(d): system.coupled(int(d)) for d in observed}
+        return cls(reduced, observed, basis.at(observed), stack, coupling, backend, label)
+
+    def decaying(self, decay: float) -> ReducedSolver:
+        """Return the solver at i omega + decay, in 1/s, in the same basis."""
+        if decay == self.system.decay:
+            return self
+        out = replace(self, system=self.system.decaying(decay))
+        object.__setattr__(out, "_pencils", self._pencils)  # they hold at any s
+        return out
+
+    def block_size(self, n_columns: int) -> int:
+        """Return how many lines fit into one block of bounded memory."""
+        r = self.system.n
+        return int(np.clip(_BLOCK_BYTES // (48 * r * r + 32 * r * n_columns), 1, _LINES))
+
+    def pencil(self, state: State, lines: _Real) -> Pencil | None:
+        """Return what solves many lines of a state at once; None where that does not pay.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        lines : ndarray of float, shape (n_f,)
+            All lines that are solved at this state, in Hz.
+        """
+        return self._pencils.find(self.system, state, lines, self._matrices)
+
+    def _matrices(self, weights: StateWeights) -> tuple[_Real, _Real, _Real]:
+        """Return K, D and M of a state, shape (r, r) each."""
+        parts = np.stack([weights.stiffness, weights.damping, weights.mass]) @ self.stack
+        K, D, M = parts.reshape(3, self.system.n, self.system.n)
+        return K, D, M
+
+    @alone
+    def solve(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+        pencil: Pencil | None = None,
+    ) -> NDArray[np.complex128]:
+        """Solve V^T Z V q = V^T E at a block of lines, E the columns `columns` of the identity.
+
+        Parameters
+        ----------
+        coefficients : ndarray of complex, shape (n_terms, n_lines)
+            Of Z.
+        columns : ndarray of int, shape (k,)
+            DOFs of the model that carry a unit force.
+        freq : ndarray of float, shape (n_lines,)
+            In Hz; without a pencil for messages.
+        pencil : Pencil, optional
+            Of the state that the coefficients belong to.
+
+        Returns
+        -------
+        ndarray of complex, shape (r, n_lines, k)
+            Coordinates q; `at` gives the motion.
+
+        Raises
+        ------
+        SolverError
+            If the matrix is singular at a line; the message names it.
+        """
+        loads = self._rows_of(columns).T
+
+        def exact(lines: NDArray[np.intp]) -> _Complex:
+            forces = np.broadcast_to(loads[:, None], (len(loads), len(lines), len(columns)))
+            return self._forced(coefficients[:, lines], forces, freq[lines])
+
+        return solve_lines(pencil, freq, self.system.decay, loads, exact)
+
+    def solve_twice(
+        self,
+        coefficients: NDArray[np.complex128],
+        columns: NDArray[np.intp],
+        freq: NDArray[np.float64],
+        forces: Callable[[_Complex, slice], _Complex],
+    ) -> tuple[_Complex, _Complex]:
+        """Solve for unit forces, then for forces V^T F that follow from their coordinates.
+
+        See `LineSolver.solve_twice`.
+        """
+        q = self.solve(coefficients, columns, freq)
+        return q, self._forced(coefficients, forces(q, slice(len(freq))), freq)
+
+    def _forced(self, coefficients: _Complex, forces: NDArray[Any], freq: _Real) -> _Complex:
+        """Return coordinates for forces V^T F, both (r, n_lines, k)."""
+        r, c = self.system.n, coefficients.T
+        Z = np.empty((len(freq), r, r), dtype=np.complex128)
+        Z.real = (c.real @ self.stack).reshape(-1, r, r)
+        Z.imag = (c.imag @ self.stack).reshape(-1, r, r)
+        return solve_dense(Z, forces.transpose(1, 0, 2), freq).transpose(1, 0, 2)
+
+    def at(self, fields: NDArray[np.complex128], dofs: NDArray[np.intp]) -> NDArray[np.complex128]:
+        """Return the response at some DOFs, shape (len(dofs), n_lines, k), from `solve`."""
+        r, n_lines, k = fields.shape
+        flat = np.ascontiguousarray(fields).reshape(r, -1).view(np.float64)
+        moved = np.ascontiguousarray(self._rows_of(dofs) @ flat)
+        return moved.view(np.complex128).reshape(len(dofs), n_lines, k)
+
+    def condense(
+        self,
+        coefficients: NDArray[np.complex128],
+        retained: NDArray[np.intp],
+        freq: NDArray[np.float64],
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Refuse, because the inverse of H multiplies its error by its condition number.
+
+        Raises
+        ------
+        OptionError
+            Always.
+        """
+        raise OptionError(NOT_CONDENSED)
+
+    def others(self, seen: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return DOFs besides `seen` that can be read."""
+        return np.setdiff1d(self.observed, seen)
+
+    def coupled(self, dof: int) -> NDArray[np.integer[Any]]:
+        """Return the DOFs that one is coupled with in the whole model, itself included."""
+        return self.coupling[dof]
+
+    def _rows_of(self, dofs: NDArray[np.intp]) -> NDArray[np.float64]:
+        place = np.searchsorted(self.observed, dofs)
+        if (place >= len(self.observed)).any() or (self.observed[place] != dofs).any():
+            raise KeyError("the reduced model was built without this DOF")
+        return self.rows[place]

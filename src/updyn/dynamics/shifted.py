@@ -1,0 +1,168 @@
+"""Factorisations of K - s M of a model's states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from updyn.dynamics.affine import AffineSystem, State
+from updyn.errors import SolverError
+from updyn.linalg.solver import Factorised, SparseSolver
+
+__all__ = ["Shifted"]
+
+_Real = NDArray[np.float64]
+
+#: States of which no mass and no stiffness differs by more than this share are beside each other.
+_CLOSE = 0.1
+#: How far shifts on a natural frequency are moved, in squares of the highest frequency.
+_NUDGES = (0.0, 1e-4, 1e-3)
+
+
+@dataclass(slots=True, eq=False)
+class Shifted:
+    """Real factorisations of a model's states, one alive at a time; that of P may be kept.
+
+    P = K + omega_max^2 M is definite, and close to K - omega^2 M far from resonance.
+
+    Parameters
+    ----------
+    system : AffineSystem
+        The compiled model.
+    top : float
+        omega_max^2, of the highest line, in 1/s^2.
+    backend : str
+        Sparse factorisation.
+    keeps : bool
+        Whether P stays in memory for states beside its own, until `release` or the next one.
+
+    Attributes
+    ----------
+    count : int
+        Factorisations so far.
+    """
+
+    system: AffineSystem
+    top: float
+    backend: str
+    keeps: bool = False
+    count: int = field(default=0, init=False)
+    _solver: SparseSolver = field(init=False)
+    _definite: tuple[Factorised, State] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self._solver = SparseSolver(self.backend, real=True)
+
+    @property
+    def used(self) -> dict[str, int]:
+        """How many sparse solves each backend answered, by name."""
+        return self._solver.used
+
+    def weights(self, state: State, shift: float) -> _Real:
+        """Return the weight of each term in K - s M."""
+        weights = {"stiffness": 1.0, "mass": -shift}
+        return np.array([weights.get(t.quantity, 0.0) for t in self.system.terms]) * state.factor
+
+    def matrix(self, state: State, shift: float) -> Any:
+        """Return K - s M."""
+        values = self.system.real_values(self.weights(state, shift))
+        # Symmetric: the CSR arrays are those of CSC, which factorisations want.
+        return sp.csc_array(
+            (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
+        )
+
+    def factorise(self, state: State, shift: float) -> Factorised:
+        """Factorise K - s M; what was factorised before ends.
+
+        Parameters
+        ----------
+        state : State
+            Of the model.
+        shift : float
+            s in 1/s^2.
+
+        Raises
+        ------
+        SolverError
+            If it is singular, or memory is short.
+        """
+        self._definite = None
+        self.count += 1
+        return self._solver.factorise(
+            self.matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
+        )
+
+    def solve(self, state: State, shift: float, loads: _Real) -> tuple[Factorised, _Real]:
+        """Factorise K - s M and solve for loads, shape (N, k); s off a natural frequency.
+
+        Raises
+        ------
+        SolverError
+            As `factorise`.
+        """
+        for nudge in _NUDGES:
+            try:
+                factorised = self.factorise(state, shift - nudge * self.top)
+                return factorised, factorised.solve(loads)
+            except SolverError:
+                if nudge == _NUDGES[-1]:
+                    raise
+        raise AssertionError
+
+    def below(self, state: State, frequency: float) -> int | None:
+        """Return how many modes lie below a frequency in Hz, by Sylvester's law of inertia.
+
+        None where the backend does not count, or the frequency is a natural one.
+        """
+        try:
+            return self.factorise(state, (2.0 * np.pi * frequency) ** 2).negative
+        except SolverError:
+            return None
+        finally:
+            self.release()
+
+    def definite(self, state: State) -> Factorised:
+        """Return P of a state, factorised, or of a state beside it if at hand.
+
+        It holds until the next factorisation, or `release`.
+
+        Raises
+        ------
+        SolverError
+            If it is not definite.
+        """
+        if self._definite is None or not _are_close(state, self._definite[1]):
+            self._definite = self.factorise(state, -self.top), state
+        return self._definite[0]
+
+    def definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:
+        """Yield states with P of each, or of one beside it."""
+        with self.kept():
+            for state in states:
+                yield self.definite(state), state
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep P while it is worked with, and longer only if it is to be kept."""
+        try:
+            yield
+        finally:
+            if not self.keeps:
+                self.release()
+
+    def release(self) -> None:
+        """Give the memory of factorisations back."""
+        self._definite = None
+        self._solver.release()
+
+
+def _are_close(state: State, other: State) -> bool:
+    """Whether masses and stiffnesses of two states are alike."""
+    change = np.abs(state.factor - other.factor)
+    return bool((change <= _CLOSE * np.abs(other.factor)).all())
