@@ -6,6 +6,7 @@ import html
 import io
 import math
 import re
+import reprlib
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +14,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
+from updyn.errors import OptionError
 from updyn.registry import load_object
 from updyn.style import PAPER
 from updyn.text_table import printable
@@ -20,7 +24,16 @@ from updyn.text_table import printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["NotebookBar", "ProgressBar", "Stage", "StageClock", "Step", "Where", "shown_progress"]
+__all__ = [
+    "NotebookBar",
+    "ProgressBar",
+    "Stage",
+    "StageClock",
+    "Step",
+    "Where",
+    "asks_to_stop",
+    "shown_progress",
+]
 
 #: Shortest time between plain lines of a stage, in s: between steps, and within one.
 _BETWEEN_STEPS = 1.0
@@ -54,6 +67,24 @@ class Step(Protocol):
     @property
     def accepted(self) -> int:
         """Accepted steps so far."""
+
+
+def asks_to_stop(answer: object) -> bool:
+    """Return whether what a callback returned asks to stop: True does, False and None do not.
+
+    Raises
+    ------
+    OptionError
+        If it is anything else, by which work would end that nobody meant to stop.
+    """
+    if answer is None:
+        return False
+    if not isinstance(answer, (bool, np.bool_)):
+        raise OptionError(
+            f"callback: it returned {reprlib.repr(answer)}; expected True to stop, False or None to"
+            " go on"
+        )
+    return bool(answer)
 
 
 # -- stages ----------------------------------------------------------------------------------------

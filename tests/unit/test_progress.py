@@ -131,3 +131,24 @@ def test_a_bar_of_unknown_length_is_empty(clock):
     bar = NotebookBar(handle)
     bar.show(Progress("fit", 1, np.nan, 5, 10, 0))
     assert "width:0%" in handle.shown[-1]
+
+
+# -- what a callback returns -----------------------------------------------------------------------------------
+@pytest.mark.parametrize("answer", [True, np.True_])
+def test_a_callback_that_returns_true_stops(answer):
+    assert progress.asks_to_stop(answer) is True
+
+
+@pytest.mark.parametrize("answer", [None, False, np.False_])
+def test_a_callback_that_returns_nothing_or_false_goes_on(answer):
+    assert progress.asks_to_stop(answer) is False
+
+
+@pytest.mark.parametrize("answer", [0.25, 1, "stop", np.ones(3), [True], np.array(True)])
+def test_a_callback_may_return_nothing_else(answer):
+    """A cost or an array that a lambda returns by chance would end the fit, or end in a traceback of numpy."""
+    frf = measured(chain())
+    with pytest.raises(updyn.UpdynError, match=r"callback: it returned .*; expected True to stop"):
+        updyn.update(
+            chain(), frf, updyn.parameters(chain(), stiffness="all"), callback=lambda step: answer
+        )

@@ -18,6 +18,7 @@ from updyn.engines import Engine, opened_engine
 from updyn.errors import InputError, OptionError, ParameterError, suggest
 from updyn.frf import FRF
 from updyn.model import Model
+from updyn.progress import asks_to_stop
 from updyn.updating.fit.methods import METHODS, make_method
 from updyn.updating.fit.monitor import CAUSES, JUDGE, Progress
 from updyn.updating.fit.reducing import is_reduced
@@ -75,7 +76,7 @@ class StepCounter:
             self.lines_solved = progress.lines_done
         if self.callback is not None:
             shown = replace(progress, stage=f"{self.stage}: {progress.stage}")
-            self.stopped = bool(self.callback(shown)) or self.stopped
+            self.stopped = asks_to_stop(self.callback(shown)) or self.stopped
         return self.stopped
 
 

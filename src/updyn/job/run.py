@@ -27,6 +27,7 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job
 from updyn.modal import ModeSet
 from updyn.outputs.switch import open_folder, replaced
+from updyn.progress import asks_to_stop
 from updyn.store.netcdf import load_libraries
 from updyn.store.result import write_result, write_result_json
 from updyn.updating.fit.methods import options_of
@@ -101,7 +102,7 @@ class _Caller:
     def __call__(self, progress: Progress) -> bool:
         """Report the progress; return whether to stop."""
         if self.callback is not None:
-            self.stopped = bool(self.callback(progress)) or self.stopped
+            self.stopped = asks_to_stop(self.callback(progress)) or self.stopped
         return self.stopped
 
 

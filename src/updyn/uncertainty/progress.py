@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from updyn.progress import asks_to_stop
 from updyn.updating.problem.session import Session
 
 __all__ = ["Progress", "WorkCounter"]
@@ -67,5 +68,5 @@ class WorkCounter:
         """Report the progress; return whether to stop."""
         if self.callback is not None:
             progress = Progress(self.stage, self.done, self.total, self.note)
-            self.stopped = bool(self.callback(progress)) or self.stopped
+            self.stopped = asks_to_stop(self.callback(progress)) or self.stopped
         return self.stopped

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.progress import asks_to_stop
 from updyn.updating.fit.trust_region import Outcome, Step, TrustRegion
 from updyn.updating.problem.local import Local
 from updyn.updating.problem.problem import Problem
@@ -178,7 +179,7 @@ class Monitor:
                 number, cost, values = last.number, last.cost, last.values
             lines = session.lines_solved, self._n_lines
             progress = Progress(self._stage, number, cost, *lines, self._accepted, values)
-            session.stopped = bool(self.callback(progress)) or session.stopped
+            session.stopped = asks_to_stop(self.callback(progress)) or session.stopped
         return session.stopped
 
 
