@@ -43,6 +43,7 @@ from updyn.dynamics.reduced_solver import ReducedSolver
 from updyn.dynamics.shifted import Shifted
 from updyn.errors import OptionError, SolverError
 from updyn.linalg.solver import Factorised
+from updyn.linalg.threads import alone
 
 __all__ = ["SAFETY", "Across", "Reduction"]
 
@@ -157,6 +158,7 @@ class Reduction:
         top = float((2.0 * np.pi * self.band[1]) ** 2)
         self.shifted = Shifted(self.system, top, self.backend)
 
+    @alone
     def build(self, state: State) -> None:
         """Build a new basis for one state of the model.
 
@@ -182,6 +184,7 @@ class Reduction:
             middle = 0.5 * (gap[0] + gap[1])
             below[middle] = self._expand(state, middle, loads, self._depth)
 
+    @alone
     def build_around(
         self, states: Sequence[State], seed: int = 0, across: Across | None = None
     ) -> None:
@@ -217,6 +220,7 @@ class Reduction:
         if self.basis.size == 0:
             raise SolverError("tier 'reduced': the model is singular at the start")
 
+    @alone
     def extend(self, states: Sequence[State], seed: int = 0) -> None:
         """Add to the basis what further states need, of one factorisation each, as in a search.
 
@@ -315,6 +319,7 @@ class Reduction:
         observed = np.union1d(self._loaded, self.extra)
         return ReducedSolver.project(self.system, basis, observed, self.backend, label)
 
+    @alone
     def compress(self, state: State, freq: _Real) -> None:
         """Reduce the basis to that of the fields at a state, by proper orthogonal decomposition.
 
@@ -337,6 +342,7 @@ class Reduction:
         # Energies of P: the error of a receptance is about what its two fields lack, multiplied.
         self._truncate(state, gram, 0.01 * self.accuracy)
 
+    @alone
     def compress_around(self, states: Sequence[State], freq: _Real, share: float) -> _Real:
         """Reduce the basis to that of the references' fields at many states, for a search.
 
@@ -406,6 +412,7 @@ class Reduction:
         )
 
     # -- certification -------------------------------------------------------------------------
+    @alone
     def certify(
         self, state: State, freq: _Real, *, enrich: bool = True, count: int = _COUNT
     ) -> Certificate:
@@ -440,6 +447,7 @@ class Reduction:
         (found,) = self._certificates([state], freq, enrich=enrich, count=count)
         return found
 
+    @alone
     def certify_or_enrich(self, state: State, freq: _Real) -> Certificate | None:
         """Compute the error at a state, or enrich the basis where it lacks something there.
 
@@ -475,6 +483,7 @@ class Reduction:
             self.basis = self.basis.leading(size)
             return estimate.certificate(size, tuple(lines), self.shifted.count)
 
+    @alone
     def errors(self, states: Sequence[State], freq: _Real) -> _Real:
         """Compute the error at several states, the basis as it is.
 
@@ -548,6 +557,7 @@ class Reduction:
         self.basis.extend(self._orthonormal(lacking, state))
         return self._estimate_within(definite, state, freq, size)
 
+    @alone
     def settle(
         self, states: Sequence[State], freq: _Real, *, accuracy: float | None = None
     ) -> None:
@@ -589,6 +599,7 @@ class Reduction:
             if self.basis.size == size:
                 break
 
+    @alone
     def enrich(self, states: Sequence[State], freq: _Real, *, allowed: float | None = None) -> None:
         """Enrich the basis by what it lacks at some lines of several states.
 
@@ -605,6 +616,7 @@ class Reduction:
         for definite, state in self.shifted.definites(states):
             self._check_all(definite, state, freq.tolist(), allowed)
 
+    @alone
     def enrich_around(self, states: Sequence[State], freq: _Real) -> None:
         """Enrich the basis once by what it lacks at several states, each at lines of its own.
 
@@ -620,6 +632,7 @@ class Reduction:
             lines = freq[number % stride :: stride]
             self._check_all(definite, state, lines.tolist(), _MARGIN * self.accuracy)
 
+    @alone
     def outside(self, state: State, X: _Real) -> _Real:
         """Return what the basis lacks of the space of some motions.
 
@@ -643,6 +656,7 @@ class Reduction:
         shared = within.T @ scipy.linalg.solve(self.basis.combined(weights), within, assume_a="pos")
         return np.asarray(1.0 - scipy.linalg.eigvalsh(shared, X.T @ PX)[::-1])
 
+    @alone
     def enrich_beside(
         self,
         definite: Factorised,
@@ -679,6 +693,7 @@ class Reduction:
         self._check_all(definite, state, lines, _MARGIN * accuracy)
         return self.basis.size > size
 
+    @alone
     def lacking(self, states: Sequence[State], freq: _Real) -> _Real:
         """Estimate the error at some lines of several states by residuals, the basis as it is.
 
@@ -794,14 +809,14 @@ class Reduction:
 
         Where their largest error is what is allowed, nothing is.
 
-        Directions that several lines lack are added once: with Y = P^-1 R, R^T Y is their Gram
-        matrix in P across all lines.
+        Directions that several lines lack are added once: with Y = P^-1 R, Y^T P Y is their Gram
+        matrix in P across all lines. (R^T Y is it to the digits of the factorisation only.)
         """
         solver = self.solver()
         checked = LineResiduals(solver, self.basis, self._channels, state, lines)
         R = checked.residual()
         Y = definite.solve(R)
-        gram = R.T @ Y
+        gram = Y.T @ definite.times(Y)
         sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(lines), 2, -1)
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
         errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)

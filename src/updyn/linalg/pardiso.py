@@ -19,12 +19,14 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.linalg.single import in_range, solved
 from updyn.linalg.triangle import upper_triangle
 
 __all__ = ["Pardiso", "library"]
 
 _NAMES = ("libmkl_rt.so.3", "libmkl_rt.so.2", "mkl_rt.3.dll", "mkl_rt.2.dll")
 _COMPLEX_SYMMETRIC, _REAL_SYMMETRIC_INDEFINITE = 6, -2
+_TYPES: Any = {(False, False): np.complex128, (True, False): np.float64, (True, True): np.float32}
 _ANALYSE, _FACTOR, _SOLVE, _RELEASE = 11, 22, 33, -1
 _NOT_ENOUGH_MEMORY = -2
 #: Above, a matrix needs indices of 64 bits (oneMKL reference of pardiso_64).
@@ -58,6 +60,8 @@ class Pardiso:
         A matrix of the pattern: symmetric, sorted, with a full diagonal.
     real : bool
         Matrices are real, definite or not, instead of complex.
+    single : bool
+        They are factorised in single precision.
 
     Raises
     ------
@@ -68,13 +72,14 @@ class Pardiso:
     """
 
     install = "pip install 'updyn[mkl]' (x86_64)"
+    has_single = True
 
     @staticmethod
     def available() -> bool:
         """Return whether the ``mkl`` wheel is installed and can be loaded."""
         return library() is not None
 
-    def __init__(self, pattern: Any, *, real: bool = False) -> None:
+    def __init__(self, pattern: Any, *, real: bool = False, single: bool = False) -> None:
         if not pattern.has_canonical_format:
             # It would overwrite memory that is not its own.
             raise ValueError("PARDISO needs row indices that are sorted, each once")
@@ -90,13 +95,14 @@ class Pardiso:
         integer: Any = np.int64
         if len(ja) < _MOST_ENTRIES:
             integer = np.int32
-        a = np.ones(len(ja), dtype=np.float64 if real else np.complex128)
+        a = np.ones(len(ja), dtype=_TYPES[real, single])
         iparm = np.zeros(64, dtype=integer)
         iparm[0] = 1  # no defaults: every parameter is set here
         iparm[1] = 2  # nested dissection (METIS)
         iparm[9] = 8  # pivots below 1e-8 are perturbed, which is not accepted
         iparm[17] = -1  # report the entries of the factor
         iparm[20] = 1  # Bunch-Kaufman pivots
+        iparm[27] = int(single)
         iparm[34] = 1  # indices from zero
         handle = np.zeros(64, dtype=np.int64)
         self._session = _Session(
@@ -128,7 +134,8 @@ class Pardiso:
         Raises
         ------
         RuntimeError
-            If the library reports an error, or had to perturb a pivot.
+            If the library reports an error, or had to perturb a pivot, or a value is beyond the
+            range of the precision.
         MemoryError
             If there is not enough memory.
         """
@@ -136,8 +143,11 @@ class Pardiso:
         for first in range(0, len(self._upper), _BLOCK):
             part = slice(first, first + _BLOCK)
             values = A.data[part][self._upper[part]]
-            session.a[at : at + len(values)] = values
+            with np.errstate(over="ignore"):
+                session.a[at : at + len(values)] = values
             at += len(values)
+        if session.is_single:
+            in_range(session.a)
         session.call(_FACTOR)
         if session.iparm[13]:
             # A perturbed pivot makes a singular matrix look like a regular one.
@@ -158,6 +168,11 @@ class _LDL:
     negative: int | None
 
     def __call__(self, B: NDArray[Any]) -> NDArray[Any]:
+        if self.session.is_single:
+            return solved(self._solved, B)
+        return self._solved(B)
+
+    def _solved(self, B: NDArray[Any]) -> NDArray[Any]:
         b = np.asfortranarray(B, dtype=self.session.a.dtype)
         x = np.empty_like(b)
         if x.size:  # no column at all is an error to the library
@@ -175,6 +190,11 @@ class _Session:
     a: NDArray[Any]
     ia: NDArray[Any]
     ja: NDArray[Any]
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the library works in single precision."""
+        return self.a.dtype == np.float32
 
     def call(
         self, phase: int, b: NDArray[Any] | None = None, x: NDArray[Any] | None = None
