@@ -6,6 +6,7 @@ a reduced model with a basis of its own (its accuracy: `--truth`); the error of 
 measured against direct solves at lines that were not used.
 
     python benchmarks/large.py 50k [--check 20] [--starts 8] [--lumped] [--backend cudss]
+        [--busy 2]
 
 Compared: the processor time of complex factorisations with their solves (the median of those of the
 check, after the job). Line by line the job would take one for each line and iteration."""
@@ -14,7 +15,11 @@ from __future__ import annotations
 
 import argparse
 import resource
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import models
 import numpy as np
@@ -88,6 +93,17 @@ def direct(
     return float(np.median(seconds[1:])), np.array(H[1:])
 
 
+@contextmanager
+def busy(n: int) -> Iterator[None]:
+    """Keep n cores busy with something else."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    try:
+        yield
+    finally:
+        for other in others:
+            other.kill()
+
+
 class Kept(reducing.Reducing):
     """Keeps the reduced model with which the job ended, for the check."""
 
@@ -142,6 +158,7 @@ def main() -> None:
         "--truth", type=float, default=1e-6, help="accuracy of the data, whose noise is 1e-2"
     )
     parser.add_argument("--seed", type=int, default=1, help="of the noise")
+    parser.add_argument("--busy", type=int, default=0, help="cores that do something else")
     given = parser.parse_args()
     model = models.solid(models.SOLIDS[given.size], lumped=given.lumped)
     sensors = models.sensors(model, given.sensors)
@@ -151,15 +168,16 @@ def main() -> None:
     unknowns = updyn.parameters(model, stiffness=list(wanted), loss_factor=list(wanted))
     run_module.Reducing = Kept
     progress.begun, begun = time.perf_counter(), time.process_time()
-    result = updyn.update(
-        model,
-        frf,
-        unknowns,
-        tier="reduced",
-        starts=given.starts,
-        callback=progress,
-        backend=given.backend,
-    )
+    with busy(given.busy):
+        result = updyn.update(
+            model,
+            frf,
+            unknowns,
+            tier="reduced",
+            starts=given.starts,
+            callback=progress,
+            backend=given.backend,
+        )
     job, by_the_clock = time.process_time() - begun, time.perf_counter() - progress.begun
     print(result.summary())
     print({k: round(v, 1) for k, v in result.timing_s.items()}, result.options)

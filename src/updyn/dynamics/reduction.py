@@ -726,9 +726,9 @@ class Reduction:
         each, are used up: there is no room for them and the result in the memory that they take.
         """
         W = _joined(pieces)
-        alone = Basis(self.system, self.basis.weight)
-        alone.extend(W)
-        gram = alone.combined(self.shifted.weights(state, -self.shifted.top))
+        beside = Basis(self.system, self.basis.weight)
+        beside.extend(W)
+        gram = beside.combined(self.shifted.weights(state, -self.shifted.top))
         if not gram.size:
             return W
         scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(np.float64).tiny))
