@@ -828,7 +828,7 @@ class Reduction:
         gram = 0.5 * (gram + gram.T)
         if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
-            kept = size > (_WORTH * allowed) ** 2
+            kept = size > max((_WORTH * allowed) ** 2, INDEPENDENT * size[-1])
             # P-orthogonal to the basis as they are, since V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():

@@ -5,9 +5,9 @@ answer by its backward error. A backend is a class as `Backend` describes it, re
 `BACKENDS`.
 
 Where six digits do, real matrices are factorised in single precision, in about half the time and
-the memory (Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006). One step of
-refinement of a load that excites every mode says how far the factors are from the matrix; where
-they are too far, double precision takes over.
+the memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006). One step
+of refinement of a load that excites every mode says how far the factors are from the matrix, and so
+how many steps an answer takes; where they are too far, double precision takes over.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class SparseSolver:
         memory.
     single : bool
         Factorise real matrices in single precision where the backend and the matrix allow it.
-        Answers may then have a backward error of 1e-3, and have about 1e-6.
+        Answers are refined until they are good to about 1e-6.
 
     Attributes
     ----------
@@ -303,6 +303,7 @@ class Factorised:
         "_probed",
         "_scale",
         "_solver",
+        "_steps",
         "_way",
         "_ways",
     )
@@ -313,6 +314,7 @@ class Factorised:
         self._ways = solver._ways()
         self._factors: Factors | None = None
         self._way: _Way | None = None
+        self._steps = 0
         # A real matrix is shifted to just beside an eigenvalue on purpose.
         self._probed = solver.real
         if not self._factored_by_next():
@@ -382,10 +384,12 @@ class Factorised:
     def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
         """Return the solution, its largest backward error and the growth of each column.
 
-        Columns that are off are corrected once.
+        After the steps that all take, columns that are off are corrected once more.
         """
         run, way = self._current()
         X = run(B)
+        for _ in range(self._steps):
+            X += run(np.asfortranarray(B - self._A @ X))
         errors, grown = accuracy(self._A, self._scale, X, B, way.residual)
         off = ~(errors <= way.residual)
         if off.any():
@@ -405,7 +409,8 @@ class Factorised:
         for way in self._ways:
             try:
                 factors = self._solver._factor(way, self._A)
-                if way.single and not self._is_close(factors):
+                steps = self._steps_with(factors) if way.single else 0
+                if steps is None:
                     del factors
                     self._solver._forget(way)
                     continue
@@ -418,24 +423,25 @@ class Factorised:
                 if str(error):
                     message += f" ({error})"
                 raise SolverError(message) from error
-            self._factors, self._way = factors, way
+            self._factors, self._way, self._steps = factors, way, steps
             return True
         return False
 
-    def _is_close(self, factors: Factors) -> bool:
-        """Whether factors in single precision are those of the matrix, but for a tenth.
+    def _steps_with(self, factors: Factors) -> int | None:
+        """Return how many steps of refinement an answer takes; None where factors are too far off.
 
-        They are the factors of A + E. A step of refinement changes an answer by A^-1 E times it.
-        Where that is below 1 no eigenvalue crosses zero on the way from A + E to A, so that their
-        negative ones are as many.
+        They are those of A + E. A step of refinement changes an answer by A^-1 E times it, and
+        leaves an error of that share. Where it is below 1 no eigenvalue crosses zero on the way
+        from A + E to A, so that their negative ones are as many.
         """
         load = np.asfortranarray(probe_load(self._scale).real)
         with np.errstate(invalid="ignore", over="ignore"):
             X = factors(load)
             change = factors(np.asfortranarray(load - self._A @ X))
-            sizes = (np.abs(U * self._scale[:, None]).max() for U in (change, X))
-            changed, size = map(float, sizes)
-        return changed <= _CLOSE * size
+            changed, size = (np.abs(U * self._scale[:, None]).max() for U in (change, X))
+            share = changed / size
+        steps = (n for n in range(_MOST_STEPS + 1) if share ** (n + 1) <= _DIGITS)
+        return next(steps, None)
 
     def _current(self) -> tuple[Factors, _Way]:
         if self._factors is None or self._way is None:
@@ -447,9 +453,9 @@ class Factorised:
 
 
 #: Backward error above which an answer is not accepted, in double and in single precision.
-RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-3
-#: How far a step of refinement may move an answer of factors in single precision.
-_CLOSE = 0.1
+RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
+#: Of factors in single precision: the error of an answer, and steps of refinement to it at most.
+_DIGITS, _MOST_STEPS = 1e-6, 3
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.
