@@ -455,7 +455,7 @@ class Factorised:
 #: Backward error above which an answer is not accepted, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 #: Of factors in single precision: the error of an answer, and steps of refinement to it at most.
-_DIGITS, _MOST_STEPS = 1e-6, 3
+_DIGITS, _MOST_STEPS = 1e-5, 3
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.

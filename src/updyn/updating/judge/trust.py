@@ -43,6 +43,8 @@ MANY, SOME = 0.5, 2
 LOST = 0.0
 #: Held-out residual over fitted residual that is far worse, and one that is bad by itself.
 FAR_WORSE, BAD = 3.0, 0.5
+#: Held-out residual, about 2 dB, from which nothing is predicted, whatever the fitted one is.
+FAR = 0.25
 #: Residual after over residual before, from which an update did harm, if it is not small anyway.
 HARM, SMALL = 1.1, 0.1
 
@@ -215,6 +217,12 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     why = [claim.why for claim in predicted]
     if said:
         residual, alike = max(said)
+        if residual > FAR:
+            return Claim(
+                None,
+                f"The median residual of the held-out data is {residual:.2g} of their level: too"
+                " far off to call it predicted.",
+            )
         why.append(
             f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
             f" correlation {alike:.2f}."

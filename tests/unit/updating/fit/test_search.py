@@ -325,3 +325,13 @@ def test_all_resonances_off_by_many_times_their_width(chain12, factor):
     assert alone.local.cost > 10.0
     found = Search().run(rough, noises, Monitor(rough)).points[0]
     assert found == pytest.approx(np.full(4, -np.log(factor)), abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "log"])
+def test_without_a_step_the_start_is_returned(chain12_task, method):
+    """Tries of a search would end where they begin: points that were scattered, loss factors that were inflated."""
+    start, frf, unknowns, _ = chain12_task
+    found = updyn.update(start, frf, unknowns, method, max_iterations=0)
+    assert found.status == "max-iterations"
+    assert list(found.values.values()) == pytest.approx(list(unknowns.start), rel=1e-12)
+    assert found.options["starts"] == 0

@@ -100,6 +100,20 @@ def test_held_out_data_that_are_predicted_count_for_it():
     assert "0.03" in found["validated"].why
 
 
+@pytest.mark.parametrize("fitted", [0.02, 0.4, 0.9])
+def test_held_out_data_that_are_far_off_are_not_called_predicted(fitted):
+    """Nor where the fitted ones are as far off; that they are worse by more speaks against it."""
+    correlation = [
+        {
+            "after": figures(fitted),
+            "validation": {"before": figures(0.8), "after": figures(0.43)},
+        }
+    ]
+    claim = judged(correlation=correlation)["validated"]
+    assert claim.holds is None
+    assert "0.43 of their level: too far off" in claim.why
+
+
 @pytest.mark.parametrize(
     ("status", "holds"),
     [("stalled", False), ("max-iterations", False), ("stopped", None), ("failed", False)],

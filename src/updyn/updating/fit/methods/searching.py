@@ -22,7 +22,8 @@ class SearchingMethod(Method, ABC):
     tolerance : float
         Relative step at which a descent has converged.
     starts : int
-        Tries of the search; 0 skips it and starts from where the unknowns start.
+        Tries of the search; 0 skips it and starts from where the unknowns start. Without a step it
+        is 0, too: tries would end where they begin.
     seed : int
         Of the search's random tries.
     inflate : bool
@@ -34,6 +35,10 @@ class SearchingMethod(Method, ABC):
     starts: int = 8
     seed: int = 0
     inflate: bool = True
+
+    def __post_init__(self) -> None:
+        if self.max_iterations == 0:
+            object.__setattr__(self, "starts", 0)
 
     @property
     def stages(self) -> tuple[tuple[str, int], ...]:
