@@ -175,9 +175,9 @@ def test_the_factorisation_that_rounds_share_is_given_back(monkeypatch: pytest.M
     definite, ended = [], []
     factorise, release = Shifted.factorise, Reducing.release
 
-    def counted(self: Shifted, state: State, shift: float) -> Factorised:
+    def counted(self: Shifted, state: State, shift: float, **options: float) -> Factorised:
         definite.append(shift < 0.0)
-        return factorise(self, state, shift)
+        return factorise(self, state, shift, **options)
 
     def noted(self: Reducing) -> None:
         ended.append([part.reduction for part in self._parts])

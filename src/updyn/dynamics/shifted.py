@@ -21,6 +21,9 @@ _Real = NDArray[np.float64]
 
 #: States of which no mass and no stiffness differs by more than this share are beside each other.
 _CLOSE = 0.1
+#: Relative errors of answers that span a basis, whose rounding would be taken for more of it, and
+#: of those that measure what it lacks.
+_SPANNING, _MEASURING = 1e-6, 1e-5
 #: How far shifts on a natural frequency are moved, in squares of the highest frequency.
 _NUDGES = (0.0, 1e-4, 1e-3)
 
@@ -57,7 +60,6 @@ class Shifted:
     _definite: tuple[Factorised, State] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        # Answers span a basis, or measure what it lacks: six digits do.
         self._solver = SparseSolver(self.backend, real=True, single=True)
 
     @property
@@ -78,7 +80,7 @@ class Shifted:
             (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
         )
 
-    def factorise(self, state: State, shift: float) -> Factorised:
+    def factorise(self, state: State, shift: float, *, error: float = _SPANNING) -> Factorised:
         """Factorise K - s M; what was factorised before ends.
 
         Parameters
@@ -87,6 +89,8 @@ class Shifted:
             Of the model.
         shift : float
             s in 1/s^2.
+        error : float
+            Relative error that answers may have.
 
         Raises
         ------
@@ -95,9 +99,8 @@ class Shifted:
         """
         self._definite = None
         self.count += 1
-        return self._solver.factorise(
-            self.matrix(state, shift), float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
-        )
+        freq = float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
+        return self._solver.factorise(self.matrix(state, shift), freq, error=error)
 
     def solve(self, state: State, shift: float, loads: _Real) -> tuple[Factorised, _Real]:
         """Factorise K - s M and solve for loads, shape (N, k); s off a natural frequency.
@@ -139,7 +142,7 @@ class Shifted:
             If it is not definite.
         """
         if self._definite is None or not _are_close(state, self._definite[1]):
-            self._definite = self.factorise(state, -self.top), state
+            self._definite = self.factorise(state, -self.top, error=_MEASURING), state
         return self._definite[0]
 
     def definites(self, states: Sequence[State]) -> Iterator[tuple[Factorised, State]]:

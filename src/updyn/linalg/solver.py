@@ -92,6 +92,8 @@ BACKENDS: Registry[type[Backend]] = Registry(
         "cudss": "updyn.linalg.cudss:Cudss",
     },
 )
+#: Relative error of an answer of factors in single precision.
+_DIGITS = 1e-6
 #: Backends that are tried in this order where another one fails.
 _FALLBACKS = ("pardiso", "mumps", "superlu")
 
@@ -129,8 +131,8 @@ class SparseSolver:
         Matrices are real (and may be indefinite) instead of complex: 2.5 times faster, in half the
         memory.
     single : bool
-        Factorise real matrices in single precision where the backend and the matrix allow it.
-        Answers are refined until they are good to about 1e-6.
+        Factorise real matrices in single precision where the backend and the matrix allow it, and
+        refine answers to the `error` that is asked for.
 
     Attributes
     ----------
@@ -184,7 +186,9 @@ class SparseSolver:
         finally:
             self._retire()
 
-    def factorise(self, A: Any, freq: float, held: str = "") -> Factorised:
+    def factorise(
+        self, A: Any, freq: float, held: str = "", *, error: float = _DIGITS
+    ) -> Factorised:
         """Factorise A for right-hand sides that come later; an earlier factorisation ends.
 
         Parameters
@@ -195,6 +199,8 @@ class SparseSolver:
             The line or shift in Hz, for messages.
         held : str
             Which DOFs are held, for messages.
+        error : float
+            Relative error that answers may have where the solver works in single precision.
 
         Returns
         -------
@@ -213,7 +219,7 @@ class SparseSolver:
             )
         self._retire()
         self._forget_other_pattern(A)
-        made = Factorised(self, A, freq, held)
+        made = Factorised(self, A, freq, held, error)
         self._alive = weakref.ref(made)
         return made
 
@@ -298,6 +304,7 @@ class Factorised:
     __slots__ = (
         "_A",
         "__weakref__",
+        "_error",
         "_factors",
         "_line",
         "_probed",
@@ -308,8 +315,8 @@ class Factorised:
         "_ways",
     )
 
-    def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str) -> None:
-        self._solver, self._A, self._line = solver, A, (freq, held)
+    def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str, error: float) -> None:
+        self._solver, self._A, self._line, self._error = solver, A, (freq, held), error
         self._scale = unit_scale(A.diagonal())
         self._ways = solver._ways()
         self._factors: Factors | None = None
@@ -440,7 +447,7 @@ class Factorised:
             change = factors(np.asfortranarray(load - self._A @ X))
             changed, size = (np.abs(U * self._scale[:, None]).max() for U in (change, X))
             share = changed / size
-        steps = (n for n in range(_MOST_STEPS + 1) if share ** (n + 1) <= _DIGITS)
+        steps = (n for n in range(_MOST_STEPS + 1) if share ** (n + 1) <= self._error)
         return next(steps, None)
 
     def _current(self) -> tuple[Factors, _Way]:
@@ -454,8 +461,8 @@ class Factorised:
 
 #: Backward error above which an answer is not accepted, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
-#: Of factors in single precision: the error of an answer, and steps of refinement to it at most.
-_DIGITS, _MOST_STEPS = 1e-5, 3
+#: Steps of refinement of an answer of factors in single precision, at most.
+_MOST_STEPS = 3
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.
