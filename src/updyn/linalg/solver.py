@@ -462,7 +462,7 @@ class Factorised:
 #: Backward error above which an answer is not accepted, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 #: Steps of refinement of an answer of factors in single precision, at most.
-_MOST_STEPS = 3
+_MOST_STEPS = 5
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.
