@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from dataclasses import replace
 
 import pytest
 
 from updyn.cli import main
-from updyn.demos import find_demo
+from updyn.demos import chain, find_demo
+from updyn.dofs import DofSet
+from updyn.io import write_frf
 from window import browsing, serving
 
 pytest.importorskip("nicegui")
@@ -142,3 +145,39 @@ def test_a_job_is_written_for_files_that_have_just_been_added(tmp_path):
         assert page.locator("iframe").count() == 0
         assert heard.wrong == []
     assert (project / "new.toml").is_file()
+
+
+def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(tmp_path):
+    """Of a test that numbers its sensors otherwise; without a change the file stays as it is."""
+    chain.write_inputs(tmp_path)
+    data = chain.measure()
+    numbers = {label: f"{n}:X" for n, label in enumerate(data.responses.labels, 1)}
+    sides = {
+        side: DofSet(numbers[label] for label in getattr(data, side).labels)
+        for side in ("responses", "references")
+    }
+    write_frf(replace(data, **sides), tmp_path / "own.uff")
+    table = "".join(f'"{new}" = "{old}"\n' for old, new in numbers.items())
+    job = tmp_path / "own.toml"
+    job.write_text(
+        '[model]\nfile = "chain.h5"\n[test]\nfile = "own.uff"\n[match.table]\n'
+        f'{table}[[parameter]]\ngroups = "part*"\nquantity = "stiffness"\n'
+        '[method]\nvalidation = ["7:X"]\n',
+        encoding="utf-8",
+    )
+    before = job.read_text(encoding="utf-8")
+    with serving(tmp_path, "own.toml") as server, browsing(server) as (page, heard):
+        page.goto(f"{server.base}/measurement")
+        held = page.locator(".q-field", has_text="responses held out of the fit")
+        held.get_by_text("7:X (sensor 3:X)").wait_for()
+        page.get_by_text("own.toml", exact=True).wait_for()
+        held.get_by_role("combobox").click()
+        page.get_by_role("option", name="10:X (sensor 4:X)").click()
+        page.get_by_text("own.toml (edited)").wait_for()
+        held.get_by_text("10:X (sensor 4:X)").wait_for()
+        page.get_by_role("button", name="Save").click()
+        page.get_by_text("own.toml", exact=True).wait_for()
+        assert heard.wrong == []
+    expected = before.replace('["7:X"]', '["7:X", "10:X"]')
+    assert job.read_text(encoding="utf-8") == expected
+    assert main(["check", str(job), "--out", str(tmp_path / "checked")]) == 0

@@ -140,20 +140,35 @@ def hold_out(responses: Sequence[str], test: int = 0) -> Edit:
     Parameters
     ----------
     responses : sequence of str
-        Their labels; none: nothing is held out.
+        Their labels in the model; none: nothing is held out.
     test : int
-        Which test; its own ``validation`` is changed where it has one, else that of ``[method]``.
+        Which test. Of several each gets its own ``validation``, as their responses may differ; else
+        that of ``[method]`` is changed where the test has none.
     """
 
     def edit(document: TOMLDocument) -> None:
         own = _test(document, test)
-        table = own if "validation" in own else _table(document, "method")
+        several = _has_several_tests(document)
+        if several:
+            _share_out(document, "validation")
+        table = own if several or "validation" in own else _table(document, "method")
         if responses:
             _put(table, "validation", list(responses))
         else:
             table.pop("validation", None)
 
     return edit
+
+
+def _share_out(document: TOMLDocument, key: str) -> None:
+    """Move a key from ``[method]`` to all tests that have none of their own."""
+    method = document.get("method")
+    if not isinstance(method, MutableMapping) or key not in method:
+        return
+    value = method.pop(key).unwrap()
+    for test in cast(AoT, document["test"]):
+        if key not in test:
+            _put(test, key, value)
 
 
 def match_sensor(sensor: str, dof: str) -> Edit:
@@ -377,8 +392,11 @@ def _fitting(groups: Sequence[str], patterns: Any) -> list[str]:
 def _keep_lines(document: TOMLDocument, keep: Callable[[float], bool]) -> None:
     """Keep some of the lines that ``[method]`` lists; those of several tests are left alone."""
     method = document.get("method")
-    several = isinstance(document.get("test"), AoT) and len(cast(AoT, document["test"])) > 1
-    if several or not isinstance(method, Table) or not isinstance(method.get("lines"), Array):
+    if (
+        _has_several_tests(document)
+        or not isinstance(method, Table)
+        or not isinstance(method.get("lines"), Array)
+    ):
         return
     if not all(isinstance(line, int | float) for line in method["lines"]):
         return
@@ -408,6 +426,11 @@ def _test(document: TOMLDocument, number: int) -> Table:
     if number >= len(tests):
         raise InputError(f"the job has {len(tests)} tests, and no number {number + 1}")
     return tests[number]
+
+
+def _has_several_tests(document: TOMLDocument) -> bool:
+    tests = document.get("test")
+    return isinstance(tests, AoT) and len(tests) > 1
 
 
 def _table(outer: MutableMapping[str, Any], name: str) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.dofs import Dof
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response as model_response
 from updyn.errors import InputError, UpdynError
@@ -75,7 +76,12 @@ class TestView:
     matches : list of mapping of str to str
         Who sits where; empty where that could not be found.
     held : list of str
-        Responses that are held out of the fit.
+        Responses that are held out of the fit, as the job writes them: labels of the model.
+    held_band : (float, float) or None
+        The band in Hz that is held out in their place.
+    holdable : mapping of str to str
+        What may be held out, by the label that the job reads: the responses as the model labels
+        them, with their sensors; those of `held` where it is not known who sits where.
     coherence : ndarray of float, shape of `values`, or None
         Where the file has it.
     """
@@ -91,6 +97,8 @@ class TestView:
     band: tuple[float, float] | None
     matches: list[dict[str, str]]
     held: list[str]
+    held_band: tuple[float, float] | None
+    holdable: Mapping[str, str]
     coherence: NDArray[np.float32] | None
 
 
@@ -309,6 +317,7 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         used = np.isin(whole.freq, whole.select(band=table.band, exclude=table.exclude or ()).freq)
     except InputError:  # no line is left, which the whole job is said to suffer from
         used = np.zeros(len(whole.freq), dtype=bool)
+    held, held_band = _held(part)
     return TestView(
         number,
         table.name,
@@ -320,7 +329,9 @@ def _test(part: Job, number: int, ready: Prepared | None) -> TestView:
         used,
         table.band,
         [] if ready is None else _matches(ready.tests[number]),
-        [str(one) for one in part.validation or () if isinstance(one, str)],
+        held,
+        held_band,
+        _holdable(held, None if ready is None else ready.tests[number]),
         None if whole.coherence is None else whole.coherence.astype(np.float32),
     )
 
@@ -336,6 +347,33 @@ def _matches(test: PreparedTest) -> list[dict[str, str]]:
         }
         for row in test.matching.table
     ]
+
+
+def _held(part: Job) -> tuple[list[str], tuple[float, float] | None]:
+    """Return the responses and the band that a test holds out; one of them, or none."""
+    labels: list[str] = []
+    numbers: list[float] = []
+    for one in part.validation or ():
+        if isinstance(one, str):
+            labels.append(one)
+        else:
+            numbers.append(one)
+    return labels, (numbers[0], numbers[1]) if numbers else None
+
+
+def _holdable(held: Sequence[str], test: PreparedTest | None) -> dict[str, str]:
+    """Return what may be held out, by the label for the job; one that is held keeps its writing."""
+    if test is None:
+        return {label: label for label in held}
+    written = {abs(Dof.parse(label)): label for label in held}
+    sensors = {abs(Dof.parse(row.dof)): row.sensor for row in test.matching.table}
+    found: dict[str, str] = {}
+    for dof in test.frf.responses:
+        label = written.get(abs(dof), str(dof))
+        sensor = sensors.get(abs(dof), label)
+        same = abs(Dof.parse(sensor)) == abs(dof)
+        found[label] = label if same else f"{label} (sensor {sensor})"
+    return found
 
 
 def _modal(test: PreparedTest, number: int) -> ModalView:

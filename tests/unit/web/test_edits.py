@@ -190,6 +190,18 @@ def test_or_in_the_test_that_has_its_own() -> None:
     assert [part.validation for part in of_all.parts] == [("1:X",), ("3:X",)]
 
 
+def test_what_the_method_holds_out_of_several_tests_stays_that_of_the_others() -> None:
+    text = TWO.replace('validation = ["1:X"]\n', "") + '[method]\nvalidation = ["1:X"]\n'
+    for chosen, expected in ((["3:X"], ("3:X",)), ([], None)):
+        new = job(edited(edits.hold_out(chosen, 1), text))
+        assert [part.validation for part in new.parts] == [("1:X",), expected]
+        assert new.method.validation is None
+    new = job(
+        edited(edits.hold_out(["3:X"], 1), text.replace('[method]\nvalidation = ["1:X"]', ""))
+    )
+    assert [part.validation for part in new.parts] == [None, ("3:X",)]
+
+
 def test_a_sensor_is_matched() -> None:
     one = edited(edits.match_sensor("5:X", "7:-Z"))
     assert lines_added(TEXT, one) == ["", "[match.table]", '"5:X" = "7:-Z"']

@@ -13,15 +13,16 @@ import pytest
 from tomlkit import parse
 
 from updyn.demos import chain
+from updyn.dofs import DofSet
 from updyn.dynamics.modes import modes
 from updyn.dynamics.response import response
 from updyn.errors import InputError
 from updyn.io import write_frf, write_model, write_modes
-from updyn.job import load_job
+from updyn.job import load_job, prepare
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.web import looking
-from updyn.web.edits import set_band
+from updyn.web.edits import hold_out, set_band
 from viewer_case import block
 
 JOB = """\
@@ -95,6 +96,55 @@ def test_what_is_wrong_is_said_in_its_place_and_the_rest_is_shown(
     assert view.unknowns == []
     if part != "job":
         assert view.title == "Chain"
+
+
+@pytest.fixture
+def numbered(path: Path) -> str:
+    """A job whose test numbers its sensors from 1, one of them turned, with the table for it."""
+    data = chain.measure()
+    new = {old: f"{number}:X" for number, old in enumerate(data.responses.labels, 1)}
+    new["10:X"] = "4:-X"
+    labels = {
+        "responses": DofSet(new[label] for label in data.responses.labels),
+        "references": DofSet(new[label] for label in data.references.labels),
+    }
+    write_frf(dataclasses.replace(data, **labels), path.with_name("chain.uff"))
+    table = "".join(f'"{sensor.replace("-", "")}" = "{old}"\n' for old, sensor in new.items())
+    return JOB.replace("[2.0, 10.0]", "[0.0, 100.0]") + f"[match.table]\n{table}"
+
+
+def test_responses_are_held_out_by_the_labels_of_the_model(path: Path, numbered: str) -> None:
+    (test,) = looking.look(path, numbered).tests
+    assert test.responses == ["1:X", "2:X", "3:X", "4:-X", "5:X"]
+    assert (test.held, test.held_band) == (["7:X"], None)
+    assert dict(test.holdable) == {
+        "2:X": "2:X (sensor 1:X)",
+        "5:X": "5:X (sensor 2:X)",
+        "7:X": "7:X (sensor 3:X)",
+        "10:-X": "10:-X (sensor 4:X)",
+        "12:X": "12:X (sensor 5:X)",
+    }
+    for label in test.holdable:
+        document = parse(numbered)
+        hold_out(["7:X", label] if label != "7:X" else [label])(document)
+        ready = prepare(load_job(path, text=document.as_string()))
+        assert len(ready.tests[0].fitted.responses) == (4 if label == "7:X" else 3)
+
+
+def test_what_is_held_out_is_offered_as_the_job_writes_it(path: Path, numbered: str) -> None:
+    """With another sign, where it cannot be known what it is, and a band in place of responses."""
+    (test,) = looking.look(path, numbered.replace('"7:X"]', '"7:-X", "10:X"]')).tests
+    assert test.held == ["7:-X", "10:X"]
+    assert list(test.holdable) == ["2:X", "5:X", "7:-X", "10:X", "12:X"]
+
+    view = looking.look(path, numbered.replace('["7:X"]', '["3:X"]'))
+    assert "validation response 3:X" in view.wrong["all"]
+    (test,) = view.tests
+    assert (test.held, dict(test.holdable)) == (["3:X"], {"3:X": "3:X"})
+
+    (test,) = looking.look(path, numbered.replace('["7:X"]', "[3.0, 4.5]")).tests
+    assert (test.held, test.held_band) == ([], (3.0, 4.5))
+    assert len(test.holdable) == 5
 
 
 def test_a_curve_is_the_response_of_the_model_at_the_values(path: Path) -> None:

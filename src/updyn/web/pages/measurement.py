@@ -132,13 +132,20 @@ class _Measurement:
         test = self._test
 
         def held(event: events.ValueChangeEventArguments[Any]) -> None:
-            names = [name for name in test.responses if name in (event.value or ())]
+            names = [name for name in test.holdable if name in (event.value or ())]
             said(self._edit)("responses held out", edits.hold_out(names, self._test.number))
 
         label = "responses held out of the fit, to validate it with"
-        shown = [name for name in test.held if name in test.responses]
-        chosen = ui.select(test.responses, value=shown, multiple=True, label=label)
-        chosen.classes("min-w-96").props("use-chips").on_value_change(held)
+        if test.held_band is not None:
+            low, high = test.held_band
+            ui.label(
+                f"The band from {low:g} to {high:g} Hz is held out of the fit; responses that are"
+                " chosen here take its place."
+            )
+        options = dict(test.holdable)
+        shown = [name for name in options if name in test.held]
+        chosen = ui.select(options, value=shown, multiple=True, label=label)
+        chosen.classes("min-w-64 max-w-full").props("use-chips").on_value_change(held)
 
     def _ready(self) -> None:
         """Let the pointer drag, once the chart is there."""
