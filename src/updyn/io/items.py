@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import FormatError, InputError, UpdynError, damaged, reason_of, suggest
+from updyn.errors import FormatError, InputError, UpdynError, damaged, key_path, reason_of, suggest
 from updyn.foreign.plain import Unread
 from updyn.model import Matrix
 
@@ -452,10 +452,10 @@ def chosen(labels: Iterable[str | Dof], side: str, path: str | Path) -> DofSet:
     FormatError
         If there is none, one cannot be read or stands twice.
     """
-    with placed(path, side):
+    with placed(path, side), key_path(side):
         dofs = DofSet(labels)
     if not len(dofs):
-        raise FormatError(f"{side}: an empty list; leave it out to read all", path)
+        raise FormatError(f"{side}: an empty list; leave it out to read all", path, key=(side,))
     return dofs
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -137,7 +137,12 @@ def match(
     if angle is None:
         is_fitted = aligned is not None and aligned.residual is not None
         angle = _FITTED if is_fitted else EXACT
-    changed, assigned, more = assign_dofs(model, targets, angle)
+    try:
+        changed, assigned, more = assign_dofs(model, targets, angle)
+    except MatchError as error:
+        wrong = test.table.places(map(Dof.parse, error.lost))
+        error.key = error.key or (wrong[0] if wrong else ())
+        raise
     _warn_of_angles(targets, assigned)
     rows = []
     for target, dof in zip(targets, assigned, strict=True):
@@ -147,12 +152,12 @@ def match(
     named: FRF | ModeSet
     if isinstance(data, FRF):
         named = replace(
-            _renamed(data, new, bool(table)),
+            _renamed(data, new, test.table),
             geometry=_geometry_in_model(test, targets, changed, aligned, moved),
             source=_record(data.source, by, rows),
         )
     else:
-        dofs = _named_anew("DOFs", data.dofs, new, bool(table))
+        dofs = _named_anew("DOFs", data.dofs, new, test.table)
         named = data.renamed(dofs, source=_record(data.source, by, rows))
     return Matching(changed, named, tuple(rows), by, aligned, (*notes, *more))
 
@@ -195,10 +200,26 @@ def _roles(data: FRF | ModeSet) -> dict[Dof, str]:
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """Labels and nodes of the test, and those of the model."""
+    """Labels and nodes of the test, and those of the model.
+
+    Attributes
+    ----------
+    dofs : mapping of Dof to Dof
+        DOFs of the model by sensor.
+    nodes : mapping of int to int
+        Nodes of the model by node of the test.
+    written : mapping of Dof or int to str
+        The entries of both as they were given, for messages.
+    """
 
     dofs: Mapping[Dof, Dof] = field(default_factory=dict)
     nodes: Mapping[int, int] = field(default_factory=dict)
+    written: Mapping[Dof | int, str] = field(default_factory=dict)
+
+    def places(self, sensors: Iterable[Dof]) -> list[tuple[str, ...]]:
+        """Return the key paths of the entries that place sensors, in the order of the table."""
+        used = {sensor if sensor in self.dofs else sensor.node for sensor in map(abs, sensors)}
+        return [("table", text) for entry, text in self.written.items() if entry in used]
 
 
 def _read_table(given: Mapping[str, str], sensors: Mapping[Dof, str]) -> _Table:
@@ -209,10 +230,12 @@ def _read_table(given: Mapping[str, str], sensors: Mapping[Dof, str]) -> _Table:
         )
     dofs: dict[Dof, Dof] = {}
     nodes: dict[int, int] = {}
+    written: dict[Dof | int, str] = {}
     for old, new in given.items():
         at = ("table", str(old))
         if _NODE.fullmatch(str(old)):
             nodes[int(old)] = _read_node(old, new, sensors, at)
+            written[int(old)] = str(old)
             continue
         before = _label(old, at)
         after = _label(new, at)
@@ -222,7 +245,8 @@ def _read_table(given: Mapping[str, str], sensors: Mapping[Dof, str]) -> _Table:
                 f"{old!r} names a sensor that already has an entry, with another sign", at
             )
         dofs[abs(before)] = after if before.sign > 0 else -after
-    return _Table(dofs, nodes)
+        written[abs(before)] = str(old)
+    return _Table(dofs, nodes, written)
 
 
 def _read_node(old: Any, new: Any, sensors: Mapping[Dof, str], at: tuple[str, ...]) -> int:
@@ -472,16 +496,16 @@ def _warn_of_angles(targets: Sequence[Target], assigned: Sequence[AssignedDof]) 
         )
 
 
-def _renamed(frf: FRF, new: Mapping[Dof, Dof], by_table: bool) -> FRF:
+def _renamed(frf: FRF, new: Mapping[Dof, Dof], table: _Table) -> FRF:
     """Return the measurement with the labels of the model."""
     return replace(
         frf,
-        responses=_named_anew("responses", frf.responses, new, by_table),
-        references=_named_anew("references", frf.references, new, by_table),
+        responses=_named_anew("responses", frf.responses, new, table),
+        references=_named_anew("references", frf.references, new, table),
     )
 
 
-def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], by_table: bool) -> DofSet:
+def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], table: _Table) -> DofSet:
     """Return DOFs with the labels of the model; the sign of each goes with it."""
     renamed = []
     taken: dict[Dof, Dof] = {}
@@ -489,10 +513,11 @@ def _named_anew(what: str, dofs: DofSet, new: Mapping[Dof, Dof], by_table: bool)
         dof = new[abs(old)]
         other = taken.setdefault(abs(dof), old)
         if other is not old:
+            places = table.places((other, old))
             raise MatchError(
                 f"DOF {abs(dof)} stands twice: {what} {other} and {old} would be the"
                 " same; leave one out, or give it another place or direction",
-                ("table",) if by_table else (),
+                places[-1] if places else (),
             )
         renamed.append(dof if old.sign > 0 else -dof)
     return DofSet(renamed)

@@ -153,7 +153,25 @@ def test_table_of_labels_and_of_nodes_with_signs() -> None:
             {"11:X": "12:Y"},
             {},
             "DOF 12:Y stands twice: responses 11:X and 12:Y would be the same",
-            ("table",),
+            ("table", "11:X"),
+        ),
+        (
+            {"12": "11", "11:-X": "11:Y"},
+            {},
+            "DOF 11:Y stands twice: responses 11:X and 12:Y would be the same",
+            ("table", "11:-X"),
+        ),
+        (
+            {"11": "14", "12:Y": "77:Y"},
+            {},
+            "not DOFs of the model",
+            ("table", "12:Y"),
+        ),
+        (
+            {"12": "77", "13": "14"},
+            {},
+            "not DOFs of the model",
+            ("table", "12"),
         ),
         ({}, {"12:X": [1, 0, 0]}, "'12:X' is no response or reference", ("directions", "12:X")),
         (

@@ -6,6 +6,7 @@ import fnmatch
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, overload
 
@@ -138,7 +139,7 @@ class Parameter:
             raise ParameterError(
                 f"unknown {self.name!r} starts at {self.start:g}, outside its bounds"
                 f" ({self.lower:g}, {self.upper:g})",
-                key=("bounds",),
+                key=("start",),
             )
         if self.is_factor and self.lower <= 0:
             raise ParameterError(
@@ -601,7 +602,8 @@ def parameters(
             if p.quantity in VALUES and low < high:
                 # The bounds of the user take precedence over the value of the group.
                 start = min(max(start, low), high)
-            p = Parameter(p.group, p.quantity, start, low, high)
+            with _start_is_stated(False):
+                p = Parameter(p.group, p.quantity, start, low, high)
         out.append(replace(p, prior_std=_most_special(prior_std, p)))
     return ParameterSet(tuple(out))
 
@@ -697,9 +699,20 @@ def link(
         limits = bounds_pair(bounds, f"bounds of {name!r}")
     if start is not None:
         first = finite(start, f"unknown {name!r}: start")
-    return ParameterSet(
-        (Parameter(stem, quantity, first, *limits, prior_std, tuple(acts), nominal, unit),)
-    )
+    with _start_is_stated(start is not None):
+        unknown = Parameter(stem, quantity, first, *limits, prior_std, tuple(acts), nominal, unit)
+    return ParameterSet((unknown,))
+
+
+@contextmanager
+def _start_is_stated(stated: bool) -> Iterator[None]:
+    """Place the error of a start that the user has not stated at the bounds, which are stated."""
+    try:
+        yield
+    except ParameterError as error:
+        if not stated and error.key == ("start",):
+            error.key = ("bounds",)
+        raise
 
 
 def _fitting(names: Iterable[str], pattern: str) -> list[str]:
