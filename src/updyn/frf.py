@@ -628,6 +628,8 @@ class FRF:
                 raise DataError(
                     f"dataset: no variable {name!r}; {suggest(name, map(str, data.variables))}"
                 )
+        if quantity is not None:  # one that is none contradicts no dataset
+            check_quantity(quantity)
         said = data.attrs.get("quantity")
         if said is None and quantity is None:
             raise DataError(

@@ -7,7 +7,7 @@ import pytest
 
 import updyn
 from io_samples import assert_same_frf, frf
-from updyn.errors import FormatError, OptionError, UpdynWarning
+from updyn.errors import DataError, FormatError, OptionError, UpdynWarning
 
 HEAD = "# quantity: accelerance\nfreq_Hz,H(3:Z/1:-X) re,H(3:Z/1:-X) im\n"
 
@@ -93,6 +93,16 @@ def test_quantity_given_and_said_must_agree(tmp_path):
         FormatError, match="'mobility' contradicts the file, which says 'accelerance'"
     ):
         updyn.read_frf(path, quantity="mobility")
+
+
+def test_a_quantity_that_is_none_is_not_said_to_contradict_the_file(tmp_path):
+    path = put(tmp_path, HEAD + "10,1,2\n")
+    expected = r"case\.csv: quantity 'acceleration': did you mean 'accelerance'\?"
+    with pytest.raises(FormatError, match=expected) as caught:
+        updyn.read_frf(path, quantity="acceleration")
+    assert caught.value.key == ("quantity",)
+    with pytest.raises(DataError, match=r"^quantity 'acceleration': did you mean 'accelerance'"):
+        updyn.FRF.from_xarray(updyn.read_frf(path).to_xarray(), quantity="acceleration")
 
 
 def test_average_does_not_apply(tmp_path):

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from updyn.errors import OptionError, suggest
+from updyn.errors import OptionError, key_path, suggest
+from updyn.frf import check_quantity
 from updyn.io.formats import find_format, load
 from updyn.io.items import chosen, guarded, placed
 
@@ -119,6 +120,9 @@ def read_frf(
     early = wanted if {"responses", "references"} <= _options(reader) else {}
     given = {"quantity": quantity, "duplicates": duplicates, **early, **options}
     known = _known(reader, name, given, ("responses", "references"))
+    if quantity is not None:  # one that is none contradicts no file
+        with placed(path), key_path("quantity"):
+            check_quantity(quantity)
     with guarded(path, name):
         frf: FRF = reader(path, **known)
         return frf if early else _part(frf, wanted, path)
