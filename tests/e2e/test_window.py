@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import tomllib
@@ -181,3 +182,26 @@ def test_what_is_held_out_is_shown_and_written_as_the_model_labels_it(tmp_path):
     expected = before.replace('["7:X"]', '["7:X", "10:X"]')
     assert job.read_text(encoding="utf-8") == expected
     assert main(["check", str(job), "--out", str(tmp_path / "checked")]) == 0
+
+
+@pytest.mark.parametrize(("width", "is_below"), [(420, True), (1280, False)])
+def test_pages_fit_a_narrow_screen(tmp_path, width, is_below):
+    """Nothing scrolls sideways; picture and choices are side by side only where there is room."""
+    with serving(tmp_path) as server, browsing(server, width) as (page, heard):
+        page.get_by_role("button", name="Open beam").click()
+        page.wait_for_url("**/measurement")
+        page.goto(f"{server.base}/model")
+        page.get_by_role("columnheader", name="distance (m)").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.goto(f"{server.base}/unknowns")
+        page.get_by_text(re.compile("could determine")).wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        picture = page.get_by_title("Structure").bounding_box()
+        choices = page.get_by_role("checkbox", name="beam stiffness").bounding_box()
+        assert (choices["y"] > picture["y"] + picture["height"]) == is_below
+        assert picture["width"] >= (0.85 if is_below else 0.4) * width
+        headings = [page.get_by_text(name, exact=True) for name in ("group", "stiffness", "mass")]
+        boxes = [heading.bounding_box() for heading in headings]
+        for left, right in itertools.pairwise(boxes):
+            assert left["x"] + left["width"] <= right["x"]
+        assert heard.wrong == []

@@ -66,7 +66,8 @@ async def show(workspace: Workspace) -> None:
 def _show_modes(test: ModalView) -> None:
     """Show the modes that are the data of a test."""
     ui.label(f"Modes {test.name}").classes("text-lg")
-    ui.table(rows=test.modes, columns=_MODES, row_key="mode", pagination=20).props("flat dense")
+    table = ui.table(rows=test.modes, columns=_MODES, row_key="mode", pagination=20)
+    table.props("flat dense wrap-cells").classes("max-w-full")
 
 
 class _Choice:

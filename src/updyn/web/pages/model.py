@@ -78,7 +78,7 @@ async def show(workspace: Workspace) -> None:
             table = ui.table(
                 rows=rows, columns=_COLUMNS, row_key="sensor", selection="single", pagination=20
             )
-            table.on_select(mover.select).props("flat dense")
+            table.on_select(mover.select).props("flat dense wrap-cells").classes("max-w-full")
 
     watch(lambda: workspace.version, content.refresh)
     await content()

@@ -54,7 +54,7 @@ def show(workspace: Workspace) -> None:
                 return
             columns, rows = compared(picked)
             table = ui.table(rows=rows, columns=columns, row_key="what", pagination=50)
-            table.props("flat dense wrap-cells").mark("compared")
+            table.props("flat dense wrap-cells").classes("max-w-full").mark("compared")
             for name, run in picked.items():
                 if (run.path / RUN.page).is_file():
                     place = f"/embedded/page/{quote(name)}/{RUN.page}"

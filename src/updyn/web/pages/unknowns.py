@@ -52,10 +52,11 @@ async def show(workspace: Workspace) -> None:
         if "view" in kept:
             _choices(workspace, kept["view"], picked)
 
-    with ui.row().classes("w-full no-wrap items-start"):
-        picture = ui.column().classes("w-1/2")
+    # side by side, on a narrow screen one below the other
+    with ui.row().classes("w-full items-start max-md:flex-col md:flex-nowrap"):
+        picture = ui.column().classes("w-full md:w-1/2")
         picture.set_visibility(False)
-        with ui.column().classes("flex-1 min-w-0"):
+        with ui.column().classes("w-full md:flex-1 min-w-0"):
             choices()
 
             @ui.refreshable
@@ -119,7 +120,8 @@ def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
 
         ui.button("Show all groups", on_click=everything).props("flat dense no-caps")
     frame = ui.column().classes("w-full overflow-auto").style("max-height: 420px")
-    with frame, ui.grid(columns=1 + len(CHOICES)).classes("items-center gap-x-8 gap-y-0"):
+    columns = " ".join(["auto"] * (1 + len(CHOICES)))  # as wide as their names
+    with frame, ui.grid(columns=columns).classes("items-center gap-x-4 md:gap-x-8 gap-y-0"):
         ui.label("group").classes("font-bold")
         for quantity in CHOICES:
             ui.label(quantity.replace("_", " ")).classes("font-bold")
