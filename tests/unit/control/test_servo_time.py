@@ -449,3 +449,33 @@ def test_jumps_come_back_at_every_dead_time():
         assert time[400 * k] == pytest.approx(k * T, rel=1e-12)
         jump = torque[400 * k] - torque[400 * k - 1] - (torque[400 * k - 1] - torque[400 * k - 2])
         assert jump == pytest.approx((-100.0 * w * R) ** k, rel=0.05)
+
+
+@pytest.mark.parametrize("leak", [0.0, 1e-5])
+def test_a_velocity_loop_on_a_held_structure_returns_to_zero(leak):
+    plant = masses((MOTOR, LOAD), (STIFFNESS,), (5.0,), ground=STIFFNESS)
+    torque, speed = plant.inputs.index("motor"), plant.outputs.index("speed")
+    D = plant.D.copy()
+    D[speed, torque] += leak  # as a fitted plant may have: a gain at rest that is not quite zero
+    found = updyn.servo(replace(plant, D=D), updyn.Controller(kp=20.0), **NAMES)
+    step = found.step
+    assert abs(step.final) < 1e-2 * abs(step.peak)
+    assert step.returns
+    assert step.rise_time is None
+    assert step.overshoot is None
+    late = np.abs(step.value - step.final) > 0.02 * abs(step.peak)
+    assert step.time[late].max() == pytest.approx(step.settling_time, abs=2e-3)
+    text = found.summary()
+    assert "returns to zero" in text
+    assert "overshoots" not in text
+    assert "rises" not in text
+
+
+def test_a_loop_with_little_gain_at_rest_keeps_its_figures():
+    plant = masses((MOTOR, LOAD), (STIFFNESS,), (5.0,), ground=STIFFNESS)
+    kp, ti = 20.0, 0.05
+    step = updyn.servo(plant, updyn.Controller(kp=kp, ti=ti), **NAMES).step
+    gain = kp / ti / STIFFNESS  # of the loop at rest: what the integrator makes of the flexibility
+    assert step.final == pytest.approx(gain / (1 + gain), rel=1e-6)
+    assert not step.returns
+    assert step.overshoot == pytest.approx(step.value.max() / step.final - 1.0, rel=1e-3)

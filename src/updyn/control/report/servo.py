@@ -678,14 +678,20 @@ def _step(step: StepResponse) -> str:
             f" {step.output_unit}."
         )
     parts = []
+    if step.returns:
+        parts.append(
+            f"returns to zero (final value {number(step.final, 2)} {step.output_unit}, peak"
+            f" {number(step.peak, 4)} {step.output_unit} after {number(step.peak_time, 3)} s)"
+        )
     if step.rise_time is not None:
         parts.append(f"rises from 10 to 90 % in {number(step.rise_time, 3)} s")
     if step.overshoot is not None:
         parts.append(f"overshoots by {number(100 * step.overshoot, 3)} %")
+    of = " of the peak" if step.returns else ""
     if step.settling_time is None:
-        parts.append("is not within 2 % when the record ends")
+        parts.append(f"is not within 2 %{of} when the record ends")
     else:
-        parts.append(f"stays within 2 % after {number(step.settling_time, 3)} s")
+        parts.append(f"stays within 2 %{of} after {number(step.settling_time, 3)} s")
     return f"A step of {size} {', '.join(parts)}."
 
 

@@ -14,6 +14,7 @@ from updyn.control.servo.controller import Controller
 from updyn.control.servo.margins import FIGURES, Margins, Range, RobustMargin
 
 __all__ = [
+    "RETURNS",
     "Loop",
     "SampledLoops",
     "Servo",
@@ -24,6 +25,11 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+#: Final value, as a share of the peak, up to which a step response returns to zero: where the loop
+#: has no gain at rest (a velocity of a structure that is held) it is rounding, or what the fit of a
+#: plant leaves. Half of the band of 2 % in which a response has settled, so that zero and the final
+#: value are one in it; an overshoot would be above 1 / RETURNS, 10 000 %, and tell nothing.
+RETURNS = 1e-2
 _NAMES = {
     "gain_margin": "gain margin",
     "gain_reduction": "gain reduction",
@@ -124,12 +130,13 @@ class StepResponse:
     final : float
         Where `value` goes to, in `output_unit`; nan where it goes nowhere.
     rise_time : float or None
-        From 10 to 90 % of `final`, in s; of a step of the reference.
+        From 10 to 90 % of `final`, in s; of a step of the reference. None where it `returns`.
     overshoot : float or None
-        Largest excess over `final`, as a share of it; of a step of the reference.
+        Largest excess over `final`, as a share of it; of a step of the reference. None where it
+        `returns`.
     settling_time : float or None
-        After which `value` stays within 2 % of `final` (of a disturbance: of `peak`), in s; None
-        where the record ends before.
+        After which `value` stays within 2 % of `final`, in s; of a disturbance, and where it
+        `returns`, within 2 % of `peak` about `final`. None where the record ends before.
     peak, peak_time : float
         Value of largest size in `output_unit`, and its time in s.
     """
@@ -149,6 +156,11 @@ class StepResponse:
     settling_time: float | None
     peak: float
     peak_time: float
+
+    @property
+    def returns(self) -> bool:
+        """Whether it returns to zero: `final` is at most `RETURNS` of the peak."""
+        return abs(self.final) <= RETURNS * abs(self.peak)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -430,6 +442,11 @@ def _step(step: StepResponse) -> str:
         text += f"{step.peak:.4g} {step.output_unit} after {step.peak_time:.4g} s"
         return text + f", comes to {step.final:.4g} {step.output_unit}"
     parts = []
+    if step.returns:
+        parts.append(
+            f"returns to zero (final value {step.final:.2g} {step.output_unit}, peak"
+            f" {step.peak:.4g} {step.output_unit} after {step.peak_time:.4g} s)"
+        )
     if step.rise_time is not None:
         parts.append(f"rises in {step.rise_time:.4g} s")
     if step.overshoot is not None:
@@ -437,7 +454,8 @@ def _step(step: StepResponse) -> str:
     if step.settling_time is None:
         parts.append("is not settled when the record ends")
     else:
-        parts.append(f"settles to 2 % in {step.settling_time:.4g} s")
+        of = " of the peak" if step.returns else ""
+        parts.append(f"settles to 2 %{of} in {step.settling_time:.4g} s")
     return f"step of {step.input}: {', '.join(parts)}"
 
 
@@ -445,6 +463,9 @@ def _steps(steps: Sequence[StepResponse | None]) -> str:
     """Return in which ranges the responses of a family lie."""
     stable = [step for step in steps if step is not None]
     parts = []
+    back = sum(step.returns for step in stable)
+    if back:
+        parts.append(f"{back} return to zero")
     for name, what, factor, unit in (
         ("rise_time", "rise in", 1.0, "s"),
         ("overshoot", "overshoot by", 100.0, "%"),

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from updyn.control.servo.loops import Cascade
-from updyn.control.servo.record import StepResponse, WindResponse
+from updyn.control.servo.record import RETURNS, StepResponse, WindResponse
 from updyn.control.servo.stability import Judged
 from updyn.control.servo.state_space import StateSpace, balanced
 from updyn.control.servo.wind import Wind
@@ -332,7 +332,8 @@ def step_figures(
     top = int(np.argmax(np.abs(heights)))
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
-    if reference and np.isfinite(final) and final:
+    rises = reference and abs(final) > RETURNS * abs(peak)  # not of a final value of nan either
+    if rises:
         begins = _first(curve, time, 0.1 * final)
         ends = _first(curve, time, 0.9 * final)
         if begins is not None and ends is not None:
@@ -340,7 +341,7 @@ def step_figures(
         overshoot = max(0.0, float((heights / final).max()) - 1.0)
     settles = None
     if np.isfinite(final):
-        width = _BAND * abs(final if reference else peak)
+        width = _BAND * abs(final if rises else peak)
         if width and abs(value[-1] - final) <= width:
             below = _within(curve.solve(final - width), time)
             above = _within(curve.solve(final + width), time)
