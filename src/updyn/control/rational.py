@@ -136,8 +136,8 @@ class Rational:
         own = np.einsum(
             "yk,fku->fyu", self.rows, states_of_poles(s, self.pairs, self.rates, self.right)
         )
-        still = self.slow.B[self.slow.velocities]
-        own = own + (self.drift @ still) / s[:, None, None]
+        if len(self.slow.velocities):  # without them the band may begin at s = 0
+            own = own + (self.drift @ self.slow.B[self.slow.velocities]) / s[:, None, None]
         return np.asarray(self.slow.response(s, self.powers) + own + self.through)
 
     def matrices(self, kept: NDArray[np.bool_]) -> Matrices:

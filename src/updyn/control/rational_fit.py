@@ -100,6 +100,16 @@ class Approximation:
         """Circular frequency to which poles are scaled while they are sought."""
         return _TWO_PI * float(self.target.freq[-1])
 
+    @property
+    def slowest(self) -> float:
+        """Least size of a pole in rad/s: that of the first line above 0 Hz, in a band from 0 Hz.
+
+        A slower pole would be an integrator at all lines but that at 0 Hz, where it has a finite
+        gain: no line would show what it does between them.
+        """
+        freq = self.target.freq
+        return 0.0 if freq[0] > 0.0 else _TWO_PI * float(freq[1])
+
     def beginning(self, n: int) -> tuple[_Complex, _Real]:
         """Return pairs and rates of real poles to begin with, of n states."""
         count = n // 2
@@ -191,6 +201,7 @@ class Approximation:
         following = _FOLLOWING if min(shape[1:]) == 1 else 0
         for number in range(_SWEEPS + following):
             poles = _swept(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
+            poles = poles * _outwards(np.abs(poles), self.slowest / self.unit)
             found, residues = _residues(x, Y, W, poles, powers, bool(len(self.slow.velocities)))
             error = np.abs(found - Y) / level
             if error.max() < best[0]:
@@ -320,6 +331,8 @@ class Approximation:
         real = step[width * m :].reshape(len(found.rates), 1 + n_u)
         rates = found.rates * np.exp(np.clip(real[:, 0], -1.0, 1.0))
         right[:, m:] += (found.rates[:, None] * real[:, 1:]).T
+        pairs = pairs * _outwards(np.abs(pairs), self.slowest)
+        rates = rates * _outwards(rates, self.slowest)
         return self._linear(pairs, rates, right, weight)
 
     # -- outputs --------------------------------------------------------------------------------
@@ -496,6 +509,11 @@ class Approximation:
                 through[i] = -found[i][:n] @ rest
         parts = pairs, rates, right, rows, drift, through, self._next_to(pairs)
         return Rational(self.slow, self.powers, *parts)
+
+
+def _outwards(size: _Real, least: float) -> _Real:
+    """Return the factors that move poles which are smaller than a size out to it."""
+    return np.maximum(1.0, least / np.maximum(size, 1e-300))
 
 
 def _weighted(columns: _Complex, weight: _Real, output: int) -> _Real:

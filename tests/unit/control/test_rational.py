@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -255,3 +256,50 @@ def test_a_loop_is_as_on_the_model_itself(plant) -> None:
     torque = CONTROLLER.torque(s)
     loop, own = (torque * s * x for x in (evaluated(plant, freq)[:, 0, 0], receptance(freq, 0, 0)))
     assert (np.abs(loop / own - 1.0)).max() <= 0.03
+
+
+def held(loss: float = 0.02) -> updyn.Model:
+    """Three masses in a row, held at one end."""
+    groups = {"masses": updyn.Group(mass=np.diag([4.0, 2.0, 1.0]))}
+    stretch = np.array([[1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
+    for i, (row, stiffness) in enumerate(zip(stretch, (4e5, 3e5, 1e5), strict=True)):
+        groups[f"spring {i}"] = updyn.Group(stiffness * np.outer(row, row), loss_factor=loss)
+    return updyn.Model.from_groups(groups, ["1:X", "2:X", "3:X"])
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("inputs", [["1:X"], ["1:X", "3:X"]])
+def test_a_band_from_0_hz(quantity: str, inputs: list[str]) -> None:
+    model, outputs = held(), ["3:X", "1:X"]
+    # At 0 Hz the plant is real, and the structure's loss factor is its error there.
+    plant = updyn.plant(
+        model, inputs, outputs, (0.0, 150.0), quantity=quantity, route="rational", tolerance=0.04
+    )
+    assert np.isfinite([plant.error, plant.peak_error, plant.relative_error]).all()
+    at_rest = evaluated(plant, np.zeros(1))[0]
+    static = updyn.response(model, [0.0], outputs, inputs).values[0].real
+    if quantity == "receptance":
+        np.testing.assert_allclose(at_rest, static, rtol=0.04)
+    else:
+        size = np.abs(evaluated(plant, np.array([1.0, 150.0]))).max()
+        assert np.abs(at_rest).max() <= 1e-9 * size
+    # Between the lowest lines, at 0 and at 0.015 Hz, there is no slower pole that none of them sees.
+    between = np.geomspace(1e-4, 0.1, 200)
+    exact = updyn.response(model, between, outputs, inputs, quantity=quantity).values
+    found = evaluated(plant, between)
+    if quantity != "accelerance":  # whose size there is that of rounding
+        assert (np.abs(found - exact) / np.abs(exact)).max() < 0.1
+    assert np.abs(plant.poles).min() > 2 * np.pi * 0.0149
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_tolerance_out_of_reach_at_0_hz_is_told_with_what_was_reached() -> None:
+    with pytest.raises(ToleranceError) as told:
+        updyn.plant(held(0.05), ["1:X"], ["3:X"], (0.0, 150.0), tolerance=0.01)
+    text = str(told.value)
+    assert "nan" not in text
+    reached = [float(part) for part in re.findall(r"([\d.]+) by route", text)]
+    least = re.findall(r"(?:comes nearer than|is off by) ([\d.]+\d)", text)
+    assert len(reached) == 3
+    assert float(least[0]) <= 1.01 * min(reached)
