@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from updyn.control.options import Ports
+from updyn.control.plant import Plant
 from updyn.control.ports import as_ports
 from updyn.control.structure import Structure
 from updyn.control.task import Task, task_of
@@ -15,7 +16,7 @@ from updyn.errors import ModelError
 from updyn.model import Model
 from updyn.updating.result import UpdateResult
 
-__all__ = ["REFUSED", "ConversionError", "conversions", "error_of"]
+__all__ = ["REFUSED", "ConversionError", "conversions", "error_of", "route_of", "state_of"]
 
 #: Of the structure's own modes.
 _OWN = ("modal", "complex", "biot")
@@ -90,6 +91,34 @@ def conversions(
     ports = as_ports(inputs, "input"), as_ports(outputs, "output")
     task, _ = task_of(Structure.of(model), *ports, band, quantity, tier, backend)
     return tuple(error_of(task, name) for name in (*_OWN, *REFUSED))
+
+
+def route_of(plant: Plant) -> str:
+    """Return the route of a plant, and what of it is fitted.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant.
+    """
+    if "fitted" in plant.facts:
+        return f"{plant.route}, fitted {plant.facts['fitted']}"
+    return plant.route
+
+
+def state_of(name: str, plant: Plant | None) -> str:
+    """Return what a plant has of a conversion: ``"used"``, also that it is fitted; or nothing.
+
+    Parameters
+    ----------
+    name : str
+        Of the conversion.
+    plant : Plant or None
+        The plant. Where its outputs are fitted, its errors are not those of the conversion.
+    """
+    if plant is None or plant.route != name:
+        return ""
+    return "used, then outputs fitted" if "fitted" in plant.facts else "used"
 
 
 def error_of(task: Task, name: str) -> ConversionError:

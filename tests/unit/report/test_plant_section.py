@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import updyn
 from pages_read import attributes, dump, values
+from updyn.control.antiresonances import ZeroShift
+from updyn.control.job.messages import describe_plant_result
 from updyn.control.job.plant_result import lines_of, make_plant
 from updyn.control.job.record import control_record, servo_record
 from updyn.control.report.page import write_plant_page
@@ -197,6 +200,55 @@ def test_tables_of_the_plant(made, parts):
     assert "goes beyond the data, 2 to 80 Hz" in text
     # a number of the key figures keeps its percent sign where the line is broken
     assert re.search(r"asked [\d.]+\N{NO-BREAK SPACE}%</small>", text)
+
+
+def fitted_result(plant_result):
+    """The same with a conversion beyond the tolerance whose outputs were fitted, one zero lost."""
+    plant = plant_result.plant
+    zero = ZeroShift("speed", "M<i>", 20.0, 0.5, 30.0, 28.0)
+    facts = {**plant.facts, "fitted": "outputs, with 2 real poles"}
+    changed = {"route": "complex", "relative_error": 0.016, "facts": facts}
+    shifts = zero, replace(zero, frequency=40.0, shift=np.nan)
+    away = [
+        replace(c, relative_error=0.15) if c.name == "complex" else c
+        for c in plant_result.conversions
+    ]
+    plant = replace(plant, **changed, zero_shift=shifts)
+    return replace(plant_result, plant=plant, conversions=tuple(away))
+
+
+def table_row(text, name):
+    found = re.search(rf'<tr[^>]*><th scope="row">{name}</th>.*?</tr>', text)
+    assert found is not None
+    return found[0]
+
+
+def test_a_plant_with_fitted_outputs_is_not_judged_by_its_conversion(made):
+    result = fitted_result(made[1])
+    text = drawn(result)[0]["plant"]
+    used = table_row(text, "complex")
+    assert "used, then outputs fitted" in used
+    assert 'class="open"' in used
+    own = table_row(text, "the plant")
+    assert 'class="open"' not in own
+    assert f"<td>{share(0.016)}</td>" in own
+    assert "complex, fitted outputs, with 2 real poles" in own
+    said = describe_plant_result(result).splitlines()
+    assert any(
+        line.startswith("complex") and "15 %" in line and "then outputs fitted" in line
+        for line in said
+    )
+    assert any(line.startswith("the plant itself") and "1.6 %" in line for line in said)
+    assert "route: complex, fitted outputs, with 2 real poles" in said
+
+
+def test_a_zero_that_the_plant_lacks_is_not_among_those_that_moved(made):
+    text = drawn(fitted_result(made[1]))[0]["plant"]
+    assert "at most, of 1 antiresonance; 1 antiresonance not in the plant" in text
+    result = fitted_result(made[1])
+    lacks = replace(result, plant=replace(result.plant, zero_shift=result.plant.zero_shift[1:]))
+    text = drawn(lacks)[0]["plant"]
+    assert re.search(r"Zeros moved by</dt><dd>–<small>1 antiresonance not in the plant", text)
 
 
 # -- the servo -------------------------------------------------------------------------------------------------

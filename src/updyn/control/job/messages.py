@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from updyn.control.conversions import route_of, state_of
 from updyn.control.job.checks import band_of_plant, beyond_the_data, part_of_plant
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.job.tables import PlantTable, ServoTable
@@ -38,7 +39,7 @@ def describe_plant_result(made: PlantResult) -> str:
                 f" of the height of a resonance; tolerance {_percent(made.tolerance)}, of the"
                 f" {_MEASURES[made.measure]}"
             ),
-            f"route: {found.route}",
+            f"route: {route_of(found)}",
         ]
         if found.zero_shift:
             lines.append(_zeros(found))
@@ -74,15 +75,15 @@ def _zeros(plant: Plant) -> str:
 
 
 def _conversions(made: PlantResult) -> str:
-    """Return the table of the conversions of the damping."""
-    route = ""
-    if made.plant is not None:
-        route = made.plant.route
+    """Return the table of the conversions of the damping, all modes kept, and of the plant."""
     rows = []
     for c in made.conversions:
-        used = "used" if c.name == route else ""
         cells = [_percent(c.relative_error), _percent(c.error), _percent(c.peak_error)]
-        rows.append([c.name, *cells, used, c.note])
+        rows.append([c.name, *cells, state_of(c.name, made.plant), c.note])
+    if made.plant is not None:
+        p = made.plant
+        cells = [_percent(p.relative_error), _percent(p.error), _percent(p.peak_error)]
+        rows.append(["the plant itself", *cells, route_of(p), ""])
     note = "note" if any(c.note for c in made.conversions) else ""
     head = [
         "damping converted by",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.control.conversions import ConversionError, route_of, state_of
 from updyn.control.job.plant_result import PlantResult
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
@@ -194,6 +195,7 @@ class PlantSection(Section):
             "plant": result.plant,
             "conversions": _conversions(result),
             "conversion_head": _conversion_head(result),
+            "conversion_caption": _conversion_caption(result),
             "weights": [],
             "text_kinds": ("text", "text", "text", "text"),
             "pole_kinds": ("", "", "text", "text"),
@@ -286,11 +288,20 @@ def _error_tiles(result: PlantResult, plant: Plant) -> list[tuple[str, str, str]
         ("Error", share(plant.error), f"of the peak, at most{peak}"),
         ("Error of peaks", share(plant.peak_error), "of the height of a resonance, at most"),
     ]
+    return [*tiles, *_zero_tiles(plant)]
+
+
+def _zero_tiles(plant: Plant) -> list[tuple[str, str, str]]:
+    """Return the tile of the antiresonances that the plant has; it names those that it lacks."""
     known = [abs(zero.shift) for zero in plant.zero_shift if math.isfinite(zero.shift)]
-    if known:
-        moved = counted(len(plant.zero_shift), "antiresonance")
-        tiles.append(("Zeros moved by", f"{number(max(known), 2)} %", f"at most, of {moved}"))
-    return tiles
+    lacking = len(plant.zero_shift) - len(known)
+    missing = f"{counted(lacking, 'antiresonance')} not in the plant"
+    if not known:
+        return [("Zeros moved by", "–", missing)] if lacking else []
+    hint = f"at most, of {counted(len(known), 'antiresonance')}"
+    if lacking:
+        hint += f"; {missing}"
+    return [("Zeros moved by", f"{number(max(known), 2)} %", hint)]
 
 
 def _zeros(plant: Plant) -> list[list[str]]:
@@ -360,23 +371,44 @@ def _conversion_head(result: PlantResult) -> list[str]:
     return head
 
 
-def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
-    """Return the cells of each conversion, and whether it holds the tolerance."""
-    route = ""
+def _conversion_caption(result: PlantResult) -> str:
+    text = (
+        "Structural damping turned into poles in several ways, all modes kept, each against the"
+        " model itself; marked: not within the tolerance."
+    )
     if result.plant is not None:
-        route = result.plant.route
+        text += " Last the plant as it is made"
+        if "fitted" in result.plant.facts:
+            text += ", its outputs fitted after the conversion"
+        text += ": for its errors the tolerance holds."
+    return text
+
+
+def _conversions(result: PlantResult) -> list[tuple[list[str], bool]]:
+    """Return the cells of each conversion, and whether it holds the tolerance; last the plant."""
+    plant = result.plant
     rows = []
     for found in result.conversions:
         words, state = _CONVERSIONS.get(found.name, (found.name, ""))
-        if found.name == route:
-            state = "used"
-        errors = [share(e) for e in (found.relative_error, found.error, found.peak_error)]
-        holds = found.relative_error <= result.tolerance
-        if result.measure == "peak":
-            holds = max(found.error, found.peak_error) <= result.tolerance
-        cells = [found.name, words, *errors, state, found.note]
-        rows.append((cells[: len(_conversion_head(result))], holds))
+        state = state_of(found.name, plant) or state
+        rows.append(_conversion_row(result, found, (found.name, words, state, found.note)))
+    if plant is not None and rows:
+        words = f"{route_of(plant)}; {counted(plant.n_states, 'state')}"
+        rows.append(_conversion_row(result, plant, ("the plant", words, "", "")))
     return rows
+
+
+def _conversion_row(
+    result: PlantResult, found: ConversionError | Plant, texts: tuple[str, str, str, str]
+) -> tuple[list[str], bool]:
+    """Return the cells of a row, of its name, words, state and note, and whether it holds."""
+    name, words, state, note = texts
+    errors = [share(e) for e in (found.relative_error, found.error, found.peak_error)]
+    holds = found.relative_error <= result.tolerance
+    if result.measure == "peak":
+        holds = max(found.error, found.peak_error) <= result.tolerance
+    cells = [name, words, *errors, state, note]
+    return cells[: len(_conversion_head(result))], holds
 
 
 def _weights(result: PlantResult, plant: Plant) -> list[tuple[str, list[str]]]:
