@@ -178,7 +178,7 @@ def like_another(task: Task, like: Kept, tolerance: float) -> Kept | None:
     except ModelError:
         return None
     if isinstance(own, Fitted) and isinstance(conversion, ComplexModes):
-        conversion = fitted(conversion, target, len(own.extra))
+        conversion = fitted(conversion, target, len(own.extra), at_rest=own.at_rest)
     if len(conversion.frequency) != len(like.mask):
         return None
     return judged(conversion, target, like.mask, target.limits(tolerance))

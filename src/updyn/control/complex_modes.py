@@ -61,6 +61,8 @@ _BEYOND = 3.0
 #: Singular values below this share are left out: no large parts that cancel in the band and add up
 #: outside.
 _RANK = 1e-7
+#: A pole below this share of the largest is one at 0, of rigid-body motion.
+_AT_ZERO = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +100,13 @@ class ComplexModes:
     def always(self) -> NDArray[np.bool_]:
         """None: what is rigid is not among the candidates."""
         return np.zeros(len(self.poles), dtype=np.bool_)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether there is no pole at 0: the structure stands still under a constant force."""
+        size = np.abs(np.linalg.eigvals(self.slow[0]))
+        largest = max(size.max(initial=0.0), np.abs(self.poles).max(initial=0.0))
+        return bool((size > _AT_ZERO * largest).all())
 
     def costs(self, freq: _Real, level: _Real) -> _Real:
         """Return what leaving each mode out changes."""
@@ -345,11 +354,15 @@ class Fitted:
         What is fitted, at its lines.
     extra : ndarray of float, shape (n,)
         Real poles, in rad/s; each has a state an input.
+    at_rest : bool
+        Whether velocities and accelerations of a structure that is held are exactly 0 at s = 0, as
+        the structure's are.
     """
 
     base: ComplexModes
     target: Target
     extra: _Real
+    at_rest: bool = True
     name: str = "complex"
 
     @property
@@ -412,26 +425,52 @@ class Fitted:
             np.zeros((len(self.base.powers), n_u)),
         )
         eye = np.broadcast_to(np.eye(n_u), (len(states), n_u, n_u))
+        rest, slow_rest = self._rest(kept)
         for i, power in enumerate(self.base.powers):
-            known = (
-                states if power == 1 else np.concatenate([states, eye], axis=1)
-            )  # no velocity jumps
+            known, still = states, rest
+            if power != 1:  # no velocity jumps
+                known, still = np.concatenate([states, eye], axis=1), np.vstack([rest, np.eye(n_u)])
+            zero = self.at_rest and power > 0 and self.base.is_held
             A = (known * weight[:, i, None, :]).transpose(0, 2, 1)
             A = A.reshape(len(known) * n_u, known.shape[1])
             b = (wanted[:, i] * weight[:, i]).ravel()
             real = np.vstack([A.real, A.imag])
-            scale = np.maximum(np.linalg.norm(real, axis=0), 1e-300)
-            found = (
-                np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=_RANK)[0]
-                / scale
+            found = _solved(
+                real,
+                np.concatenate([b.real, b.imag]),
+                still.T[: n_u * zero],
+                -slow_rest[i, : n_u * zero],
             )
             rows[i] = found[: states.shape[1]]
             if power != 1:
                 through[i] = found[states.shape[1] :]
         return rows, through
 
+    def _rest(self, kept: NDArray[np.bool_]) -> tuple[_Real, _Real]:
+        """Return the states at s = 0, shape (k, n_u), and what is slow, where the model is held."""
+        zero = np.zeros(1)
+        slow = np.zeros((len(self.base.powers), len(self.base.at_inputs)))
+        if self.base.is_held:
+            slow = self.base.slow_response(imaginary(zero))[0].real
+        return self._states(kept, zero)[0].real, slow
 
-def fitted(base: ComplexModes, target: Target, n: int) -> Fitted:
+
+def _solved(A: _Real, b: _Real, E: _Real, d: _Real) -> _Real:
+    """Return x of the least |A x - b| with E x = d, by a basis of what E leaves free."""
+    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    A, E = A / scale, E / scale
+    start: _Real = np.zeros(A.shape[1])
+    free: _Real = np.eye(A.shape[1])
+    if len(E):
+        size = np.maximum(np.linalg.norm(E, axis=1), 1e-300)
+        E, d = E / size[:, None], d / size
+        start = np.asarray(np.linalg.lstsq(E, d, rcond=None)[0], dtype=np.float64)
+        free = scipy.linalg.null_space(E)
+    found = np.linalg.lstsq(A @ free, b - A @ start, rcond=_RANK)[0]
+    return np.asarray((start + free @ found) / scale)
+
+
+def fitted(base: ComplexModes, target: Target, n: int, *, at_rest: bool = True) -> Fitted:
     """Return complex modes with fitted outputs.
 
     Parameters
@@ -442,6 +481,8 @@ def fitted(base: ComplexModes, target: Target, n: int) -> Fitted:
         What to fit.
     n : int
         Number of real poles, even on a logarithmic scale.
+    at_rest : bool
+        As of a `Fitted`.
     """
     low, high = max(target.freq[0], 1e-3 * target.freq[-1]) / _BEYOND, target.freq[-1] * _BEYOND
-    return Fitted(base, target, _TWO_PI * np.geomspace(low, high, n))
+    return Fitted(base, target, _TWO_PI * np.geomspace(low, high, n), at_rest)

@@ -54,6 +54,8 @@ def realised(
     }
     if isinstance(found.conversion, Fitted):
         facts["fitted"] = f"outputs, with {len(found.conversion.extra)} real poles"
+        if not found.conversion.at_rest:
+            facts["fitted"] += ", not 0 at rest"
     made = Plant(
         A,
         B,

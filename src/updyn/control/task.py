@@ -113,11 +113,18 @@ class Task:
             yield self.conversion(route, terms)
 
     def mended(self, route: str) -> Iterator[Conversion]:
-        """Yield conversions of a route as `tried`, and then fitted ones."""
+        """Yield conversions of a route as `tried`, and then fitted ones.
+
+        Those whose velocities are not 0 at rest come last: many inputs may leave few modes no
+        freedom beside that.
+        """
         for conversion in self.tried(route):
             yield conversion
             if isinstance(conversion, ComplexModes):
-                yield from (fitted(conversion, self.target, n) for n in _EXTRA)
+                for at_rest in (True, False):
+                    if at_rest or (conversion.is_held and self.powers.any()):
+                        for n in _EXTRA:
+                            yield fitted(conversion, self.target, n, at_rest=at_rest)
 
 
 def _with_modes(slow: SlowMotion, modes: ComplexModes, kept: NDArray[np.bool_]) -> SlowMotion:

@@ -485,3 +485,46 @@ def test_rigid_body_motions_are_counted_whatever_the_backend(backend) -> None:
     plant = updyn.plant(model, ["0:X"], ["0:X"], (2.0, 20.0), quantity="mobility", backend=backend)
     assert plant.modes[0] == 0.0
     assert plant.modes[1] > 1.0
+
+
+class TestAtRest:
+    """Velocities and accelerations of a structure that is held are 0 at s = 0."""
+
+    OUTPUTS, QUANTITIES = ["1:X", "3:X", "3:X"], ["mobility", "accelerance", "receptance"]
+
+    def made(self, model: updyn.Model, inputs: list[str], tolerance: float) -> updyn.Plant:
+        return updyn.plant(
+            model,
+            inputs,
+            [updyn.Port.at(dof, f"{i}") for i, dof in enumerate(self.OUTPUTS)],
+            (5.0, 150.0),
+            tolerance,
+            quantity=self.QUANTITIES,
+            route="complex",
+        )
+
+    @pytest.mark.parametrize("inputs", [["1:X"], ["1:X", "3:X"]])
+    @pytest.mark.parametrize("viscous", [None, [0.0, 0.0, 0.0, 3e4]])
+    def test_of_a_plant_with_fitted_outputs(
+        self, inputs: list[str], viscous: list[float] | None
+    ) -> None:
+        k, m, gamma = [4e5, 3e5, 1e5, 1e2], [4.0, 2.0, 1.0, 0.5], [0.03] * 4
+        model = springs(k, m, gamma, viscous=viscous)
+        plant = self.made(model, inputs, 0.045)
+        assert "fitted" in plant.facts
+        assert "not 0 at rest" not in plant.facts["fitted"]
+        if viscous:  # what is slow moves without oscillating, and is at rest as well
+            assert (np.abs(plant.poles.imag) < 1e-9 * np.abs(plant.poles)).any()
+        static = plant.D - plant.C @ np.linalg.solve(plant.A, plant.B)
+        size = np.abs(plant.response([5.0]).values[0])
+        assert (np.abs(static[:2]) < 1e-9 * size[:2]).all()
+        assert (np.abs(static[2]) > 0.1 * size[2]).all()
+        low = plant.response([0.1]).values[0, 0]  # a velocity in phase with a spring's
+        np.testing.assert_allclose(np.angle(low * np.sign(low.imag), deg=True), 90.0, atol=1.0)
+
+    def test_a_free_structure_keeps_its_drift(self) -> None:
+        model = springs([0.0, 3e5, 1e5], [4.0, 2.0, 1.0], [0.0, 0.03, 0.03])
+        plant = self.made(model, ["1:X"], 0.02)
+        low = plant.response([1e-3]).values[0, :, 0]
+        s = 2e-3j * np.pi
+        np.testing.assert_allclose(low * [s, 1.0, s**2], np.full(3, 1.0 / 7.0), rtol=0.02)
