@@ -44,6 +44,9 @@ _STEP = 1e-5
 _BESIDE_REST = 1e-3
 #: Share of the largest change, by unknowns in units of their spread, that is none.
 _ALIKE = 1e-6
+#: Entry of the normal equations, in which the prior is 1, from which rounding hides the prior: an
+#: undamped resonance on a line, as of a part that nothing holds.
+_STEEP = 1e12
 #: Loss factor of soft supports: foam, rubber cords.
 _SOFT_LOSS = 0.05
 
@@ -300,8 +303,12 @@ class Evidence:
         old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
         curved = self._normal - old.T @ old + new.T @ new
         spread = self.spread  # in which the matrix is 1 and what the data add
-        pull = spread * (A.T @ b + (new - old).T @ b[rows])
         scaled = spread[:, None] * curved * spread
+        if scaled.max() > _STEEP:
+            exchanged = A.copy()
+            exchanged[rows] = new
+            return _outside(exchanged, b)
+        pull = spread * (A.T @ b + (new - old).T @ b[rows])
         step = spread * scipy.linalg.solve(scaled, pull, assume_a="pos")
         adapted = A @ step
         adapted[rows] = new @ step
@@ -354,6 +361,12 @@ class Evidence:
     @cached_property
     def _normal(self) -> _Real:
         return np.asarray(self._columns.T @ self._columns)
+
+
+def _outside(A: _Real, b: _Real) -> _Real:
+    """Return the part of b that is no combination of the columns of A, which are independent."""
+    Q = np.linalg.qr(A)[0]
+    return np.asarray(b - Q @ (Q.T @ b))
 
 
 def _block(part: Part, item: tuple[_Real, slice]) -> tuple[_Complex, _Complex]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.frf import FRF
+from updyn.frf import FRF, ROUNDING
 from updyn.updating.problem.noise import level_by_unit
 
 __all__ = ["as_likely", "log_misfit"]
@@ -65,9 +65,11 @@ def as_likely(H: _Complex, frf: FRF, variance: NDArray[np.float64]) -> NDArray[n
     variance : ndarray of float, shape (n_f, n_i, n_j)
         Of the noise there.
     """
-    share = np.sqrt(variance) / np.maximum(np.abs(H), np.finfo(float).tiny)
+    answer = np.abs(H)
+    least = max(ROUNDING * answer.max(), np.finfo(float).tiny)  # 0: of a part that nothing joins
+    share = np.sqrt(variance) / np.maximum(answer, least)
     weight = np.clip(
         np.quantile(share, _EXACT) / np.maximum(share, np.finfo(float).tiny), _FAINT, 1.0
     )
-    level = np.maximum(np.abs(H), np.abs(frf.values))  # of which `log_misfit` takes a share
+    level = np.maximum(answer, np.abs(frf.values))  # of which `log_misfit` takes a share
     return np.asarray((_CLEAR * level) ** 2 * (1.0 / weight**2 - 1.0))

@@ -13,6 +13,15 @@ from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.problem.problem import Part
 
 
+def columns_of(evidence, moved):
+    """Return what the unknowns change in moved data, and their prior, as orthonormal columns."""
+    there = evidence.part.with_data(moved)
+    blocks = [there.block(evidence.x, lines) for lines in there.partition()]
+    H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
+    changes = np.stack([stacked(evidence.weight * d / H) for d in dH], axis=1) / evidence.unit
+    return np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(evidence.part))]))[0]
+
+
 def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     frf = updyn.response(chain12_true, np.linspace(0.6, 22.0, 20), ["2:X", "7:X"], ["12:X"])
     frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
@@ -20,13 +29,25 @@ def test_a_sensor_elsewhere_exchanges_its_rows(chain12, chain12_true):
     part = Part.build(chain12, frf, unknowns)
     evidence = Evidence(part, part.coordinates.home)
     moved = Moved(("7:X", "8:X")).undo(evidence)
-    there = part.with_data(moved)
-    blocks = [there.block(evidence.x, lines) for lines in there.partition()]
-    H, dH = np.concatenate([b.H for b in blocks]), np.concatenate([b.dH for b in blocks], axis=1)
-    changes = np.stack([stacked(evidence.weight * d / H) for d in dH], axis=1) / evidence.unit
-    Q = np.linalg.qr(np.vstack([changes, np.diag(1.0 / spread_of(part))]))[0]
+    Q = columns_of(evidence, moved)
     b = np.random.default_rng(0).standard_normal(len(Q))
     assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-9)
+
+
+def test_a_sensor_elsewhere_beside_an_undamped_resonance(chain12, chain12_true):
+    """The normal equations lose the prior there: an unknown moves a value by 1e9 times itself."""
+    damping = {name: {"loss_factor": 0.0} for name in chain12.groups}
+    model, true = chain12.with_damping(damping), chain12_true.with_damping(damping)
+    resonance = updyn.modes(model, 3).frequency[2]
+    freq = np.sort(np.append(np.linspace(0.6, 22.0, 20), resonance * (1.0 + 1e-9)))
+    frf = updyn.response(true, freq, ["2:X", "7:X"], ["12:X"])
+    frf = replace(frf, variance=1e-4 * np.abs(frf.values) ** 2)
+    part = Part.build(model, frf, updyn.parameters(model, stiffness="all", mass="all"))
+    evidence = Evidence(part, part.coordinates.home)
+    moved = Moved(("7:X", "8:X")).undo(evidence)
+    Q = columns_of(evidence, moved)
+    b = np.random.default_rng(0).standard_normal(len(Q))
+    assert evidence.left(moved, b) == pytest.approx(b - Q @ (Q.T @ b), abs=1e-6)
 
 
 def test_all_masses_together_imitate_a_scaled_axis(chain12, chain12_true):
@@ -66,6 +87,14 @@ def test_values_weigh_as_the_likelihood_says():
     clear = np.abs(H) > 1.0
     assert weight[clear] == pytest.approx((0.01 * np.abs(H) / sigma)[clear], rel=0.15, abs=0.01)
     assert (weight[np.abs(H) < 0.15] < 0.05).all()
+
+
+def test_a_model_that_answers_nothing_somewhere_overflows_no_number():
+    H = np.full((40, 2, 1), 1e9 + 0j)
+    H[:, 1] = 0.0
+    frf = updyn.FRF(np.arange(1.0, 41.0), H + 1e8, ["1:X", "2:X"], ["1:X"], "receptance")
+    found = as_likely(H, frf, np.full(H.shape, 1e15))
+    assert np.isfinite(found).all()
 
 
 def test_values_that_are_noise_weigh_nothing_on_either_side():
