@@ -17,7 +17,7 @@ import scipy
 from updyn import __version__
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
-from updyn.errors import DataError, OptionError, SolverError, UpdynWarning
+from updyn.errors import OptionError, SolverError, UpdynWarning
 from updyn.frf import FRF, ROUNDING
 from updyn.group import is_number
 from updyn.modal import ModeSet
@@ -40,6 +40,7 @@ from updyn.updating.problem.data import (
     Split,
     Test,
     check,
+    check_measured,
     has_quantity,
     held_out,
     split_data,
@@ -146,9 +147,7 @@ def run(
     of_frfs = [test for test in tests if isinstance(test.data, FRF)]
     splits = [split_data(test.frf, test.validation) for test in of_frfs]
     for test, split in zip(of_frfs, splits, strict=True):
-        if not split.fitted.values.any():
-            of = f"test {test.name!r}: " if test.name else ""
-            raise DataError(f"{of}all values to be fitted are zero: nothing was measured")
+        check_measured(split.fitted, test.name)
     noises = [
         choose_noise(test.noise, split.fitted) for test, split in zip(of_frfs, splits, strict=True)
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.errors import DataError, DofError, OptionError, ParameterError, SolverError
+from updyn.errors import DataError, DofError, ModelError, OptionError, ParameterError, SolverError
 from updyn.linalg.solver import check_backend
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.result import STATUSES, UpdateResult
@@ -444,6 +444,49 @@ def test_data_of_zeros_are_refused(chain12, data, unknowns):
     tests = [updyn.Test(chain12, one, name=name) for name, one in (("a", data), ("b", silent))]
     with pytest.raises(DataError, match="test 'b': all values"):
         updyn.update_jointly(tests, unknowns)
+
+
+def test_zeros_are_refused_before_any_fit_too(chain12, data, unknowns):
+    silent = replace(data, values=0.0 * data.values)
+    with pytest.raises(DataError, match="all values to be fitted are zero"):
+        identifiability(chain12, silent, unknowns)
+    with pytest.raises(DataError, match="all values to be fitted are zero"):
+        updyn.diagnose(chain12, silent, unknowns)
+
+
+def without(model, part, quantity):
+    """Return a model in which a group, or each, has a matrix of zeros."""
+    groups = {}
+    for name, group in model.groups.items():
+        chosen = part in (None, name)
+        matrix = getattr(group, quantity)
+        groups[name] = replace(group, **{quantity: 0.0 * matrix}) if chosen else group
+    return updyn.Model.from_groups(groups, model.dofs)
+
+
+def test_a_model_without_mass_is_refused_above_0_hz(chain12, data):
+    massless = without(chain12, None, "mass")
+    unknowns = updyn.parameters(massless, stiffness="all")
+    for refusing in (updyn.update, identifiability):
+        with pytest.raises(ModelError, match=r"the model has no mass: .* the data reach 2\d"):
+            refusing(massless, data, unknowns)
+
+
+def test_a_model_without_mass_answers_at_rest(chain12):
+    massless = without(chain12, None, "mass")
+    still = updyn.response(massless, [0.0], ["2:X", "5:X", "12:X"], ["2:X", "12:X"], "receptance")
+    unknowns = updyn.parameters(massless, stiffness="all", bounds={"stiffness": (0.5, 2.0)})
+    found = identifiability(massless, still, unknowns)
+    assert found.n_parameters == 4
+
+
+def test_an_unknown_of_a_matrix_of_zeros_is_named(chain12, data):
+    loose = without(chain12, "part3", "stiffness")
+    unknowns = updyn.parameters(loose, stiffness="all")
+    said = "'part3.stiffness' changes nothing: the stiffness of group 'part3' is zero"
+    with pytest.warns(updyn.UpdynWarning, match=said):
+        found = identifiability(loose, data, unknowns)
+    assert not found.complete
 
 
 def test_causes_are_looked_for_with_a_line_at_zero_hertz(chain12, chain12_true):

@@ -11,21 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
-from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
+from updyn.errors import DataError, ModelError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
 from updyn.geometry import Geometry
-from updyn.group import is_number
+from updyn.group import GROUP_QUANTITIES, Matrix, is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.channels import check_channel
 from updyn.updating.problem.lines import Lines
-from updyn.updating.problem.parameters import ParameterSet
+from updyn.updating.problem.parameters import Drive, ParameterSet
 
 __all__ = [
     "ModalSplit",
     "Split",
     "Test",
     "check",
+    "check_measured",
     "complete_parts",
     "held_out",
     "split_data",
@@ -90,8 +91,9 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     Raises
     ------
     InputError
-        If one is of another type, an unknown acts on nothing in any of the models, or a sensor is
-        no DOF of its model.
+        If one is of another type, an unknown acts on nothing in any of the models, a sensor is no
+        DOF of its model, all FRFs of a test are zero, or a model without mass is to answer above
+        0 Hz.
     """
     for test in tests:
         _check_type(test.model, Model)
@@ -114,7 +116,68 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
         else:
             test.model.dofs.match(test.data.responses, "response")
             test.model.dofs.match(test.data.references, "reference")
+            check_measured(test.data, test.name)
+            _check_mass(test.model, test.data, test.name)
             _warn_of_axes(test.model, test.data)
+    _warn_of_idle(tests, parameters)
+
+
+def check_measured(frf: FRF, name: str = "") -> None:
+    """Check that something was measured.
+
+    Parameters
+    ----------
+    frf : FRF
+        The data to be fitted.
+    name : str
+        Of the test, for the message.
+
+    Raises
+    ------
+    DataError
+        If all values are zero.
+    """
+    if not frf.values.any():
+        raise DataError(f"{_of_test(name)}all values to be fitted are zero: nothing was measured")
+
+
+def _check_mass(model: Model, frf: FRF, name: str) -> None:
+    """Check that a model that is to answer above 0 Hz has a mass; at rest none is needed."""
+    if frf.freq[-1] > 0.0 and not any(_is_there(group.mass) for group in model.groups.values()):
+        raise ModelError(
+            f"{_of_test(name)}the model has no mass: no group has a mass matrix other than zero;"
+            f" expected the mass of at least one, as the data reach {frf.freq[-1]:g} Hz",
+            key=("model",),
+        )
+
+
+def _of_test(name: str) -> str:
+    return f"test {name!r}: " if name else ""
+
+
+def _is_there(matrix: Matrix | None) -> bool:
+    """Return whether a matrix is given and not zero."""
+    return matrix is not None and bool(matrix.data.any())
+
+
+def _warn_of_idle(tests: Sequence[Test], parameters: ParameterSet) -> None:
+    """Warn of unknowns of the model that change nothing, as all that they act on is zero."""
+    for p in parameters:
+        if p.is_channel or any(_acts(test.model, d) for test in tests for d in p.acts_on):
+            continue
+        what = GROUP_QUANTITIES[p.acts_on[0].quantity]
+        groups = ", ".join(dict.fromkeys(repr(d.group) for d in p.acts_on))
+        text = (
+            f"unknown {p.name!r} changes nothing: the {what} of group {groups} is zero; give the"
+            " group its matrix, or leave the unknown out"
+        )
+        warnings.warn(text, UpdynWarning, stacklevel=4)
+
+
+def _acts(model: Model, drive: Drive) -> bool:
+    """Return whether a matrix that a drive acts on is in the model and not zero."""
+    group = model.groups.get(drive.group)
+    return group is not None and _is_there(getattr(group, GROUP_QUANTITIES[drive.quantity]))
 
 
 def _check_type(given: object, *kinds: type) -> None:
