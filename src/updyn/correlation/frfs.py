@@ -98,13 +98,17 @@ class Correlation:
         """Return figures of the whole FRF.
 
         FRAC and correlation (median, min), relative residual (median, max), CSAC and CSF (mean),
-        dB error (median, 95th percentile). Channels that are not `heard` do not count.
+        dB error (median, 95th percentile). Channels that are not `heard` do not count, nor in CSAC
+        and CSF lines on which both FRFs are zero, such as accelerances at 0 Hz.
         """
         channels = _counted(np.ones(self.frac.shape, dtype=bool), self.heard)
+        told = (self.measured.values != 0).any(axis=(1, 2))
+        told |= (self.computed.values != 0).any(axis=(1, 2))
+        lines = told if told.any() else np.ones_like(told)
         return {
             **self._figures_of(channels),
-            "csac_mean": float(self.csac.mean()),
-            "csf_mean": float(self.csf.mean()),
+            "csac_mean": float(self.csac[lines].mean()),
+            "csf_mean": float(self.csf[lines].mean()),
             **_levels(self.db_error[:, channels]),
         }
 

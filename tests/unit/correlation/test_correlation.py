@@ -375,3 +375,17 @@ def test_what_is_neither_model_nor_frf_is_refused():
         updyn.correlate(
             two_masses(), updyn.FRF([1.0], np.ones((1, 1, 1)), ["7:Z"], ["1:Z"], "mobility")
         )
+
+
+def test_a_line_on_which_both_are_zero_does_not_count_in_the_means(chain12, chain12_true):
+    """Accelerances at 0 Hz."""
+    at = (np.linspace(0.0, 20.0, 21), ["2:X", "7:X"], ["12:X"], "accelerance")
+    model, measured = updyn.response(chain12, *at), updyn.response(chain12_true, *at)
+    assert not measured.values[0].any()
+    found = updyn.correlate(model, measured).figures()
+    moving = measured.select(lines=measured.freq[1:])
+    expected = updyn.correlate(model.select(lines=moving.freq), moving).figures()
+    for name in ("csac_mean", "csf_mean"):
+        assert found[name] == pytest.approx(expected[name], rel=1e-12)
+    silent = updyn.correlate(model.select(lines=[0.0]), measured.select(lines=[0.0])).figures()
+    assert silent["csac_mean"] == 0.0
