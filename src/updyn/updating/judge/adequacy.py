@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigvals_banded
-from scipy.special import ndtr
+from scipy.special import gammainc, ndtr
 
 from updyn.updating.problem.noise.size import size_p
 
@@ -48,6 +48,9 @@ _LONG = 512
 #: Share of the residual from which a quantity is said to explain it; two errors of equal size
 #: explain half each.
 EXPLAINED = 0.5
+#: Reduced chi-square below which stated noise is called too large, by a factor of 2 at least: less
+#: is no more than what anyone who states noise may be wrong by.
+_OVERSTATED = 0.25
 #: Smallest band, in lines.
 _LEAST = 8
 #: Largest number of bands.
@@ -536,7 +539,26 @@ def assess(
     if p_value <= level:
         worst = _worst(found, telling, whitened, freq, cut)
         found = replace(found, worst=worst, lone=_lone(whitened, freq))
-    return replace(found, verdict=_words(found))
+    return replace(found, verdict=_words(found) + _overstated(found, freedom))
+
+
+def _overstated(found: Adequacy, freedom: int) -> str:
+    """Return the sentence on known noise that is larger than what is left; empty where it fits.
+
+    Few values are small by chance: chi-square of so many degrees of freedom, over as many lines as
+    the residual is correlated, has to be as small at less than the level of the tests.
+    """
+    if not found.absolute or found.chi_square >= _OVERSTATED:
+        return ""
+    lengths = found.correlation_length[np.isfinite(found.correlation_length)]
+    half = 0.5 * freedom / (max(1.0, float(np.median(lengths))) if lengths.size else 1.0)
+    if gammainc(half, half * found.chi_square) > found.level:
+        return ""
+    size = "far" if found.chi_square == 0.0 else f"{found.chi_square**-0.5:.3g} times"
+    return (
+        f" The noise that was stated or measured is {size} larger than what the residual shows;"
+        " standard deviations that rest on it are as much too large."
+    )
 
 
 def may_be_noisy(H: _Complex, course: _Complex, whitened: _Complex, freq: _Real) -> bool:

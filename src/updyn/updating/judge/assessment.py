@@ -66,7 +66,8 @@ class Judgement:
         Experiment advice on undetermined unknowns.
     misfit : float
         Median of |H - H_X| / |H_X| over values that are clear of the noise as far as it is known
-        before a fit: what noise and model error leave. 0 where it is not known.
+        before a fit: what noise and model error leave. 0 where it is not known, nan where no value
+        is clear of the noise.
     at_bound : dict of str to str
         ``"lower"`` or ``"upper"`` for unknowns on a bound.
     correlation : tuple of dict
@@ -146,7 +147,8 @@ def judge(
         if fit.advice and not analysis.report.complete:
             advice = fit.advice
         else:
-            advice = unless_stopped(lambda: advise(analysis, problem, fit.x, misfit), "")
+            noise = 0.0 if np.isnan(misfit) else misfit
+            advice = unless_stopped(lambda: advise(analysis, problem, fit.x, noise), "")
     solvers = firsts or [part.solver for part in problem.parts]
     scored: list[Callable[[], dict[str, Any]]] = []
     splits = [split for split in data if isinstance(split, Split)]
@@ -272,7 +274,7 @@ def _typical_misfit(
 ) -> float:
     """Return the median of |H - H_X| / |H_X|, over values that are clear of the noise.
 
-    Of modes alone, of the relative errors of frequencies.
+    Nan where none is. Of modes alone, of the relative errors of frequencies.
     """
     misfits = []
     for part, noise in zip(problem.parts, noises, strict=True):
@@ -284,7 +286,9 @@ def _typical_misfit(
         rows = modal.rows(x)
         misfits.append(np.abs(rows.r[rows.of("frequency")]))
     misfit = np.concatenate(misfits)
-    return float(np.median(misfit)) if misfit.size else 0.0
+    if misfit.size:
+        return float(np.median(misfit))
+    return np.nan if problem.parts else 0.0
 
 
 def _at_bound(problem: Problem, x: NDArray[np.float64]) -> dict[str, str]:

@@ -5,6 +5,7 @@ The rules, and why they are as they are, stand in docs/verdict.md.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +35,11 @@ _ENDED = {
 }
 #: Typical misfit below which there is nothing left but rounding.
 ROUNDED = 1e-8
+#: What is said where all values are lost in the noise.
+_HIDDEN = (
+    "No value stands clear of the noise that was stated or measured, so that the misfit says"
+    " nothing of the model."
+)
 #: Relative residual from which a model that answers nothing would be as near to the data.
 NOTHING = 1.0
 #: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
@@ -133,7 +139,7 @@ def trust(
     correlation : sequence of mapping
         For each test the figures ``before``, ``after``, ``validation``.
     misfit : float
-        Typical misfit, as a share of the level.
+        Typical misfit, as a share of the level; nan where no value is clear of the noise.
     pressed : (sequence of str, int)
         Stiffnesses and masses at a bound, and the number of those that are unknown.
     findings : sequence of Finding
@@ -153,7 +159,7 @@ def _converged(status: str, left: float | None, misfit: float) -> Claim:
     if status == "stopped":
         return Claim(None, "The fit was stopped by the user.")
     gain = ""
-    if left is not None and misfit >= ROUNDED:  # the deviations of rounding say nothing
+    if left is not None and not misfit < ROUNDED:  # the deviations of rounding say nothing
         gain = f" Further steps could gain {left:.1g} standard deviations."
     if status in ("converged", "not-identifiable"):
         return Claim(True, "The fit ended at a minimum of the misfit." + gain)
@@ -278,6 +284,8 @@ def _plausible(
     mild = f" {findings[0].statement}" if findings else ""
     if unseen:
         mild = f" What is left is not noise; {unseen}."
+    if math.isnan(misfit):
+        return Claim(None, _HIDDEN + mild)
     said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
     modal = [one["after"] for one in correlation if "mac_min" in one.get("after", {})]
     if modal and len(modal) == len(correlation):

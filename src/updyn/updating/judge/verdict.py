@@ -72,7 +72,7 @@ def verdict(
     advice : str
         Experiment advice on undetermined unknowns.
     misfit : float
-        Median of |H - H_X| / |H_X|.
+        Median of |H - H_X| / |H_X|; nan where no value is clear of the noise.
     adequacy : mapping of str to Adequacy, optional
         Whether the residual is noise, by the names of the tests.
     rounding : Rounding, optional
@@ -265,7 +265,7 @@ def _ended(
         )
         return "stalled", message.strip(), f"Start elsewhere. {REMEDY}"
     # Where the misfit is rounding, so is what a step changes of it.
-    if fit.reason == "stalled" and misfit >= ROUNDED:
+    if fit.reason == "stalled" and not misfit < ROUNDED:
         message = f"No step lowers the misfit although its gradient is not zero. {fit.cause}"
         return "stalled", message.strip(), "Start elsewhere or loosen bounds."
     return "converged", *_converged(fit, analysis, names, misfit)

@@ -1,5 +1,7 @@
 """Noise or structure: p-values against simulation and exact tails, false alarms, what is said of a planted misfit."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, combine_pvalues, f, false_discovery_control
@@ -305,6 +307,20 @@ def test_many_lines_or_a_little_of_the_misfit_do_not_stand_out_alone():
     e[5] *= 4.0
     assert look(e).lone == ()
     assert look(noise(24)).lone == ()
+
+
+def test_noise_that_was_stated_far_too_large_is_said_with_its_factor():
+    said = look(noise(3) / 20.0).verdict
+    assert re.search(
+        r"stated or measured is (19|20)(\.\d)? times larger than what the residual", said
+    )
+    for known in (look(noise(3) / 1.6), look(noise(3) / 20.0, absolute=False)):
+        assert "larger" not in known.verdict
+    few = noise(5)[:1] / 2.5
+    alone = assess(
+        few[:, :1, :1], H[:1, :1, :1], FREQ[:1], ["1:Z"], ["2:Z"], n_unknowns=0, absolute=True
+    )
+    assert "larger" not in alone.verdict
 
 
 def test_what_cannot_be_tested_is_said():

@@ -39,6 +39,14 @@ def finding(kind="sign", value=0.0, explains=0.9):
     return Finding(kind, ("2:X",), value, 1e6, explains, "What is wrong.", "What to do.")
 
 
+def test_data_lost_in_the_noise_say_nothing_of_the_model():
+    found = judged(misfit=float("nan"), left=0.01)
+    assert found.plausible.holds is None
+    assert found.plausible.why.startswith("No value stands clear of the noise")
+    assert "could gain 0.01 standard deviations" in found.converged.why
+    assert judged(misfit=0.0).plausible.why == "The model answers the data but for rounding."
+
+
 def test_a_good_fit_holds_in_all_that_is_known():
     found = judged()
     assert list(found) == list(PARTS)
