@@ -135,9 +135,14 @@ def _by_line(
         return None
     traces: list[dict[str, Any]] = []
     x = numbers(data.freq)
-    for name, values, dash in (("start", before, "dot"), ("updated", after, "solid")):
-        if values is None:
+    for name, found, computed, dash in (
+        ("start", before, data.before, "dot"),
+        ("updated", after, data.after, "solid"),
+    ):
+        if found is None or computed is None:
             continue
+        told = (data.measured != 0).any(axis=(1, 2)) | (computed != 0).any(axis=(1, 2))
+        values = np.where(told, found, np.nan)  # both zero, as accelerances at 0 Hz: says nothing
         traces.append(
             {
                 "type": "scatter",

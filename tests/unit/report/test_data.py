@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import hashlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from updyn.correlation import csf, fdac
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.report import data as report_data
-from updyn.report.agreement import AGREEMENT, csf_lines, fdac_maps, level_difference
+from updyn.report.agreement import AGREEMENT, csac_lines, csf_lines, fdac_maps, level_difference
 from updyn.report.data import gather, keep_lines
 from updyn.report.formats import (
     change,
@@ -394,3 +395,21 @@ def test_marks_of_a_logarithmic_axis_do_not_crowd():
         axis = log_bars({"a": lowest, "b": 18.0}, "misfit (dB)")["layout"]["xaxis"]
         step = axis["dtick"] if isinstance(axis["dtick"], int) else 1
         assert 1.9 < np.ptp(axis["range"]) / step < 4.1
+
+
+def test_criteria_have_a_gap_where_both_sides_are_zero():
+    """Accelerances at 0 Hz agree on nothing."""
+    values = np.ones((4, 2, 1), dtype=complex)
+    values[0] = 0.0
+    csac = np.array([0.0, 1.0, 1.0, 1.0])
+    data = SimpleNamespace(
+        measured=values,
+        before=values,
+        after=None,
+        freq=np.arange(4.0),
+        csac_before=csac,
+        csac_after=None,
+    )
+    for made in (csac_lines(data), csf_lines(data)):
+        (trace,) = made["data"]
+        assert trace["y"] == [None, 1.0, 1.0, 1.0]
