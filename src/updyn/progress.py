@@ -70,7 +70,16 @@ class Step(Protocol):
 
 
 def asks_to_stop(answer: object) -> bool:
-    """Return whether what a callback returned asks to stop: True does, False and None do not.
+    """Return whether what a callback returned asks to stop.
+
+    Parameters
+    ----------
+    answer : object
+        True asks to; False and None do not.
+
+    Returns
+    -------
+    bool
 
     Raises
     ------
