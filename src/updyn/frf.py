@@ -197,6 +197,8 @@ class FRF:
         if averages is not None:
             averages = int(averages)
         set_("averages", averages)
+        if geometry is not None and not isinstance(geometry, Geometry):
+            raise DataError(f"geometry: expected a Geometry, found {type(geometry).__name__}")
         set_("geometry", geometry)
         set_("source", source)
         set_("decay", check_decay(decay))

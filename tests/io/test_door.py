@@ -6,7 +6,7 @@ import pytest
 import uff_samples as uff
 import updyn
 from updyn.cli import main
-from updyn.errors import FormatError, UpdynWarning
+from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io import matrix_market
 
 
@@ -49,6 +49,19 @@ def test_what_passes(tmp_path, monkeypatch, error):
 def test_names_that_no_file_can_have(tmp_path, read, name):
     with pytest.raises(FormatError, match=r"no such file|embedded null"):
         read(tmp_path / name)
+
+
+@pytest.mark.parametrize("path", [None, 3, b"model.npz"])
+@pytest.mark.parametrize("read", [updyn.read_frf, updyn.read_model, updyn.read_modes])
+def test_what_is_no_path_is_refused(read, path):
+    with pytest.raises(OptionError, match="path: expected the name of a file, found"):
+        read(path)
+
+
+def test_a_path_in_the_place_of_data_is_refused(tmp_path):
+    frf = updyn.FRF([1.0], np.ones((1, 1, 1)), ["1:X"], ["1:X"], "mobility")
+    with pytest.raises(OptionError, match="path: expected the name of a file, found FRF"):
+        updyn.write_frf(tmp_path / "x.csv", frf)
 
 
 @pytest.mark.parametrize("key", ["stiffness", "dofs"])

@@ -156,6 +156,7 @@ def test_freq_is_checked(freq, text):
         ({"averages": 0}, "averages 0: expected a whole number of at least 1"),
         ({"averages": 2.5}, "averages 2.5: expected a whole number"),
         ({"averages": True}, "averages True: expected a whole number"),
+        ({"geometry": "bench"}, "geometry: expected a Geometry, found str"),
     ],
 )
 def test_data_are_checked(frf, change, text):

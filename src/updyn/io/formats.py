@@ -17,12 +17,13 @@ while it reads; with the others `updyn.io.read_frf` selects afterwards.
 from __future__ import annotations
 
 import importlib
+import os
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import FormatError, suggest
+from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import existing, is_folder, unreadable
 from updyn.registry import Registry, load_object
 
@@ -129,7 +130,11 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
     ------
     FormatError
         If the file is not there, or no format fits.
+    OptionError
+        If it is not a path.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise OptionError(f"path: expected the name of a file, found {type(path).__name__}")
     path = Path(path)
     able = [f for f in FORMATS.values() if verb in f.can]
     if name is not None:

@@ -332,6 +332,8 @@ def test_lines_by_list_and_by_design(chain12, data, unknowns):
         ({"backend": "umfpack"}, OptionError, "backend 'umfpack'"),
         ({"noise": {"relatif": 0.1}}, OptionError, "no key 'relatif'"),
         ({"lines": "d-optimal:600"}, OptionError, "60 lines to choose from"),
+        ({"lines": "d-optimal:0"}, OptionError, "expected 1 to 60"),
+        ({"lines": 40}, OptionError, "lines = 40: expected frequencies in Hz, in a list"),
         ({"lines": [3.0]}, DataError, "3 Hz"),
     ],
 )

@@ -71,7 +71,8 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
         count = int(found[2])
         if not 1 <= count <= len(frf.freq):
             raise OptionError(
-                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from",
+                f"lines {lines!r}: expected 1 to {len(frf.freq)}, as the data have"
+                f" {len(frf.freq)} lines to choose from",
                 key=("lines",),
             )
         if found[1] == "d":
@@ -84,6 +85,12 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
                     f"lines {lines!r}", patterns, part.coordinates.parameters.names
                 )
         return a_optimal(part, count, wanted)
+    if np.ndim(lines) == 0:  # a number of lines, more likely than one frequency
+        raise OptionError(
+            f"lines = {lines!r}: expected frequencies in Hz, in a list, or 'd-optimal:N' for the N"
+            " lines that determine most",
+            key=("lines",),
+        )
     return frf.find_lines(lines)
 
 
