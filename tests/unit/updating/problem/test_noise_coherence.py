@@ -1,11 +1,13 @@
 """Noise from coherence: spectra are averaged as an analyser does, noise at the output and all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import updyn
 from updyn.errors import OptionError
-from updyn.updating.problem.noise import Coherence, Estimated, choose_noise
+from updyn.updating.problem.noise import Coherence, Estimated, Variance, choose_noise
 from updyn.updating.problem.noise.known import steady
 
 RNG = np.random.default_rng
@@ -196,6 +198,25 @@ def test_perfect_and_vanishing_coherence_keep_weights_finite(coherence, averages
     v = Coherence(True).variance(values, data)
     assert np.isfinite(v).all()
     assert (v > 0).all()
+
+
+def test_coherence_that_was_filled_in_says_nothing():
+    """A misfit of next to nothing would count as many times that noise."""
+    data = plain(np.ones((3, 1, 1)), coherence=np.ones((3, 1, 1)), averages=5)
+    assert isinstance(choose_noise(None, data), Estimated)
+    with pytest.raises(OptionError, match="that of the data is 1 whatever the noise"):
+        choose_noise("coherence", data)
+    told = np.array([1.0, 1.0, 0.999]).reshape(3, 1, 1)
+    assert isinstance(choose_noise(None, replace(data, coherence=told)), Coherence)
+
+
+def test_variance_that_was_filled_in_says_nothing():
+    data = replace(plain(np.ones((3, 1, 1))), variance=np.zeros((3, 1, 1)))
+    assert isinstance(choose_noise(None, data), Estimated)
+    with pytest.raises(OptionError, match="zero everywhere; it says nothing"):
+        choose_noise("variance", data)
+    told = np.array([0.0, 0.0, 1e-6]).reshape(3, 1, 1)
+    assert isinstance(choose_noise(None, replace(data, variance=told)), Variance)
 
 
 def test_coherence_of_one_average_says_nothing():

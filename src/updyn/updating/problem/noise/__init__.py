@@ -74,11 +74,11 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
     Parameters
     ----------
     noise : None, str or mapping
-        None: from the data's variance, else their coherence (of two averages or more), else
-        estimated. ``"variance"``, ``"coherence"``, ``"estimated"``, ``"estimated-by-channel"``
-        force one. A mapping with ``relative`` and/or ``floor`` states it; one with ``source``
-        forces one as the text does; in both ``robust = "student-t"`` gives less weight to outliers,
-        and alone keeps the default source.
+        None: from the data's variance, unless it is zero everywhere, else their coherence (of two
+        averages or more, and not 1 everywhere), else estimated. ``"variance"``, ``"coherence"``,
+        ``"estimated"``, ``"estimated-by-channel"`` force one. A mapping with ``relative`` and/or
+        ``floor`` states it; one with ``source`` forces one as the text does; in both
+        ``robust = "student-t"`` gives less weight to outliers, and alone keeps the default source.
     frf : FRF
         The data of the fit.
 
@@ -115,12 +115,10 @@ def choose_noise(noise: NoiseChoice, frf: FRF) -> NoiseModel:
 
 def _sourced(source: Any, frf: FRF, tails: float = np.inf) -> NoiseModel:
     if source is None:
-        single = frf.averages == 1  # its coherence is 1 whatever the noise
-        usable = frf.coherence is not None and not single
         source = "estimated"
-        if frf.variance is not None:
+        if Variance.tells(frf):
             source = "variance"
-        elif usable:
+        elif Coherence.tells(frf):
             source = "coherence"
     if source not in NOISE_MODELS:
         raise OptionError(

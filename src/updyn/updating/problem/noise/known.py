@@ -249,6 +249,27 @@ class Variance(NoiseModel):
     kind: ClassVar[str] = "variance"
     needs: ClassVar[str] = "variance"
 
+    @classmethod
+    def tells(cls, frf: FRF) -> bool:
+        """Whether data have a variance, at one value at least."""
+        return frf.variance is not None and bool(frf.variance.any())
+
+    @classmethod
+    def of_data(cls, frf: FRF, tails: float = np.inf) -> Variance:
+        """Return the model for the data of a fit.
+
+        Raises
+        ------
+        OptionError
+            If the variance is zero everywhere.
+        """
+        if not cls.tells(frf):
+            raise OptionError(
+                "noise 'variance': that of the data is zero everywhere; it says nothing",
+                key=("noise",),
+            )
+        return cls()
+
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
         assert frf.variance is not None
@@ -289,18 +310,28 @@ class Coherence(NoiseModel):
     needs: ClassVar[str] = "coherence"
 
     @classmethod
+    def tells(cls, frf: FRF) -> bool:
+        """Whether data have a coherence that says something of their noise.
+
+        That of a single average is 1 whatever the noise, and so is one that was filled in.
+        """
+        if frf.coherence is None or frf.averages == 1:
+            return False
+        return bool((frf.coherence < 1.0).any())
+
+    @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Coherence:
         """Return the model that has learnt from all lines of `frf`, for these or fewer of them.
 
         Raises
         ------
         OptionError
-            If the data are of a single average.
+            If the data are of a single average, or their coherence is 1 everywhere.
         """
-        if frf.averages == 1:
+        if not cls.tells(frf):
+            single = "of a single average" if frf.averages == 1 else "of the data"
             raise OptionError(
-                "noise 'coherence': that of a single average is 1 whatever the noise; it says"
-                " nothing",
+                f"noise 'coherence': that {single} is 1 whatever the noise; it says nothing",
                 key=("noise",),
             )
         return cls(frf.averages is not None, frf.freq, _learn(frf))
