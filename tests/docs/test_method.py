@@ -172,8 +172,10 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert pytest.approx(0.2) == reducing._NEAR_IF_HEAVY * reducing._TRUST_RADIUS
     assert "more than a tenth off that of the last one" in words
     assert shifted._CLOSE == 0.1
-    assert "bring every answer to 1e-6 (of P below, 1e-5). Where it is more than five" in words
-    assert (shifted._SPANNING, shifted._MEASURING, solver._MOST_STEPS) == (1e-6, 1e-5, 5)
+    assert f"Above {shifted._HUGE:,} DOFs it is made in single precision" in words
+    assert "refinement bring answers to 1e-9 (of P below, 1e-5)" in words
+    assert "Where it is more than six, double precision is used" in words
+    assert (shifted._SPANNING, shifted._MEASURING, solver._MOST_STEPS) == (1e-9, 1e-5, 6)
     assert "too large above a fifth of what is allowed" in words
     assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)

@@ -809,14 +809,14 @@ class Reduction:
 
         Where their largest error is what is allowed, nothing is.
 
-        Directions that several lines lack are added once: with Y = P^-1 R, Y^T P Y is their Gram
-        matrix in P across all lines. (R^T Y is it to the digits of the factorisation only.)
+        Directions that several lines lack are added once: with Y = P^-1 R, R^T Y is their Gram
+        matrix in P across all lines. In single precision it is Y^T P Y, as R^T Y has few digits.
         """
         solver = self.solver()
         checked = LineResiduals(solver, self.basis, self._channels, state, lines)
         R = checked.residual()
         Y = definite.solve(R)
-        gram = Y.T @ definite.times(Y)
+        gram = Y.T @ (definite.times(Y) if definite.error else R)
         sizes = np.sqrt(np.maximum(np.diag(gram), 0.0)).reshape(len(lines), 2, -1)
         sizes = np.maximum(np.hypot(sizes[:, 0], sizes[:, 1]), np.finfo(np.float64).tiny)
         errors = np.abs(checked.errors(Y)) / self._channels.levels(checked.H)
@@ -828,7 +828,7 @@ class Reduction:
         gram = 0.5 * (gram + gram.T)
         if error.max() > allowed:
             size, axes = np.linalg.eigh(gram)
-            kept = size > max((_WORTH * allowed) ** 2, INDEPENDENT * size[-1])
+            kept = size > max((_WORTH * allowed) ** 2, definite.error**2 * size[-1])
             # P-orthogonal to the basis as they are, since V^T R = 0.
             self.basis.extend(Y @ (weight[:, None] * axes[:, kept] / np.sqrt(size[kept])))
             if kept.any():

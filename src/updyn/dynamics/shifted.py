@@ -21,9 +21,12 @@ _Real = NDArray[np.float64]
 
 #: States of which no mass and no stiffness differs by more than this share are beside each other.
 _CLOSE = 0.1
-#: Relative errors of answers that span a basis, whose rounding would be taken for more of it, and
-#: of those that measure what it lacks.
-_SPANNING, _MEASURING = 1e-6, 1e-5
+#: In single precision: relative errors of answers that span a basis, whose rounding would be taken
+#: for more of it (`basis._NEW`), and of those that measure what it lacks.
+_SPANNING, _MEASURING = 1e-9, 1e-5
+#: DOFs from which factors are made in single precision, as they may not fit into memory otherwise.
+#: The steps of refinement take as long as is gained.
+_HUGE = 400_000
 #: How far shifts on a natural frequency are moved, in squares of the highest frequency.
 _NUDGES = (0.0, 1e-4, 1e-3)
 
@@ -60,7 +63,8 @@ class Shifted:
     _definite: tuple[Factorised, State] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self._solver = SparseSolver(self.backend, real=True, single=True)
+        single = self.system.n > _HUGE
+        self._solver = SparseSolver(self.backend, real=True, single=single)
 
     @property
     def used(self) -> dict[str, int]:

@@ -330,10 +330,7 @@ def _check_takes_modes(ready: Prepared) -> None:
 
 @contextmanager
 def update_keys(job: Job) -> Iterator[None]:
-    """Give an error of the update file and line of the key of ``[method]`` or ``[selection]``.
-
-    One of the model has that of ``[model]``.
-    """
+    """Give an error of the update file and line of the key of ``[method]`` or ``[selection]``."""
     with job.located():
         try:
             yield
@@ -342,7 +339,7 @@ def update_keys(job: Job) -> Iterator[None]:
         except InputError as error:
             if error.key and error.key[0] in _SELECTION_KEYS:
                 error.key = _SELECTION_KEYS[error.key[0]]
-            elif error.key[:1] != ("model",):
+            else:
                 error.key = ("method", *error.key)
             raise
 

@@ -4,8 +4,8 @@
 answer by its backward error. A backend is a class as `Backend` describes it, registered in
 `BACKENDS`.
 
-Where six digits do, real matrices are factorised in single precision, in about half the time and
-the memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006). One step
+Where memory is short, real matrices are factorised in single precision, in 0.6 of the time and the
+memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006). One step
 of refinement of a load that excites every mode says how far the factors are from the matrix, and so
 how many steps an answer takes; where they are too far, double precision takes over.
 """
@@ -336,6 +336,11 @@ class Factorised:
         """
         return self._current()[0].negative
 
+    @property
+    def error(self) -> float:
+        """Relative error that answers may have; 0 in double precision."""
+        return self._error if self._current()[1].single else 0.0
+
     def times(self, X: NDArray[Any]) -> NDArray[Any]:
         """Return A X, X of shape (n, r)."""
         return np.asarray(self._A @ X)
@@ -462,7 +467,7 @@ class Factorised:
 #: Backward error above which an answer is not accepted, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
 #: Steps of refinement of an answer of factors in single precision, at most.
-_MOST_STEPS = 5
+_MOST_STEPS = 6
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.

@@ -196,6 +196,7 @@ def test_state_of_start_repeats_the_model(model):
     assert list(start.loss) == [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
+@pytest.mark.filterwarnings("ignore:unknown 'b.stiffness' changes nothing")
 def test_a_matrix_of_zeros_is_a_term_without_rows() -> None:
     K, M = np.diag([2e4, 1e4]), np.eye(2)
     groups = {"a": updyn.Group(K, M, 0.02), "b": updyn.Group(np.zeros((2, 2)), M)}

@@ -49,6 +49,7 @@ def test_residuals_drawn_again_give_the_same_spread(fit) -> None:
     assert found.options["resampling"] == "residual"
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_intervals_follow_a_curved_likelihood() -> None:
     """1 / kappa is normal: every kind of interval lies within the error of 250 draws about 1 / (mean +- 1.96 std)."""
     result = one_spring(floor=0.4)

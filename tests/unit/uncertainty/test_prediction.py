@@ -35,6 +35,7 @@ def result() -> updyn.UpdateResult:
     return fit(0)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_it_is_the_delta_method_in_closed_form() -> None:
     """H = 1 / (kappa k): d ln H = -d ln kappa."""
     result = one_spring(floor=0.1)

@@ -42,6 +42,7 @@ def test_a_gaussian_likelihood_gives_the_interval_of_laplace(sure, level, z) -> 
         assert (one.lower_end, one.upper_end, one.note) == ("level", "level", "")
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_a_curved_likelihood_gives_its_own_interval() -> None:
     """H = 1 / (kappa k): in 1 / kappa the cost is a parabola, so that the ends are 1 / (mean +- 1.96 std)."""
     result = one_spring()
@@ -148,6 +149,7 @@ def test_a_better_fit_on_the_way_is_told() -> None:
     assert found["left wall.stiffness"].estimate == pytest.approx(0.7, rel=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_several_tests_are_profiled_together() -> None:
     """Two tests of one spring narrow the interval by the root of two."""
     one, other = one_spring(0, 0.02), one_spring(1, 0.02)

@@ -68,6 +68,7 @@ def test_one_mode_alone_is_what_laplace_sees() -> None:
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_a_curved_posterior_is_its_closed_form() -> None:
     """1 / kappa is normal, flat in ln kappa: its density in c = 1 / kappa is the normal one over c."""
     result = one_spring()
@@ -173,6 +174,7 @@ def test_without_the_sampler_there_is_a_hint(sure, monkeypatch) -> None:
         updyn.sample(sure)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model has no mass")
 def test_what_is_not_understood_is_refused(sure) -> None:
     with pytest.raises(OptionError, match="n = 0: expected"):
         updyn.sample(sure, 0)

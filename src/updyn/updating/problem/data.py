@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.dofs import DIRECTIONS, Dof, DofSet
-from updyn.errors import DataError, ModelError, OptionError, ParameterError, UpdynWarning
+from updyn.errors import DataError, OptionError, ParameterError, UpdynWarning
 from updyn.frf import FRF, check_lines
 from updyn.geometry import Geometry
 from updyn.group import GROUP_QUANTITIES, Matrix, is_number
@@ -92,8 +92,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
     ------
     InputError
         If one is of another type, an unknown acts on nothing in any of the models, a sensor is no
-        DOF of its model, all FRFs of a test are zero, or a model without mass is to answer above
-        0 Hz.
+        DOF of its model, or all FRFs of a test are zero.
     """
     for test in tests:
         _check_type(test.model, Model)
@@ -117,7 +116,7 @@ def check(tests: Sequence[Test], parameters: ParameterSet) -> None:
             test.model.dofs.match(test.data.responses, "response")
             test.model.dofs.match(test.data.references, "reference")
             check_measured(test.data, test.name)
-            _check_mass(test.model, test.data, test.name)
+            _warn_of_no_mass(test.model, test.data, test.name)
             _warn_of_axes(test.model, test.data)
     _warn_of_idle(tests, parameters)
 
@@ -141,14 +140,14 @@ def check_measured(frf: FRF, name: str = "") -> None:
         raise DataError(f"{_of_test(name)}all values to be fitted are zero: nothing was measured")
 
 
-def _check_mass(model: Model, frf: FRF, name: str) -> None:
-    """Check that a model that is to answer above 0 Hz has a mass; at rest none is needed."""
+def _warn_of_no_mass(model: Model, frf: FRF, name: str) -> None:
+    """Warn of a model that is to answer above 0 Hz as springs and dampers alone, as a mount may."""
     if frf.freq[-1] > 0.0 and not any(_is_there(group.mass) for group in model.groups.values()):
-        raise ModelError(
-            f"{_of_test(name)}the model has no mass: no group has a mass matrix other than zero;"
-            f" expected the mass of at least one, as the data reach {frf.freq[-1]:g} Hz",
-            key=("model",),
+        text = (
+            f"{_of_test(name)}the model has no mass: no group has a mass matrix other than zero, so"
+            f" that up to the {frf.freq[-1]:g} Hz of the data it answers as springs and dampers do"
         )
+        warnings.warn(text, UpdynWarning, stacklevel=4)
 
 
 def _of_test(name: str) -> str:

@@ -71,8 +71,8 @@ def choose_lines(lines: str | ArrayLike | None, part: Part) -> NDArray[np.intp]:
         count = int(found[2])
         if not 1 <= count <= len(frf.freq):
             raise OptionError(
-                f"lines {lines!r}: expected 1 to {len(frf.freq)}, as the data have"
-                f" {len(frf.freq)} lines to choose from",
+                f"lines {lines!r}: the data have {len(frf.freq)} lines to choose from; expected 1"
+                f" to {len(frf.freq)} of them",
                 key=("lines",),
             )
         if found[1] == "d":
