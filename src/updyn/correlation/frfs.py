@@ -25,6 +25,7 @@ __all__ = [
     "frac",
     "frf_correlation",
     "relative_residual",
+    "told_lines",
 ]
 
 Array = NDArray[np.float64]
@@ -102,8 +103,7 @@ class Correlation:
         and CSF lines on which both FRFs are zero, such as accelerances at 0 Hz.
         """
         channels = _counted(np.ones(self.frac.shape, dtype=bool), self.heard)
-        told = (self.measured.values != 0).any(axis=(1, 2))
-        told |= (self.computed.values != 0).any(axis=(1, 2))
+        told = told_lines(self.measured.values, self.computed.values)
         lines = told if told.any() else np.ones_like(told)
         return {
             **self._figures_of(channels),
@@ -334,6 +334,21 @@ def relative_residual(HX: ArrayLike, HA: ArrayLike) -> Array:
     out = np.where(residual > 0, np.inf, 0.0)
     np.divide(residual, level, out=out, where=level > 0)
     return out
+
+
+def told_lines(HX: NDArray[np.complex128], HA: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """Return on which lines two FRFs say something: all but those on which both are zero.
+
+    Parameters
+    ----------
+    HX, HA : ndarray of complex, shape (n_f, n_i, n_j)
+        Measured and computed. Accelerances at 0 Hz are zero in both.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_f,)
+    """
+    return np.asarray((HX != 0).any(axis=(1, 2)) | (HA != 0).any(axis=(1, 2)))
 
 
 def csac(HX: ArrayLike, HA: ArrayLike) -> Array:

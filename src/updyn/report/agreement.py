@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from updyn.correlation import csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
+from updyn.correlation.frfs import told_lines
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, held_out, number, percentage, unit
@@ -141,8 +142,7 @@ def _by_line(
     ):
         if found is None or computed is None:
             continue
-        told = (data.measured != 0).any(axis=(1, 2)) | (computed != 0).any(axis=(1, 2))
-        values = np.where(told, found, np.nan)  # both zero, as accelerances at 0 Hz: says nothing
+        values = np.where(told_lines(data.measured, computed), found, np.nan)
         traces.append(
             {
                 "type": "scatter",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import grid as case
 from updyn.linalg.solver import BACKENDS, SparseSolver
 
 ABLE = [
@@ -12,24 +13,8 @@ ABLE = [
 M = 9
 
 
-def grid(shift, m=M):
-    """m x m x m masses on springs: K - shift M."""
-    T = sp.diags_array([-np.ones(m - 1), 2 * np.ones(m), -np.ones(m - 1)], offsets=[-1, 0, 1])
-    one = sp.eye_array(m)
-    K = (
-        sp.kron(sp.kron(T, one), one)
-        + sp.kron(sp.kron(one, T), one)
-        + sp.kron(sp.kron(one, one), T)
-    )
-    A = sp.csc_array(K - shift * sp.eye_array(m**3))
-    A.sort_indices()
-    return A
-
-
-def eigenvalues(m=M):
-    """Of the grid's K (Strang, SIAM Review 41 (1999) 135-147): sums of three of 2 - 2 cos."""
-    one = 2 - 2 * np.cos(np.pi * np.arange(1, m + 1) / (m + 1))
-    return np.sort((one[:, None, None] + one[:, None] + one).ravel())
+def grid(shift):
+    return case.grid(M, shift)
 
 
 def loads(r=40, seed=0):
@@ -57,7 +42,7 @@ def test_answers_have_six_digits_and_no_more(backend):
 @pytest.mark.parametrize("backend", ABLE)
 @pytest.mark.parametrize("shift", [-3.0, 0.4, 1.234, 5.9])
 def test_negative_eigenvalues_are_counted_as_in_double_precision(backend, shift):
-    truth = int((eigenvalues() < shift).sum())
+    truth = int((case.eigenvalues(M) < shift).sum())
     assert made(backend).factorise(grid(shift), 1.0).negative in (truth, None)
     assert backend != "pardiso" or made(backend).factorise(grid(shift), 1.0).negative == truth
 
@@ -66,7 +51,7 @@ def test_negative_eigenvalues_are_counted_as_in_double_precision(backend, shift)
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_shift_too_close_to_an_eigenvalue_is_for_double_precision(backend, side):
     """It is 1e-9 away, less than the rounding of single precision moves it."""
-    shift = eigenvalues()[0] * (1.0 + side * 1e-9)
+    shift = case.eigenvalues(M)[0] * (1.0 + side * 1e-9)
     A, B = grid(shift), loads(3)
     factorised = made(backend).factorise(A, 1.0)
     assert factorised.negative in ((side > 0), None)
@@ -115,7 +100,7 @@ def test_pardiso_takes_little_over_half_the_memory():
     peaks = []
     for single in (True, False):
         solver = made("pardiso", single=single)
-        solver.factorise(grid(-1.0, 24), 1.0)
+        solver.factorise(case.grid(24, -1.0), 1.0)
         peaks.append(solver.peak_bytes)
     assert peaks[0] < 0.7 * peaks[1]
 
