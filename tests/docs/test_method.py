@@ -173,9 +173,12 @@ def test_the_numbers_of_large_models_are_those_of_the_code() -> None:
     assert "more than a tenth off that of the last one" in words
     assert shifted._CLOSE == 0.1
     assert f"Above {shifted._HUGE:,} DOFs it is made in single precision" in words
-    assert "refinement bring answers to 1e-9 (of P below, 1e-5)" in words
-    assert "Where it is more than six, double precision is used" in words
-    assert (shifted._SPANNING, shifted._MEASURING, solver._MOST_STEPS) == (1e-9, 1e-5, 6)
+    assert "Up to a fifth, no eigenvalue changes its sign" in words
+    assert solver._FARTHEST == 0.2
+    assert "refined to 1e-9 (of P below, 1e-5)" in words
+    assert (shifted._SPANNING, shifted._MEASURING) == (1e-9, 1e-5)
+    assert "by 0.003 and then 0.01 of omega_max^2" in words
+    assert shifted._NUDGES_IN_SINGLE == (0.0, 3e-3, 1e-2)
     assert "too large above a fifth of what is allowed" in words
     assert reduction._MARGIN == 0.2
     assert (reducing._MAX_STEPS_PER_ROUND, reducing._FIRST_ROUNDS) == (12, 12)

@@ -179,10 +179,13 @@ class Reduction:
         points = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(
             np.pi * np.arange(_SHIFTS) / (_SHIFTS - 1)
         )
-        below = {float(s): self._expand(state, float(s), loads, self._depth) for s in points}
-        while len(below) < _MOST_SHIFTS and (gap := self._gap(state, below)) is not None:
-            middle = 0.5 * (gap[0] + gap[1])
-            below[middle] = self._expand(state, middle, loads, self._depth)
+        below = dict(self._expand(state, float(s), loads, self._depth) for s in points)
+        for _ in range(_MOST_SHIFTS - _SHIFTS):
+            gap = self._gap(state, below)
+            if gap is None:
+                break
+            shift, number = self._expand(state, 0.5 * (gap[0] + gap[1]), loads, self._depth)
+            below[shift] = number
 
     @alone
     def build_around(
@@ -267,9 +270,9 @@ class Reduction:
 
     def _expand(
         self, state: State, shift: float, loads: _Real, depth: int, *, lossy: bool = True
-    ) -> int | None:
-        """Add the basis vectors of a shift; return how many modes lie below it, if known."""
-        factorised, X = self.shifted.solve(state, shift, loads)
+    ) -> tuple[float, int | None]:
+        """Add the basis vectors of a shift; return it, and how many modes lie below, if known."""
+        shift, factorised, X = self.shifted.solve(state, shift, loads)
         damping, inertial = self._lossy(state), self._inertial(state)
         lost = None
         if lossy and damping.any():
@@ -281,7 +284,7 @@ class Reduction:
             self.basis.append(X.copy())
         if lost is not None:
             self.basis.append(lost)
-        return factorised.negative
+        return shift, factorised.negative
 
     def _gap(self, state: State, below: dict[float, int | None]) -> tuple[float, float] | None:
         """Return neighbouring shifts with missed or too many modes between them; None if none."""

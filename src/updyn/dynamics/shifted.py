@@ -27,8 +27,9 @@ _SPANNING, _MEASURING = 1e-9, 1e-5
 #: DOFs from which factors are made in single precision, as they may not fit into memory otherwise.
 #: The steps of refinement take as long as is gained.
 _HUGE = 400_000
-#: How far shifts on a natural frequency are moved, in squares of the highest frequency.
-_NUDGES = (0.0, 1e-4, 1e-3)
+#: How far shifts on a natural frequency are moved, in squares of the highest frequency; and in
+#: single precision, which says less the nearer they are.
+_NUDGES, _NUDGES_IN_SINGLE = (0.0, 1e-4, 1e-3), (0.0, 3e-3, 1e-2)
 
 
 @dataclass(slots=True, eq=False)
@@ -60,11 +61,17 @@ class Shifted:
     keeps: bool = False
     count: int = field(default=0, init=False)
     _solver: SparseSolver = field(init=False)
+    _moves: tuple[tuple[float, bool], ...] = field(init=False)
     _definite: tuple[Factorised, State] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         single = self.system.n > _HUGE
         self._solver = SparseSolver(self.backend, real=True, single=single)
+        # Double precision, for which there may be no memory, comes last.
+        moves = [(far, False) for far in _NUDGES]
+        if single:
+            moves = [(far, True) for far in _NUDGES_IN_SINGLE] + moves
+        self._moves = tuple(moves)
 
     @property
     def used(self) -> dict[str, int]:
@@ -84,7 +91,14 @@ class Shifted:
             (values, self.system.indices, self.system.indptr), shape=(self.system.n,) * 2
         )
 
-    def factorise(self, state: State, shift: float, *, error: float = _SPANNING) -> Factorised:
+    def factorise(
+        self,
+        state: State,
+        shift: float,
+        *,
+        error: float = _SPANNING,
+        single_only: bool = False,
+    ) -> Factorised:
         """Factorise K - s M; what was factorised before ends.
 
         Parameters
@@ -94,32 +108,49 @@ class Shifted:
         shift : float
             s in 1/s^2.
         error : float
-            Relative error that answers may have.
+            Relative error that answers may have in single precision.
+        single_only : bool
+            Whether double precision does not take over where that is too far off.
 
         Raises
         ------
         SolverError
-            If it is singular, or memory is short.
+            If it is singular, or memory is short, or single precision alone is too far off.
         """
         self._definite = None
         self.count += 1
         freq = float(np.sqrt(max(shift, 0.0)) / (2.0 * np.pi))
-        return self._solver.factorise(self.matrix(state, shift), freq, error=error)
+        return self._solver.factorise(
+            self.matrix(state, shift), freq, error=error, single_only=single_only
+        )
 
-    def solve(self, state: State, shift: float, loads: _Real) -> tuple[Factorised, _Real]:
+    def solve(self, state: State, shift: float, loads: _Real) -> tuple[float, Factorised, _Real]:
         """Factorise K - s M and solve for loads, shape (N, k); s off a natural frequency.
+
+        Where it is on one, s is moved away from the middle of the band, so that the ends stay out.
+
+        Returns
+        -------
+        shift : float
+            s, where it has been moved to.
+        factorised : Factorised
+            K - s M.
+        X : ndarray of float, shape (N, k)
+            The answers.
 
         Raises
         ------
         SolverError
             As `factorise`.
         """
-        for nudge in _NUDGES:
+        away = np.copysign(self.top, shift - 0.5 * self.top)
+        for far, single_only in self._moves:
+            s = float(shift + far * away)
             try:
-                factorised = self.factorise(state, shift - nudge * self.top)
-                return factorised, factorised.solve(loads)
+                factorised = self.factorise(state, s, single_only=single_only)
+                return s, factorised, factorised.solve(loads)
             except SolverError:
-                if nudge == _NUDGES[-1]:
+                if (far, single_only) == self._moves[-1]:
                     raise
         raise AssertionError
 

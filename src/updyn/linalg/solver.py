@@ -5,9 +5,9 @@ answer by its backward error. A backend is a class as `Backend` describes it, re
 `BACKENDS`.
 
 Where memory is short, real matrices are factorised in single precision, in 0.6 of the time and the
-memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006). One step
-of refinement of a load that excites every mode says how far the factors are from the matrix, and so
-how many steps an answer takes; where they are too far, double precision takes over.
+memory (Langou, Langou, Luszczek, Kurzak, Buttari & Dongarra, Proc. ACM/IEEE SC 2006), and answers
+are refined. One step of refinement of a load that excites every mode says how far the factors are
+from the matrix; where they are too far, double precision takes over.
 """
 
 from __future__ import annotations
@@ -187,7 +187,13 @@ class SparseSolver:
             self._retire()
 
     def factorise(
-        self, A: Any, freq: float, held: str = "", *, error: float = _DIGITS
+        self,
+        A: Any,
+        freq: float,
+        held: str = "",
+        *,
+        error: float = _DIGITS,
+        single_only: bool = False,
     ) -> Factorised:
         """Factorise A for right-hand sides that come later; an earlier factorisation ends.
 
@@ -201,6 +207,8 @@ class SparseSolver:
             Which DOFs are held, for messages.
         error : float
             Relative error that answers may have where the solver works in single precision.
+        single_only : bool
+            Whether double precision, which takes twice the memory, does not take over there.
 
         Returns
         -------
@@ -209,7 +217,8 @@ class SparseSolver:
         Raises
         ------
         SolverError
-            If A is singular, or memory is short.
+            If A is singular, or memory is short, or A too close to singular for single precision
+            alone.
         TypeError
             If A is not of the solver's kind.
         """
@@ -219,7 +228,7 @@ class SparseSolver:
             )
         self._retire()
         self._forget_other_pattern(A)
-        made = Factorised(self, A, freq, held, error)
+        made = Factorised(self, A, (freq, held), error, self._ways(single_only=single_only))
         self._alive = weakref.ref(made)
         return made
 
@@ -244,13 +253,15 @@ class SparseSolver:
                 alive._factors = None
         self._alive = None
 
-    def _ways(self) -> Iterator[_Way]:
+    def _ways(self, *, single_only: bool) -> Iterator[_Way]:
         """Yield how to factorise: by the backend asked for, then by those where it fails."""
         for name in _backends_from(self.backend):
             if not BACKENDS[name].available():
                 continue
             if self.single and getattr(BACKENDS[name], "has_single", False):
                 yield _Way(name, single=True)
+                if single_only:
+                    return
             yield _Way(name)
 
     def _factor(self, way: _Way, A: Any) -> Factors:
@@ -307,25 +318,31 @@ class Factorised:
         "_error",
         "_factors",
         "_line",
+        "_off",
         "_probed",
         "_scale",
         "_solver",
-        "_steps",
         "_way",
         "_ways",
     )
 
-    def __init__(self, solver: SparseSolver, A: Any, freq: float, held: str, error: float) -> None:
-        self._solver, self._A, self._line, self._error = solver, A, (freq, held), error
+    def __init__(
+        self,
+        solver: SparseSolver,
+        A: Any,
+        line: tuple[float, str],
+        error: float,
+        ways: Iterator[_Way],
+    ) -> None:
+        self._solver, self._A, self._line, self._error, self._ways = solver, A, line, error, ways
         self._scale = unit_scale(A.diagonal())
-        self._ways = solver._ways()
         self._factors: Factors | None = None
         self._way: _Way | None = None
-        self._steps = 0
+        self._off = _EXACT
         # A real matrix is shifted to just beside an eigenvalue on purpose.
         self._probed = solver.real
         if not self._factored_by_next():
-            raise SolverError(singular_message(freq, held, scale=self._scale))
+            raise SolverError(singular_message(*line, scale=self._scale))
 
     @property
     def negative(self) -> int | None:
@@ -396,12 +413,12 @@ class Factorised:
     def _refined(self, B: NDArray[Any]) -> tuple[NDArray[Any], float, NDArray[np.float64]]:
         """Return the solution, its largest backward error and the growth of each column.
 
-        After the steps that all take, columns that are off are corrected once more.
+        Columns that are off after all are corrected once more.
         """
         run, way = self._current()
         X = run(B)
-        for _ in range(self._steps):
-            X += run(np.asfortranarray(B - self._A @ X))
+        if way.single:
+            self._settle(run, X, B)
         errors, grown = accuracy(self._A, self._scale, X, B, way.residual)
         off = ~(errors <= way.residual)
         if off.any():
@@ -413,21 +430,35 @@ class Factorised:
             self._solver.refined += 1
         return X, float(errors.max(initial=0.0)), grown
 
+    def _settle(self, run: Factors, X: NDArray[Any], B: NDArray[Any]) -> None:
+        """Refine answers of factors in single precision until they are as exact as they are to be.
+
+        Raises
+        ------
+        RuntimeError
+            If they do not come to rest.
+        """
+        left, before = self._off.share, 1.0
+        for _ in range(_MOST_STEPS):
+            if left <= max(self._error, self._off.floor):
+                return
+            change = run(np.asfortranarray(B - self._A @ X))
+            X += change
+            size = float(_grown(_sizes(change, self._scale), _sizes(X, self._scale)).max(initial=0))
+            left, before = size * max(self._off.share, size / before), size
+        raise RuntimeError(f"answers in single precision do not settle: {left:.1e} off")
+
     def _factored_by_next(self) -> bool:
         """Factorise with the next backend that can; False if none is left."""
         self._factors = None
-        if self._way is not None:
-            self._solver._forget(self._way)
         for way in self._ways:
+            if self._way is not None:
+                self._solver._forget(self._way)
+            self._way = way
             try:
                 factors = self._solver._factor(way, self._A)
-                steps = self._steps_with(factors) if way.single else 0
-                if steps is None:
-                    del factors
-                    self._solver._forget(way)
-                    continue
+                self._off = self._off_by(factors) if way.single else _EXACT
             except RuntimeError:
-                self._solver._forget(way)
                 continue
             except MemoryError as error:
                 # Others need no less, and would end the process instead.
@@ -435,25 +466,27 @@ class Factorised:
                 if str(error):
                     message += f" ({error})"
                 raise SolverError(message) from error
-            self._factors, self._way, self._steps = factors, way, steps
-            return True
+            if self._off.share <= _FARTHEST:
+                self._factors = factors
+                return True
+            del factors
         return False
 
-    def _steps_with(self, factors: Factors) -> int | None:
-        """Return how many steps of refinement an answer takes; None where factors are too far off.
+    def _off_by(self, factors: Factors) -> _Off:
+        """Return how far factors in single precision are from those of the matrix A.
 
         They are those of A + E. A step of refinement changes an answer by A^-1 E times it, and
-        leaves an error of that share. Where it is below 1 no eigenvalue crosses zero on the way
+        leaves an error of that share. Where it is far below 1 no eigenvalue crosses zero on the way
         from A + E to A, so that their negative ones are as many.
         """
         load = np.asfortranarray(probe_load(self._scale).real)
         with np.errstate(invalid="ignore", over="ignore"):
             X = factors(load)
             change = factors(np.asfortranarray(load - self._A @ X))
-            changed, size = (np.abs(U * self._scale[:, None]).max() for U in (change, X))
-            share = changed / size
-        steps = (n for n in range(_MOST_STEPS + 1) if share ** (n + 1) <= self._error)
-        return next(steps, None)
+            size = _sizes(X, self._scale)
+            share = _grown(_sizes(change, self._scale), size)
+            grown = _grown(size, _sizes(load, 1.0 / self._scale))
+        return _Off(float(share[0]), _ROUNDINGS * np.finfo(float).eps * float(grown[0]))
 
     def _current(self) -> tuple[Factors, _Way]:
         if self._factors is None or self._way is None:
@@ -466,8 +499,30 @@ class Factorised:
 
 #: Backward error above which an answer is not accepted, in double and in single precision.
 RESIDUAL, RESIDUAL_SINGLE = 1e-8, 1e-4
-#: Steps of refinement of an answer of factors in single precision, at most.
-_MOST_STEPS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class _Off:
+    """How far factors are from those of the matrix.
+
+    Attributes
+    ----------
+    share : float
+        What a step of refinement leaves of the error of an answer to a load that excites every
+        mode.
+    floor : float
+        Relative error of an answer below which refining it does not help.
+    """
+
+    share: float
+    floor: float
+
+
+_EXACT = _Off(0.0, 0.0)
+#: The largest share that steps of refinement make good, and how many steps an answer takes at most.
+_FARTHEST, _MOST_STEPS = 0.2, 20
+#: Roundings of double precision in a residual, about.
+_ROUNDINGS = 4.0
 
 #: A solution that outgrows its right-hand side by this has lost 12 of its 16 digits: the matrix
 #: counts as singular.

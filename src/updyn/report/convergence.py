@@ -41,6 +41,8 @@ _LEGEND_ENTRIES = 12
 _THERE = 1e-3
 #: Steps up to which each is drawn as a point of its own.
 _SINGLE_STEPS = 60
+#: Least range of an axis of costs, relative to them: less is rounding, which ticks would spell out.
+_ALIKE = 0.01
 #: Room for the tick labels of a panel beside another, as a share of the width.
 _TICKS = 0.09
 _PATH_COLOURS = ("@after", "@before", "@third", "@fourth", "@muted", "@text")
@@ -65,7 +67,7 @@ class Convergence(OfUnknowns):
         return existing(made)
 
     def context(self, content: Content) -> dict[str, Any]:
-        """Return the stages, the costs of the fit that ended at the answer, titles of figures."""
+        """Return the stages, the costs of the fit that reached the answer, titles of figures."""
         result = content.result
         stages = list(dict.fromkeys(step.stage for step in result.history))
         titles = [
@@ -209,8 +211,14 @@ def _foot(costs: NDArray[np.float64]) -> float:
 
 def _cost_axis(costs: NDArray[np.float64]) -> dict[str, Any]:
     """Return a logarithmic axis; a linear one where the costs are nearly alike."""
-    if costs.min() > 0.5 * costs.max():
-        return {"exponentformat": "power", "nticks": 6}
+    low, high = float(costs.min()), float(costs.max())
+    if low > 0.5 * high:
+        around, half = 0.5 * (low + high), 0.55 * max(high - low, _ALIKE * high)
+        return {
+            "exponentformat": "power",
+            "nticks": 6,
+            "range": [around - half, around + half],
+        }
     positive = costs[costs > 0]
     return {"type": "log", "exponentformat": "power", "dtick": log_step(positive)}
 

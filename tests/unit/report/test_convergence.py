@@ -72,6 +72,14 @@ def test_costs_that_are_nearly_alike_have_a_linear_axis():
     assert figure["data"][0]["y"][1] == pytest.approx(47.12)  # zero stands at the foot
 
 
+def test_an_axis_of_costs_that_differ_by_rounding_does_not_spell_that_out():
+    same = steps(("fit", 4781.0, 0.0), ("fit", 4781.0 - 2e-4, 1e-9))
+    low, high = cost_path(realistic(history=same))["layout"]["yaxis"]["range"]
+    assert low < 4780.9998
+    assert high > 4781.0
+    assert high - low > 40.0
+
+
 def entries(*given):
     """Stage, cost, step and value of each entry as a history."""
     return tuple(
@@ -122,7 +130,7 @@ def test_the_costs_in_words_are_those_of_one_fit():
     """Costs under other weights, or of a look for other answers, cannot be compared with them."""
     answer = realistic().values["bay 2.stiffness"]
     words = Page(render(realistic(history=led_to(answer)))).words
-    assert "In the fit that ended at the answer (fit) the cost went from 60 to 59." in words
+    assert "In the fit that reached the answer (fit) the cost went from 60 to 59." in words
     alone = entries(("fit", 70.0, 0.0, 1.0), ("fit", 50.0, 0.4, answer))
     assert "The cost went from 70 to 50." in Page(render(realistic(history=alone))).words
 

@@ -23,7 +23,7 @@ from updyn.updating.judge.causes.data_alone import (
 )
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.causes.misfit import as_likely, log_misfit
+from updyn.updating.judge.causes.misfit import SEEN, as_likely, log_misfit
 from updyn.updating.judge.causes.ranking import (
     FAR_OFF,
     Ranked,
@@ -38,7 +38,7 @@ from updyn.updating.judge.causes.trial import Trial, damped, tried, widened
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
-__all__ = ["diagnosed", "is_looked_at", "strained"]
+__all__ = ["diagnosed", "strained", "unseen"]
 
 _Real = NDArray[np.float64]
 
@@ -75,9 +75,20 @@ def strained(part: Part, x: _Real) -> bool:
     return bool(off.size and np.sqrt(np.mean(off**2)) > FAR_OFF)
 
 
-def is_looked_at(part: Part) -> bool:
-    """Return whether the data have lines enough for causes to be looked for."""
-    return part.n_lines >= _FEWEST
+def unseen(part: Part, noise: NoiseModel) -> str:
+    """Return why causes are not looked for in the data of a test; empty where they can be.
+
+    They are seen in lines of which some value stands clear of the noise. Where none does, any
+    factor that drowns the data would leave nothing to explain.
+    """
+    if part.n_lines < _FEWEST:
+        return f"causes are not looked for in {part.n_lines} lines"
+    clear = np.abs(part.frf.values) > SEEN * np.sqrt(noise.beforehand(part.frf))
+    n_clear = int(clear.any(axis=(1, 2)).sum())
+    if n_clear < _FEWEST:
+        lost = f"{part.n_lines - n_clear} of {part.n_lines} lines"
+        return f"causes are not looked for: no value stands clear of the noise at {lost}"
+    return ""
 
 
 def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> list[Finding]:
@@ -96,7 +107,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     -------
     list of Finding
         Those that the data show by themselves, then the others, the likeliest first. Of the others
-        none where there are too few lines (`is_looked_at`).
+        none where there is too little to see (`unseen`).
 
     Raises
     ------
@@ -110,7 +121,7 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
             frf = one.fault.repair(frf)
     stated = [finding_of(one, part.name) for one in seen]
     whole = part.with_data(frf)
-    if not is_looked_at(whole):
+    if unseen(whole, noise):
         return stated
     part, held = widened(whole.thinned(_LINES))
     stage = stage_of(part)

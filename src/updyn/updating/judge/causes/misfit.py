@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from updyn.frf import FRF, ROUNDING
 from updyn.updating.problem.noise import level_by_unit
 
-__all__ = ["as_likely", "log_misfit"]
+__all__ = ["SEEN", "as_likely", "log_misfit"]
 
 _Complex = NDArray[np.complex128]
 
 #: Noise, as a share of the level, at which a value weighs 0.7.
 _CLEAR = 0.03
 #: Below so many standard deviations of the noise there is no phase, and no level but that.
-_SEEN = 3.0
+SEEN = 3.0
 #: Least noise, as a share of the rms of all data of one unit: what no sensor resolves.
 _LEAST = 1e-5
 #: Share of the values that are more exact than those of weight 1, where each counts by its
@@ -40,7 +40,7 @@ def log_misfit(H: _Complex, frf: FRF) -> tuple[_Complex, NDArray[np.float64]]:
     """
     assert frf.variance is not None
     noise = np.sqrt(frf.variance + (_LEAST * level_by_unit(frf)) ** 2)
-    least = _SEEN * noise
+    least = SEEN * noise
     size = [np.abs(H), np.abs(frf.values)]
     seen = [one > least for one in size]
     level = [np.log(np.maximum(one, least)) for one in size]

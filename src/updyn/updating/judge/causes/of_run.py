@@ -13,7 +13,7 @@ from updyn.errors import SolverError
 from updyn.updating.fit.monitor import CAUSES, Monitor
 from updyn.updating.judge.assessment import Judgement
 from updyn.updating.judge.causes.data_alone import findings_in
-from updyn.updating.judge.causes.diagnosis import diagnosed, is_looked_at, strained
+from updyn.updating.judge.causes.diagnosis import diagnosed, strained, unseen
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.trust import validated
 from updyn.updating.problem.data import Split
@@ -86,7 +86,7 @@ class CausesOfRun:
         with self.monitor.stage(CAUSES):
             for i, noise in enumerate(self.noises):
                 whole = self._whole(i)
-                if not is_looked_at(whole):
+                if unseen(whole, noise):
                     continue
                 with suppress(SolverError):
                     found = diagnosed(whole, noise)
@@ -105,7 +105,7 @@ class CausesOfRun:
         if found.fit.reason in ("stopped", "failed"):
             return Causes()
         out: list[Finding] = []
-        searched, unseen = False, ""
+        searched, because = False, ""
         with self.monitor.stage(CAUSES), suppress(Stopped):
             for i, noise in enumerate(self.noises):
                 whole = self._whole(i)
@@ -113,17 +113,17 @@ class CausesOfRun:
                     out += self._overruling[i]
                     searched = True
                 elif not self._is_explained(i, found):
-                    if not is_looked_at(whole):
-                        unseen = f"causes are not looked for in {whole.n_lines} lines"
-                        out += findings_in(whole, noise)
-                        continue
-                    try:
-                        out += diagnosed(whole, noise, [found.fit.x])
-                        searched = True
-                    except SolverError as error:
-                        unseen = f"causes could not be looked for ({error})"
-                        out += findings_in(whole, noise)
-        return Causes(tuple(out), searched, unseen, bool(self._overruling))
+                    why = unseen(whole, noise)
+                    if not why:
+                        try:
+                            out += diagnosed(whole, noise, [found.fit.x])
+                            searched = True
+                            continue
+                        except SolverError as error:
+                            why = f"causes could not be looked for ({error})"
+                    because = why
+                    out += findings_in(whole, noise)
+        return Causes(tuple(out), searched, because, bool(self._overruling))
 
     def _whole(self, i: int) -> Part:
         """Return a test's part with its whole model and all of its data."""

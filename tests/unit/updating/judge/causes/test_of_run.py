@@ -7,8 +7,10 @@ import pytest
 
 import updyn
 from updyn.elements.drivetrain import Inertia, Motor, Shaft, drivetrain
+from updyn.updating.judge.causes.diagnosis import unseen
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.suspects import suspects
+from updyn.updating.problem.noise import Stated
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Stopped
 
@@ -125,3 +127,14 @@ def test_an_undamped_drive_whose_start_is_off_has_no_fault():
     result = updyn.update(start, frf, unknowns, noise={"relative": 0.01})
     assert result.values["s.stiffness"] == pytest.approx(8.0 / 7.0, rel=1e-6)
     assert SAID not in result.message
+
+
+def test_causes_are_not_sought_in_data_that_are_lost_in_the_noise(chain12, data):
+    """A factor of 0.001 that drowns what is left of them in the noise explained them."""
+    stiffnesses = updyn.parameters(chain12, stiffness="all")
+    result = updyn.update(chain12, data, stiffnesses, noise={"relative": 1.0})
+    assert not result.findings
+    assert result.trust["plausible"].holds is False
+    part = Part.build(chain12, data, stiffnesses)
+    assert unseen(part, Stated(relative=1.0, floor=0.0)).endswith("at 60 of 60 lines")
+    assert unseen(part, Stated(relative=0.1, floor=0.0)) == ""
