@@ -16,6 +16,7 @@ from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.mains import Mains
 from updyn.updating.judge.causes.mass_loading import MassLoading
 from updyn.updating.judge.causes.missing_mode import MissingMode
+from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.judge.causes.no_support import NoSupport
 from updyn.updating.judge.causes.other_test import OtherTest
@@ -46,6 +47,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Support,
     NoSupport,
     MissingMode,
+    ModelUnit,
     DeadChannel,
     Mains,
     Leakage,

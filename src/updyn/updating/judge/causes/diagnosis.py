@@ -24,6 +24,7 @@ from updyn.updating.judge.causes.data_alone import (
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.causes.misfit import SEEN, as_likely, log_misfit
+from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.ranking import (
     FAR_OFF,
     Ranked,
@@ -56,8 +57,11 @@ _MOST = 3
 _AS_WELL = 1.2
 #: Fewer lines say nothing.
 _FEWEST = 8
-#: A log misfit (rms) from which the end of a fit need not be found exactly.
+#: A log misfit (rms) from which the end of a fit need not be found exactly, and says nothing of the
+#: data.
 _GROSS = 0.5
+#: Units of a model that are tried to the end, and the DOFs up to which they are.
+_FOLLOWED, _MOST_DOFS = 2, 20_000
 #: Mean square of the misfit below which the faults that were found explain all data.
 _EXPLAINED = 1e-3
 #: Mean square of the misfit, over that where the values of a symptom are set aside, from which the
@@ -134,6 +138,10 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         by_itself = _explained(part.with_data(aside), whole, stage, known, stated, noise)
         if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
             explained = by_itself
+    remaining = explained.remaining(part.frf)
+    if remaining is not None and remaining.power > _GROSS**2:
+        # What is least unlike such data says nothing of them.
+        return stated + _in_other_units(part, remaining)
     freed = replace(explained.part.frf, variance=part.frf.variance)
     left = still_shown(seen, frf, explained.findings, (part.frf, freed))
     return [finding_of(one, part.name) for one in left] + list(explained.findings)
@@ -151,12 +159,43 @@ class _Explained:
     stage: Stage
     end: _Real | None
 
-    def left_of(self, frf: FRF) -> float:
-        """Return the mean square of the remaining misfit of the data that count in others."""
+    def remaining(self, frf: FRF) -> Trial | None:
+        """Return what a fit leaves of the data that count in others; None without a solution."""
         part = self.part.with_data(replace(self.part.frf, variance=frf.variance))
         begin = damped(part, part.coordinates.home) if self.end is None else self.end
-        trial = tried(self.stage.near(part, [begin]), None, [begin])
+        return tried(self.stage.near(part, [begin]), None, [begin])
+
+    def left_of(self, frf: FRF) -> float:
+        """Return the mean square of what remains."""
+        trial = self.remaining(frf)
         return np.inf if trial is None else trial.power
+
+
+def _in_other_units(part: Part, without: Trial) -> list[Finding]:
+    """Return the unit in which a model would explain data with which it has nothing in common."""
+    if part.solver.system.n > _MOST_DOFS:
+        return []
+    begin = damped(part, part.coordinates.home)
+    first: list[tuple[float, ModelUnit]] = []
+    for fault in ModelUnit.every():
+        there = part.with_data(fault.as_told(part.frf)).thinned(_FEWEST)
+        with suppress(SolverError):
+            misfit = log_misfit(there.responses(begin), there.frf)[0]
+            first.append((float(np.mean(np.abs(misfit) ** 2)), fault))
+    first.sort(key=lambda one: one[0])
+    ends: list[tuple[Trial, ModelUnit]] = []
+    for _, fault in first[:_FOLLOWED]:
+        there = part.with_data(fault.as_told(part.frf))
+        with suppress(SolverError):
+            trial = tried(stage_of(there).near(there, [begin]), None, [begin])
+            if trial is not None and trial.power < _GROSS**2:
+                ends.append((trial, fault))
+    if not ends:
+        return []
+    trial, fault = min(ends, key=lambda one: one[0].power)
+    log_odds = trial.gain(without) + float(np.log(fault.odds))
+    share = 1.0 - trial.power / without.power
+    return [_finding([Ranked(trial, fault, log_odds, share, share)], part.name)]
 
 
 def _explained(

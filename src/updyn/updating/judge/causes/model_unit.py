@@ -1,0 +1,92 @@
+"""A model in units that do not go together: one factor on all stiffnesses, or on all masses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Irreparable
+
+__all__ = ["UNITS_OF_MODELS", "ModelUnit"]
+
+#: What all stiffnesses, or all masses, have to be multiplied by, and which mistake that undoes.
+UNITS_OF_MODELS: tuple[tuple[str, float, str], ...] = (
+    ("stiffness", 1e3, "stiffnesses in N/mm where N/m go with the masses"),
+    ("stiffness", 1e-3, "stiffnesses in N/m where N/mm go with the masses"),
+    ("stiffness", 1e6, "moduli in MPa where Pa go with the lengths"),
+    ("stiffness", 1e-6, "moduli in Pa where MPa go with the lengths"),
+    ("stiffness", 1e9, "moduli in GPa where Pa go with the lengths"),
+    ("mass", 1e-3, "masses in kg where tonnes go with the stiffnesses"),
+    ("mass", 1e3, "masses in tonnes where kg go with the stiffnesses"),
+    ("mass", 1.0 / 9.80665, "weights in N where masses in kg are wanted"),
+    ("mass", 0.0254 / 9.80665, "weights in lbf where masses in lbf s2/in are wanted"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUnit(Irreparable):
+    """All stiffnesses or all masses of the model have to be multiplied by `value`.
+
+    Attributes
+    ----------
+    of : str
+        ``"stiffness"`` or ``"mass"``.
+    mistake : str
+        What would cause it.
+    """
+
+    of: str = "stiffness"
+    mistake: str = ""
+
+    kind: ClassVar[str] = "model-unit"
+    odds: ClassVar[float] = 1e-2
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Return nothing: it is looked for where model and data have nothing in common."""
+        return ()
+
+    @classmethod
+    def every(cls) -> Iterator[Self]:
+        """Yield the mistakes that are made."""
+        for of, factor, mistake in UNITS_OF_MODELS:
+            yield cls((), factor, of, mistake)
+
+    def as_told(self, frf: FRF) -> FRF:
+        """Return what would have been measured on a structure in the model's own units.
+
+        With a times the stiffness K and b times the mass M the receptance at omega is 1/a of that
+        of K and M at omega sqrt(b/a).
+        """
+        a, b = (self.value, 1.0) if self.of == "stiffness" else (1.0, self.value)
+        stretch = float(np.sqrt(b / a))
+        # Other quantities than receptance carry powers of the frequency.
+        factor = a * stretch ** QUANTITIES[frf.quantity]
+        variance = None if frf.variance is None else factor**2 * frf.variance
+        return replace(
+            frf,
+            freq=stretch * frf.freq,
+            decay=stretch * frf.decay,
+            values=factor * frf.values,
+            variance=variance,
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to look at."""
+        return (
+            "Look at the units of the model: those of force, mass and length have to go together,"
+            " as N, kg and m or N, tonnes and mm do."
+        )
+
+    def statement(self) -> str:
+        """Return which factor explains the data, and what would cause it."""
+        return (
+            f"The model explains the data with {self.value:.6g} times its {self.of}:"
+            f" {self.mistake}."
+        )
