@@ -61,22 +61,24 @@ class Shifted:
     keeps: bool = False
     count: int = field(default=0, init=False)
     _solver: SparseSolver = field(init=False)
-    _moves: tuple[tuple[float, bool], ...] = field(init=False)
     _definite: tuple[Factorised, State] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         single = self.system.n > _HUGE
         self._solver = SparseSolver(self.backend, real=True, single=single)
-        # Double precision, for which there may be no memory, comes last.
-        moves = [(far, False) for far in _NUDGES]
-        if single:
-            moves = [(far, True) for far in _NUDGES_IN_SINGLE] + moves
-        self._moves = tuple(moves)
 
     @property
     def used(self) -> dict[str, int]:
         """How many sparse solves each backend answered, by name."""
         return self._solver.used
+
+    @property
+    def _moves(self) -> list[tuple[float, bool]]:
+        """How far a shift is moved, in turn, and whether single precision alone has to do there."""
+        moves = [(far, False) for far in _NUDGES]
+        if self._solver.single:  # double precision, for which there may be no memory, comes last
+            moves = [(far, True) for far in _NUDGES_IN_SINGLE] + moves
+        return moves
 
     def weights(self, state: State, shift: float) -> _Real:
         """Return the weight of each term in K - s M."""
@@ -143,14 +145,14 @@ class Shifted:
         SolverError
             As `factorise`.
         """
-        away = np.copysign(self.top, shift - 0.5 * self.top)
-        for far, single_only in self._moves:
+        away, moves = np.copysign(self.top, shift - 0.5 * self.top), self._moves
+        for far, single_only in moves:
             s = float(shift + far * away)
             try:
                 factorised = self.factorise(state, s, single_only=single_only)
                 return s, factorised, factorised.solve(loads)
             except SolverError:
-                if (far, single_only) == self._moves[-1]:
+                if (far, single_only) == moves[-1]:
                     raise
         raise AssertionError
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.elements.structure import Beam, rectangle, structure
+from cantilever import cantilever
 from updyn.updating.judge.causes.model_unit import UNITS_OF_MODELS, ModelUnit
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
@@ -66,20 +66,7 @@ def test_a_stiffness_off_by_a_factor_that_is_no_unit_is_not_blamed_on_the_data(c
 
 def test_a_larger_model_is_reduced_for_it(add_noise):
     """A cantilever of 120 DOFs: a modulus of 210,000 where metres are the unit."""
-    segments = [
-        Beam(
-            f"segment {s + 1}",
-            [[i, i + 1] for i in range(10 * s, 10 * s + 10)],
-            2.1e11,
-            7850.0,
-            rectangle(0.03, 0.02),
-            orientation=[0.0, 0.0, 1.0],
-            loss_factor=0.01,
-        )
-        for s in range(2)
-    ]
-    nodes = {i: [0.08 * i, 0.0, 0.0] for i in range(21)}
-    true = structure(nodes, segments, grounded=[0])
+    true = cantilever(2, 10, 0.08)
     clean = updyn.response(
         true, np.linspace(4.0, 200.0, 50), ["8:Z", "14:Z", "14:Y", "20:Z"], ["20:Z"], "accelerance"
     )

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 import updyn
-from updyn.elements.structure import Beam, rectangle, structure
+from cantilever import cantilever
 from updyn.model import Group, Model
 from updyn.updating.judge.causes import reduced
 from updyn.updating.judge.causes.evidence import Evidence
@@ -24,20 +24,7 @@ SENSORS = ["20:Z", "35:Z", "50:Y", "60:Z", "79:Y", "79:Z"]
 
 def beam(grounded):
     """80 beams in four segments."""
-    segments = [
-        Beam(
-            f"segment {s + 1}",
-            [[i, i + 1] for i in range(20 * s, 20 * s + 20)],
-            2.1e11,
-            7850.0,
-            rectangle(0.03, 0.02),
-            orientation=[0.0, 0.0, 1.0],
-            loss_factor=0.01,
-        )
-        for s in range(4)
-    ]
-    nodes = {i: [0.02 * i, 0.0, 0.0] for i in range(81)}
-    return structure(nodes, segments, grounded=grounded)
+    return cantilever(4, 20, 0.02, grounded)
 
 
 @pytest.fixture(scope="module")
