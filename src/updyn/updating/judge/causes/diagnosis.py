@@ -133,12 +133,13 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
     explained = _explained(part, whole, stage, known, stated, noise)
     aside = set_aside(seen, part.frf)
     symptoms = explained.findings and aside is not part.frf
-    if symptoms and explained.left_of(part.frf) > _EXPLAINED:
+    remaining = explained.remaining(part.frf)
+    if symptoms and (remaining is None or remaining.power > _EXPLAINED):
         # Perhaps the values of a symptom are wrong by themselves, and other faults imitate that.
         by_itself = _explained(part.with_data(aside), whole, stage, known, stated, noise)
-        if explained.left_of(aside) > _WORSE * by_itself.left_of(aside):
-            explained = by_itself
-    remaining = explained.remaining(part.frf)
+        apart = by_itself.remaining(aside)
+        if apart is not None and explained.left_of(aside) > _WORSE * apart.power:
+            explained, remaining = by_itself, apart
     if remaining is not None and remaining.power > _GROSS**2:
         # What is least unlike such data says nothing of them.
         return stated + _in_other_units(part, remaining)
