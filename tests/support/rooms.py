@@ -15,6 +15,7 @@ SRC = Path(updyn.__file__).parent
 #: other.
 ORDER = (
     ("errors",),
+    ("units",),
     ("registry",),
     ("text_table",),
     ("style",),

@@ -17,7 +17,7 @@ from updyn.modal.continuation import continued
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.records import Records, records_of
 from updyn.signals.spectra import Spectra
-from updyn.signals.units import Unit, agreed, unit
+from updyn.units import Unit, merge_units, parse_unit
 from updyn.signals.windows import ImpactWindow
 
 if TYPE_CHECKING:
@@ -400,7 +400,7 @@ def _scales(
         said = records.units[records.index(channel)]
         with key_path("units", channel):
             told = units.get(channel)
-            return unit(said if told is None else agreed(told, said, channel), channel)
+            return parse_unit(said if told is None else merge_units(told, said, channel), channel)
 
     for name in units:
         with key_path("units", name):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import DataError, key_path, suggest
-from updyn.signals.units import agreed
+from updyn.units import merge_units
 
 if TYPE_CHECKING:
     import xarray
@@ -195,7 +195,7 @@ class Records:
         for name, told_unit in told.items():
             with key_path("units", name):
                 at = self.index(name)
-                names[at] = agreed(told_unit, names[at], name)
+                names[at] = merge_units(told_unit, names[at], name)
         values.setflags(write=False)
         return replace(self, values=values, units=tuple(names))
 

@@ -1,0 +1,286 @@
+"""Units of measured values: the accepted labels and their factors to SI.
+
+Every reader and every option that takes a unit of a measured value asks this list. A label that is
+not in it is an error; it is never taken as SI.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from updyn.errors import DataError, suggest
+
+__all__ = ["Unit", "find_ratio", "find_unit", "merge_units", "parse_unit", "suggest_unit"]
+
+#: Standard acceleration of gravity, in m/s^2: 3rd CGPM (1901).
+_G = 9.80665
+#: Pound-force in N: 0.45359237 kg (international yard and pound agreement, 1959) times g.
+_LBF = 0.45359237 * _G
+#: Inch in m (the same agreement).
+_INCH = 0.0254
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit of a force, a motion, a motion per force, a time or a frequency.
+
+    Attributes
+    ----------
+    kind : str
+        ``"force"`` (moments included); ``"receptance"`` for a displacement or an angle,
+        ``"mobility"`` for a velocity, ``"accelerance"`` for an acceleration; ``"time"``;
+        ``"frequency"``. Of a ratio (`find_ratio`): the quantity of the FRF.
+    factor : float
+        Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. Of a ratio:
+        these per N or N m.
+    """
+
+    kind: str
+    factor: float
+
+
+_FORCES = {
+    ("N", "newton", "newtons"): 1.0,
+    ("mN",): 1e-3,
+    ("daN",): 10.0,
+    ("kN",): 1e3,
+    ("MN",): 1e6,
+    ("dyn", "dyne"): 1e-5,
+    ("kgf", "kp"): _G,
+    ("lbf", "lb", "lbs", "pound", "pounds"): _LBF,
+    ("kip", "kips"): 1e3 * _LBF,
+    ("ozf",): _LBF / 16,
+    ("Nm", "N m"): 1.0,
+    ("Nmm", "N mm"): 1e-3,
+    ("kNm", "kN m"): 1e3,
+    ("lbf in", "in lbf"): _LBF * _INCH,
+    ("lbf ft", "ft lbf"): _LBF * 12 * _INCH,
+}
+_LENGTHS = {
+    ("m", "meter", "metre", "meters", "metres"): 1.0,
+    ("nm",): 1e-9,
+    ("um", "micron", "microns"): 1e-6,
+    ("mm",): 1e-3,
+    ("cm",): 1e-2,
+    ("km",): 1e3,
+    ("mil", "mils", "thou"): 1e-3 * _INCH,
+    ("in", "inch", "inches"): _INCH,
+    ("ft", "foot", "feet"): 12 * _INCH,
+    ("rad", "radian", "radians"): 1.0,
+    ("mrad",): 1e-3,
+    ("deg", "degree", "degrees"): math.pi / 180,
+}
+_RATES = {"": "receptance", "/s": "mobility", "/s^2": "accelerance"}
+_VELOCITIES = {("ips",): _INCH}
+_ACCELERATIONS = {
+    ("g", "gn", "g_n", "gs", "g's", "gees"): _G,
+    ("mg",): 1e-3 * _G,
+    ("gal",): 1e-2,
+}
+_TIMES = {
+    ("s", "second", "seconds"): 1.0,
+    ("ms", "millisecond", "milliseconds"): 1e-3,
+    ("us", "microsecond", "microseconds"): 1e-6,
+    ("ns", "nanosecond", "nanoseconds"): 1e-9,
+    ("min", "minute", "minutes"): 60.0,
+    ("h", "hour", "hours"): 3600.0,
+}
+_FREQUENCIES = {
+    ("Hz", "hertz"): 1.0,
+    ("mHz",): 1e-3,
+    ("kHz",): 1e3,
+    ("MHz",): 1e6,
+    ("rpm", "cpm", "1/min"): 1 / 60,
+    ("rad/s",): 1 / (2 * math.pi),
+}
+
+
+def _table() -> dict[str, list[Unit]]:
+    """Return the units of each name; a name of two meanings, such as rad/s, has two."""
+    out: dict[str, list[Unit]] = {}
+    groups = [
+        ("force", "", _FORCES),
+        *((kind, rate, _LENGTHS) for rate, kind in _RATES.items()),
+        ("mobility", "", _VELOCITIES),
+        ("accelerance", "", _ACCELERATIONS),
+        ("time", "", _TIMES),
+        ("frequency", "", _FREQUENCIES),
+    ]
+    for kind, rate, factors in groups:
+        for names, factor in factors.items():
+            for name in names:
+                out.setdefault(name + rate, []).append(Unit(kind, factor))
+    return out
+
+
+_UNITS = _table()
+
+
+def _regardless_of_case() -> dict[str, list[Unit]]:
+    """Return the units by names in lower case, without names whose case decides (mN, MN)."""
+    meanings: dict[str, list[list[Unit]]] = {}
+    for name, units in _UNITS.items():
+        known = meanings.setdefault(name.lower(), [])
+        if units not in known:
+            known.append(units)
+    return {name: known[0] for name, known in meanings.items() if len(known) == 1}
+
+
+_FOLDED = _regardless_of_case()
+
+#: Kinds of the values of a channel.
+CHANNEL = ("force", "receptance", "mobility", "accelerance")
+_MOTIONS = CHANNEL[1:]
+
+
+def _normal(label: str) -> str:
+    """Return a label in the spelling of the list: m/s^2 for m/s**2, (m/s²), m/sec/sec, m/s2."""
+    text = " ".join(label.split())
+    while len(text) > 1 and (text[0], text[-1]) in (("(", ")"), ("[", "]")) and _is_pair(text):
+        text = text[1:-1].strip()
+    text = text.replace("**", "^").replace("²", "^2").replace("^ 2", "^2")
+    text = re.sub("[µμ]", "u", text)
+    text = re.sub(r"\s*/\s*", "/", text)
+    text = re.sub(r"\s*[*·-]\s*", " ", text)
+    text = re.sub(r"/\(s\^2\)", "/s^2", text)
+    text = re.sub(r"/sec\b", "/s", text, flags=re.I)
+    text = re.sub(r"/sec(?=[\^2])", "/s", text, flags=re.I)
+    text = re.sub(r"^([mun]?)sec$", r"\1s", text, flags=re.I)
+    return re.sub(r"/s(?:2|/s)$", "/s^2", text, flags=re.I)
+
+
+def _is_pair(text: str) -> bool:
+    """Return whether the first bracket of a text is closed by its last."""
+    depth = 0
+    for at, letter in enumerate(text):
+        depth += (letter in "([") - (letter in ")]")
+        if depth == 0:
+            return at == len(text) - 1
+    return False
+
+
+def find_unit(label: str, *kinds: str) -> Unit | None:
+    """Return the unit that a label names.
+
+    Case decides only where it has to, between ``mN`` and ``MN`` for instance. Brackets around the
+    label, ``**`` for ``^`` and ``sec`` for ``s`` are accepted.
+
+    Parameters
+    ----------
+    label : str
+        ``"N"``, ``"g"``, ``"m/s^2"``, ``"ms"``, ...
+    *kinds : str
+        Accepted kinds of the unit (see `Unit`); by default those of a channel, a force or a motion.
+
+    Returns
+    -------
+    Unit or None
+        None if the list has no such unit of these kinds.
+    """
+    text = _normal(label)
+    for unit in _UNITS.get(text) or _FOLDED.get(text.lower(), ()):
+        if unit.kind in (kinds or CHANNEL):
+            return unit
+    return None
+
+
+def find_ratio(label: str) -> Unit | None:
+    """Return the unit of an FRF, a motion per force, that a label such as ``g/N`` names.
+
+    Parameters
+    ----------
+    label : str
+        ``"m/s^2/kN"``, ``"(m/s^2)/N"``, ``"g/lbf"``, ...
+
+    Returns
+    -------
+    Unit or None
+        Its kind is the quantity of the FRF. None if the label is not a known motion per known
+        force.
+    """
+    text = _normal(label)
+    for at, letter in enumerate(text):
+        if letter == "/":
+            motion = find_unit(text[:at], *_MOTIONS)
+            force = find_unit(text[at + 1 :], "force")
+            if motion and force:
+                return Unit(motion.kind, motion.factor / force.factor)
+    return None
+
+
+def suggest_unit(label: str, *kinds: str) -> str:
+    """Return the nearest accepted labels, or all of them, for a message.
+
+    Parameters
+    ----------
+    label : str
+        A label that is not accepted.
+    *kinds : str
+        As for `find_unit`.
+
+    Returns
+    -------
+    str
+        ``"did you mean 'lbf'?"`` or ``"valid: 'N', 'kN', ..."``.
+    """
+    wanted = kinds or CHANNEL
+    names = [name for name, units in _UNITS.items() if any(u.kind in wanted for u in units)]
+    return suggest(label.strip(), names)
+
+
+def parse_unit(label: str, channel: str) -> Unit:
+    """Return the unit of a channel that a label names.
+
+    Parameters
+    ----------
+    label : str
+        ``"N"``, ``"g"``, ``"m/s^2"``, ...
+    channel : str
+        Name of the channel, for the message.
+
+    Returns
+    -------
+    Unit
+        Of a force or a motion.
+
+    Raises
+    ------
+    DataError
+        If the label is empty or not in the list.
+    """
+    found = find_unit(label)
+    if found is None:
+        what = f"unit {label!r}" if label.strip() else "no unit"
+        raise DataError(f"channel {channel!r}: {what}; {suggest_unit(label)}")
+    return found
+
+
+def merge_units(stated: str, found: str, channel: str) -> str:
+    """Return the unit of a channel that a user states, unless the file contradicts it.
+
+    Parameters
+    ----------
+    stated : str
+        Label from the user.
+    found : str
+        Label in the file; empty if it has none.
+    channel : str
+        Name of the channel, for the message.
+
+    Returns
+    -------
+    str
+        ``stated``.
+
+    Raises
+    ------
+    DataError
+        If the stated unit is not known, or the file has another unit that is known.
+    """
+    unit = parse_unit(stated, channel)
+    other = find_unit(found)
+    if other is not None and other != unit:
+        raise DataError(f"channel {channel!r}: unit {stated!r} given, the records say {found!r}")
+    return stated
