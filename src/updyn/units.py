@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from updyn.errors import DataError, suggest
@@ -100,7 +101,7 @@ _FREQUENCIES = {
 def _table() -> dict[str, list[Unit]]:
     """Return the units of each name; a name of two meanings, such as rad/s, has two."""
     out: dict[str, list[Unit]] = {}
-    groups = [
+    groups: list[tuple[str, str, Mapping[tuple[str, ...], float]]] = [
         ("force", "", _FORCES),
         *((kind, rate, _LENGTHS) for rate, kind in _RATES.items()),
         ("mobility", "", _VELOCITIES),
@@ -180,7 +181,7 @@ def find_unit(label: str, *kinds: str) -> Unit | None:
         None if the list has no such unit of these kinds.
     """
     text = _normal(label)
-    for unit in _UNITS.get(text) or _FOLDED.get(text.lower(), ()):
+    for unit in _UNITS.get(text) or _FOLDED.get(text.lower(), []):
         if unit.kind in (kinds or CHANNEL):
             return unit
     return None

@@ -17,8 +17,8 @@ from updyn.modal.continuation import continued
 from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.records import Records, records_of
 from updyn.signals.spectra import Spectra
-from updyn.units import Unit, merge_units, parse_unit
 from updyn.signals.windows import ImpactWindow
+from updyn.units import Unit, merge_units, parse_unit
 
 if TYPE_CHECKING:
     import xarray
