@@ -15,6 +15,9 @@ from updyn.errors import DataError, suggest
 
 __all__ = ["Unit", "find_ratio", "find_unit", "merge_units", "parse_unit", "suggest_unit"]
 
+#: Factors to SI by the names of a unit.
+_Factors = Mapping[tuple[str, ...], float]
+
 #: Standard acceleration of gravity, in m/s^2: 3rd CGPM (1901).
 _G = 9.80665
 #: Pound-force in N: 0.45359237 kg (international yard and pound agreement, 1959) times g.
@@ -42,7 +45,7 @@ class Unit:
     factor: float
 
 
-_FORCES = {
+_FORCES: _Factors = {
     ("N", "newton", "newtons"): 1.0,
     ("mN",): 1e-3,
     ("daN",): 10.0,
@@ -59,7 +62,7 @@ _FORCES = {
     ("lbf in", "in lbf"): _LBF * _INCH,
     ("lbf ft", "ft lbf"): _LBF * 12 * _INCH,
 }
-_LENGTHS = {
+_LENGTHS: _Factors = {
     ("m", "meter", "metre", "meters", "metres"): 1.0,
     ("nm",): 1e-9,
     ("um", "micron", "microns"): 1e-6,
@@ -74,13 +77,13 @@ _LENGTHS = {
     ("deg", "degree", "degrees"): math.pi / 180,
 }
 _RATES = {"": "receptance", "/s": "mobility", "/s^2": "accelerance"}
-_VELOCITIES = {("ips",): _INCH}
-_ACCELERATIONS = {
+_VELOCITIES: _Factors = {("ips",): _INCH}
+_ACCELERATIONS: _Factors = {
     ("g", "gn", "g_n", "gs", "g's", "gees"): _G,
     ("mg",): 1e-3 * _G,
     ("gal",): 1e-2,
 }
-_TIMES = {
+_TIMES: _Factors = {
     ("s", "second", "seconds"): 1.0,
     ("ms", "millisecond", "milliseconds"): 1e-3,
     ("us", "microsecond", "microseconds"): 1e-6,
@@ -88,7 +91,7 @@ _TIMES = {
     ("min", "minute", "minutes"): 60.0,
     ("h", "hour", "hours"): 3600.0,
 }
-_FREQUENCIES = {
+_FREQUENCIES: _Factors = {
     ("Hz", "hertz"): 1.0,
     ("mHz",): 1e-3,
     ("kHz",): 1e3,
@@ -101,7 +104,7 @@ _FREQUENCIES = {
 def _table() -> dict[str, list[Unit]]:
     """Return the units of each name; a name of two meanings, such as rad/s, has two."""
     out: dict[str, list[Unit]] = {}
-    groups: list[tuple[str, str, Mapping[tuple[str, ...], float]]] = [
+    groups: list[tuple[str, str, _Factors]] = [
         ("force", "", _FORCES),
         *((kind, rate, _LENGTHS) for rate, kind in _RATES.items()),
         ("mobility", "", _VELOCITIES),
