@@ -38,7 +38,7 @@ def test_round_trip_is_exact(tmp_path, with_geometry):
 def test_written_matrices_are_plain_matrix_market(tmp_path):
     write_model(model(), tmp_path / "case.toml")
     assert scipy.io.mminfo(tmp_path / "case_01_K.mtx")[3:] == ("coordinate", "real", "symmetric")
-    stored = sp.csr_array(scipy.io.mmread(tmp_path / "case_01_K.mtx")).toarray()
+    stored = sp.csr_array(scipy.io.mmread(tmp_path / "case_01_K.mtx", spmatrix=False)).toarray()
     np.testing.assert_array_equal(stored, model().groups["shaft"].stiffness.toarray())
 
 
@@ -64,7 +64,7 @@ def test_matrices_are_those_that_scipy_reads(tmp_path, layout, symmetry):
     A[rng.random((30, 30)) < 0.5] = 0.0
     with (tmp_path / "K.mtx").open("wb") as file:
         scipy.io.mmwrite(file, layout(A + A.T), symmetry=symmetry, comment=" two\n% lines")
-    expected = sp.coo_array(scipy.io.mmread(tmp_path / "K.mtx")).toarray()
+    expected = sp.coo_array(scipy.io.mmread(tmp_path / "K.mtx", spmatrix=False)).toarray()
     found = read_matrix(tmp_path / "K.mtx", 30).toarray()
     np.testing.assert_array_equal(found, expected)
 

@@ -108,8 +108,7 @@ def _variables_5(path: str) -> dict[str, Any]:
                 continue
             own = name
             if isinstance(value, MatlabOpaque) and value.size == 1:
-                # An object has its name within: scipy calls each of them "None".
-                own = _text(value[0][0]) or name
+                own = _object_fields(value).get("s0") or name
             if own in variables:
                 raise FormatError(f"variable {own!r} stands twice", path)
             variables[own] = _kept(_item_5, value, own, path)
@@ -129,6 +128,7 @@ def _stored_5(element: bytes, path: str) -> dict[str, Any]:
                 squeeze_me=False,
                 struct_as_record=False,
                 chars_as_strings=True,
+                spmatrix=False,
             )
         except (MatReadError, MatReadWarning) as error:
             raise FormatError(f"not a readable MATLAB file ({error})", path) from error
@@ -196,7 +196,8 @@ def _item_5(value: Any, name: str, path: str) -> Any:
         csc = sp.csc_array(value)
         return Sparse(csc.shape, csc.data, csc.indices, csc.indptr)
     if isinstance(value, MatlabOpaque) and value.size == 1:
-        kind = _text(value[0][2]) or "object"
+        fields = _object_fields(value)
+        kind = fields.get("_Class") or fields.get("s2") or "object"
         raise _UnusableError(f"{name}: {_unusable(kind)}", path)
     if isinstance(value, MatlabObject) and value.classname in _FRD:
         raise _UnusableError(f"{name}: {_unusable(value.classname)}", path)
@@ -216,6 +217,16 @@ def _item_5(value: Any, name: str, path: str) -> Any:
             f"{name}: struct array of shape {value.shape}; expected one struct", path
         )
     return [_struct_5(cell, f"{name}({i})", path) for i, cell in enumerate(cells, 1)]
+
+
+def _object_fields(value: Any) -> dict[str, str]:
+    """Return the texts in an object of MATLAB by field.
+
+    scipy 1.18 has ``_Class``. Earlier versions have ``s2`` for it, and the name of the variable in
+    ``s0``; they call every such variable "None".
+    """
+    fields = zip(value.dtype.names, value[0], strict=True)
+    return {name: _text(item) for name, item in fields if isinstance(item, bytes | str)}
 
 
 def _struct_5(struct: Any, name: str, path: str) -> dict[str, Any]:
