@@ -13,6 +13,11 @@ import updyn
 from updyn.control.plant import Plant
 from updyn.control.ports import Port
 
+#: python-control 0.10.2 sets the shape of arrays, which numpy 2.5 deprecates. Where warnings are
+#: errors, its ``feedback`` catches that one and returns an ``InterconnectedSystem`` without poles.
+SETS_SHAPES = pytest.mark.filterwarnings(
+    "ignore:Setting the shape on a NumPy array:DeprecationWarning:control.statesp"
+)
 MOTOR, LOAD, STIFFNESS, DAMPING = 2.0, 5.0, 3e3, 2.0
 #: What can be asked of an output: which mass, and how often differentiated.
 OUTPUTS = {"angle": (0, 0), "speed": (0, 1), "load": (1, 0), "load speed": (1, 1)}

@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import updyn
 from nonlinear_plants import two_inertias
+from servo_cases import SETS_SHAPES
 from updyn.control.nonlinear.around import around
 from updyn.control.nonlinear.balance import limit_cycles
 from updyn.control.nonlinear.elements import Backlash
@@ -156,6 +157,7 @@ def test_a_bias_that_keeps_one_flank_in_contact_ends_the_limit_cycle():
     assert_allclose(end["torque (controller)"][-1], -wind["wind"], rtol=1e-3)
 
 
+@SETS_SHAPES
 def test_prediction_against_python_control():
     """Another program's harmonic balance, without damping in the mesh: it knows real describing functions only."""
     control = pytest.importorskip("control")

@@ -18,6 +18,7 @@ from servo_cases import (
     NAMES,
     NOTCHED,
     PI_,
+    SETS_SHAPES,
     STIFFNESS,
     as_control,
     compare,
@@ -115,6 +116,7 @@ def test_velocity_loop_is_that_of_python_control(controller):
     compare(loop.margins, L)
 
 
+@SETS_SHAPES
 @pytest.mark.parametrize("kv", [1.0, 6.0])
 @pytest.mark.parametrize("ti", [None, 0.2])
 def test_position_loop_is_that_of_python_control(kv, ti):
