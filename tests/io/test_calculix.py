@@ -8,6 +8,7 @@ import pytest
 
 import updyn
 from deck_samples import DENSITIES, MODULI, NAMES, bar, needs_ccx, own_frequencies
+from updyn.cli.describe import describe_model
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.calculix import read_model, write_properties
 from updyn.io.calculix.program import Program
@@ -258,6 +259,33 @@ def test_elements_materials_and_ties_of_other_kinds(tmp_path, old, new, n_dofs):
     np.testing.assert_allclose(
         updyn.modes(model, 10).frequency, own_frequencies(path), rtol=PRINTED
     )
+
+
+@needs_ccx
+@pytest.mark.parametrize("kind", ["C3D8", "C3D8R", "C3D8I"])
+@pytest.mark.parametrize("hub", ["", "unnamed", "rotation node"])
+def test_mass_that_info_shows_is_density_times_volume(tmp_path, kind, hub):
+    path = tmp_path / "bar.inp"
+    text = bar().replace("TYPE=C3D8", f"TYPE={kind}").replace("*BOUNDARY\nFixed, 1, 3\n", "")
+    if hub:
+        nodes = "901, 0.34, 0.02, 0.04\n902, 0., 0., 0.\n"
+        body = BODY.replace("901", "901, ROT NODE=902") if hub == "rotation node" else BODY
+        text = text.replace("*ELEMENT", nodes + "*ELEMENT", 1).replace(
+            "*STEP", SETS + body + HUB + "*STEP"
+        )
+    path.write_text(text)
+    if kind == "C3D8I" and hub == "unnamed":
+        with pytest.raises(FormatError, match="ROT NODE"):
+            read_model(path)
+        return
+    described = describe_model(read_model(path))
+    found = {
+        line.split()[0]: line.split()[2:4] for line in described.splitlines() if " kg " in line
+    }
+    expected = dict(zip(NAMES, np.array(DENSITIES) * 0.1 * 0.04 * 0.03, strict=True))
+    if hub:
+        expected["Hub"] = 0.8
+    assert {name: float(found[name][0]) for name in expected} == pytest.approx(expected, rel=1e-3)
 
 
 SETS = """*NSET, NSET=tip

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.modes import modes
@@ -63,15 +64,28 @@ def describe_model(model: Model) -> str:
     texts += [
         "mass: in rigid translation (kg), else about the axis (kg m2); stiffness, viscous:"
         " largest diagonal entry",
+        *_unplaced(model),
         "",
         _natural_frequencies(model),
     ]
     return "\n".join(texts)
 
 
+def _unplaced(model: Model) -> list[str]:
+    """Return a remark on nodes without position, if there are any."""
+    nodes = np.unique(model.dofs.nodes[~_is_placed(model) & (model.dofs.axes < 3)])
+    if not len(nodes):
+        return []
+    which = f"node {nodes[0]} has" if len(nodes) == 1 else f"{len(nodes)} nodes have"
+    return [
+        f"{which} no position (generalised displacements, scalar points) and no part in the masses"
+    ]
+
+
 def _group_table(model: Model) -> str:
     """Return a table with a row for each group of a model."""
     rows = []
+    moved = _rigid_translations(model)
     for name, group in model.groups.items():
         loss_factor = "-"
         if group.stiffness is not None:
@@ -80,7 +94,7 @@ def _group_table(model: Model) -> str:
             [
                 name,
                 str(_n_dofs(group)),
-                _rigid_mass(group.mass, model.dofs),
+                _rigid_mass(group.mass, model.dofs, moved),
                 _largest(group.stiffness),
                 loss_factor,
                 _largest(group.viscous),
@@ -245,18 +259,43 @@ def _n_dofs(group: Group) -> int:
     return len(np.unique(np.concatenate(used)))
 
 
-def _rigid_mass(mass: Matrix | None, dofs: DofSet) -> str:
+def _rigid_mass(mass: Matrix | None, dofs: DofSet, moved: NDArray[np.float64]) -> str:
     """Return the largest mass in rigid translation, or inertia about an axis, as text."""
     if mass is None:
         return "-"
-    inertias = []
-    for axis in range(6):
-        rigid = (dofs.axes == axis).astype(np.float64)
-        inertias.append(float(rigid @ (mass @ rigid)))
-    translation, rotation = max(inertias[:3]), max(inertias[3:])
+    translation = float(np.diag(moved.T @ (mass @ moved)).max())
     if translation > 0:
         return f"{translation:.4g} kg"
-    return f"{rotation:.4g} kg m2"
+    turned = np.stack([dofs.axes == axis for axis in range(3, 6)], axis=1).astype(np.float64)
+    return f"{float(np.diag(turned.T @ (mass @ turned)).max()):.4g} kg m2"
+
+
+def _rigid_translations(model: Model) -> NDArray[np.float64]:
+    """Return the unit translations of the whole structure along X, Y, Z, shape (N, 3).
+
+    A DOF of a node without position is a generalised displacement and does not move; a node with
+    displacement directions of its own moves along these.
+    """
+    dofs, geometry = model.dofs, model.geometry
+    axes = dofs.axes.astype(np.intp)
+    moved = np.vstack([np.eye(3), np.zeros((3, 3))])[axes]
+    placed = _is_placed(model)
+    moved[~placed] = 0.0
+    if geometry is not None and geometry.axes is not None:
+        turned = np.flatnonzero(placed & (axes < 3))
+        order = np.argsort(geometry.nodes)
+        at = order[np.searchsorted(geometry.nodes, dofs.nodes[turned], sorter=order)]
+        moved[turned] = geometry.axes[at, axes[turned]]
+    return moved
+
+
+def _is_placed(model: Model) -> NDArray[np.bool_]:
+    """Return which DOFs are at nodes with a position, shape (N,); all if no node has one."""
+    nodes = model.dofs.nodes
+    if model.geometry is None:
+        return np.ones(len(nodes), dtype=bool)
+    found = np.isin(nodes, model.geometry.nodes)
+    return found if found.any() else ~found
 
 
 def _largest(matrix: Matrix | None) -> str:

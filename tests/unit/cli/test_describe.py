@@ -40,6 +40,49 @@ def test_a_model_with_rotations_grounding_and_dampers() -> None:
     assert text.splitlines()[-1] == f"Natural frequencies (Hz): 0, {free:.5g}"
 
 
+def masses(model: Model) -> dict[str, float]:
+    """Return the masses in the table of groups by group, in kg."""
+    found = {}
+    for line in describe_model(model).splitlines():
+        if line.split()[:1] and line.split()[0] in model.groups:
+            found[line.split()[0]] = float(line.split()[2])
+    return found
+
+
+def test_displacements_of_nodes_without_position_are_not_translations() -> None:
+    # A bar of 6 kg with a bubble function of mass 8/15 of the bar, as in C3D8I.
+    M = 6.0 * np.array([[1 / 3, 1 / 6, 1 / 3], [1 / 6, 1 / 3, 1 / 3], [1 / 3, 1 / 3, 8 / 15]])
+    K = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 16 / 3]])
+    geometry = Geometry([1, 2], np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+    labels = ["1:X", "2:X", "3:X"]
+    model = Model.from_groups({"bar": Group(K, M)}, labels, geometry=geometry)
+    assert masses(model) == {"bar": 6.0}
+    assert "node 3 has no position" in describe_model(model)
+    assert "no position" not in describe_model(Model.from_groups({"bar": Group(K, M)}, labels))
+
+
+def test_a_model_whose_nodes_all_lack_a_position_has_its_mass() -> None:
+    geometry = Geometry([7], np.zeros((1, 3)))
+    chain = {"chain": Group(np.eye(2), np.diag([2.0, 3.0]))}
+    assert masses(Model.from_groups(chain, ["1:X", "2:X"], geometry=geometry)) == {"chain": 5.0}
+
+
+def test_mass_of_nodes_with_displacement_directions() -> None:
+    # A bar of 6 kg, consistent mass; node 2 is turned by 90 degrees about Z.
+    blocks = np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(2))
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    T = np.eye(4)
+    T[2:, 2:] = turn[:2, :2]
+    M = T @ blocks @ T.T
+    geometry = Geometry(
+        [1, 2], np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), axes=np.array([np.eye(3), turn])
+    )
+    model = Model.from_groups(
+        {"bar": Group(np.eye(4), M)}, ["1:X", "1:Y", "2:X", "2:Y"], geometry=geometry
+    )
+    assert masses(model) == {"bar": 6.0}
+
+
 def test_a_model_that_has_no_modes_is_described_all_the_same() -> None:
     model = Model.from_groups({"a": Group(np.eye(2))}, ["1:X", "2:X"])
     assert describe_model(model).splitlines()[-1].startswith("Natural frequencies: ")
