@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -72,7 +73,7 @@ def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
     for setup in table.setups:
         inputs += [job.beside(file) for file in setup.file or ()]
     for path in inputs:
-        if path.resolve() == target.resolve():
+        if os.path.realpath(path) == os.path.realpath(target):
             with job.located():
                 raise JobError(f"{target}: is a file to read", key=("records", "output"))
     return target

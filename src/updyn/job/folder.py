@@ -123,6 +123,9 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
     if out.exists() and not out.is_dir():
         text = f"the output folder {str(out)!r} is a file; choose another with --out"
         raise JobError(text, job.path)
+    if out.is_symlink() and not out.exists():
+        text = f"the output folder {str(out)!r} is a link that leads to no folder; remove the link"
+        raise JobError(f"{text}, or choose another --out", job.path)
     parent = next(path for path in (out, *out.absolute().parents) if path.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         text = f"the output folder {str(out)!r} cannot be written: no permission in {str(parent)!r}"
@@ -131,10 +134,10 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
     for target in targets:
         if target.is_dir():
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
-    written = {target.resolve() for target in targets}
+    written = {os.path.realpath(target) for target in targets}
     for path, what in _inputs(job).items():
         relative_path(path, out)  # which job.toml will state
-        if path.resolve() in written:
+        if os.path.realpath(path) in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
     recover(out)
@@ -303,9 +306,9 @@ def relative_path(path: Path, folder: Path) -> str:
     InputError
         If UTF-8 does not hold it.
     """
-    whole = path.resolve()
+    whole = Path(os.path.realpath(path))
     try:
-        named = Path(os.path.relpath(whole, folder.resolve())).as_posix()
+        named = Path(os.path.relpath(whole, os.path.realpath(folder))).as_posix()
     except ValueError:  # on another drive, to which there is no relative path
         named = whole.as_posix()
     check_encodable(named)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.errors import InputError
+from updyn.foreign.confinement import resolve_path
 from updyn.io.atomic import write_bytes
 from updyn.job.files import check_encodable, is_encodable
 from updyn.outputs.manifest import MANIFEST
@@ -84,10 +85,7 @@ class Project:
         """
         if "\0" in str(name):
             raise InputError("a name of a file holds a zero byte")
-        try:
-            path = (self.folder / name).resolve()
-        except (OSError, RuntimeError, ValueError) as error:  # a link to itself; no text at all
-            raise InputError(f"{str(name)!r} cannot be a file: {error}") from error
+        path = resolve_path(self.folder / name)
         if not path.is_relative_to(self.folder):
             raise InputError(f"{str(name)!r} leads out of the folder of the project")
         return path

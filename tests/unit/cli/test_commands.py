@@ -264,6 +264,35 @@ def test_an_output_folder_that_is_a_file(
     assert (chain_folder / "chain.npz").is_file()
 
 
+@pytest.mark.skipif(os.name != "posix", reason="links need a privilege elsewhere")
+@pytest.mark.parametrize(
+    ("link", "arguments", "fragment"),
+    [
+        ("out", ["--out", "out"], "is a link that leads to no folder"),
+        ("out/report.html", ["--out", "out"], "is a link"),
+        ("job/model.h5", [], "is a link"),
+        ("chain.h5", [], "model.file = 'chain.h5': no such file"),
+    ],
+)
+def test_a_link_to_itself_is_one_message(
+    link: str,
+    arguments: list[str],
+    fragment: str,
+    chain_folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(chain_folder)
+    job = write(chain_folder, OPEN).name
+    path = chain_folder / link
+    path.unlink(missing_ok=True)
+    path.parent.mkdir(exist_ok=True)
+    path.symlink_to(path)
+    assert main(["run", job, *arguments]) == 2
+    assert fragment in " ".join(capsys.readouterr().err.split())
+    assert path.is_symlink()
+
+
 # -- check, correlate --------------------------------------------------------------------------------------
 def test_check_says_what_can_be_known(
     chain_folder: Path, capsys: pytest.CaptureFixture[str]

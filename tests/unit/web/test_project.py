@@ -76,9 +76,10 @@ def test_the_folder_itself_may_be_a_link(folder: Path) -> None:
     assert Project(link).inside(link / "a.toml") == folder / "a.toml"
 
 
-@pytest.mark.parametrize("name", ["a\0b", "../\0", "\ud800", "loop/x"])
+@pytest.mark.parametrize("name", ["a\0b", "../\0", "\ud800", "loop", "loop/x", "loop/../out"])
 def test_a_name_that_no_file_can_have_is_one_message(folder: Path, name: str) -> None:
     (folder / "loop").symlink_to(folder / "loop")
+    (folder / "out").symlink_to(folder.parent / "secret.txt")
     with pytest.raises(InputError):
         Project(folder).inside(name)
 
