@@ -13,7 +13,15 @@ from dataclasses import dataclass
 
 from updyn.errors import DataError, suggest
 
-__all__ = ["Unit", "find_ratio", "find_unit", "merge_units", "parse_unit", "suggest_unit"]
+__all__ = [
+    "Unit",
+    "find_ratio",
+    "find_unit",
+    "merge_units",
+    "parse_unit",
+    "split_ratio",
+    "suggest_unit",
+]
 
 #: Factors to SI by the names of a unit.
 _Factors = Mapping[tuple[str, ...], float]
@@ -39,10 +47,13 @@ class Unit:
     factor : float
         Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. Of a ratio:
         these per N or N m.
+    angular : bool
+        Whether it is a unit of a moment or of an angular motion.
     """
 
     kind: str
     factor: float
+    angular: bool = False
 
 
 _FORCES: _Factors = {
@@ -56,6 +67,8 @@ _FORCES: _Factors = {
     ("lbf", "lb", "lbs", "pound", "pounds"): _LBF,
     ("kip", "kips"): 1e3 * _LBF,
     ("ozf",): _LBF / 16,
+}
+_MOMENTS: _Factors = {
     ("Nm", "N m"): 1.0,
     ("Nmm", "N mm"): 1e-3,
     ("kNm", "kN m"): 1e3,
@@ -72,6 +85,8 @@ _LENGTHS: _Factors = {
     ("mil", "mils", "thou"): 1e-3 * _INCH,
     ("in", "inch", "inches"): _INCH,
     ("ft", "foot", "feet"): 12 * _INCH,
+}
+_ANGLES: _Factors = {
     ("rad", "radian", "radians"): 1.0,
     ("mrad",): 1e-3,
     ("deg", "degree", "degrees"): math.pi / 180,
@@ -104,18 +119,20 @@ _FREQUENCIES: _Factors = {
 def _table() -> dict[str, list[Unit]]:
     """Return the units of each name; a name of two meanings, such as rad/s, has two."""
     out: dict[str, list[Unit]] = {}
-    groups: list[tuple[str, str, _Factors]] = [
-        ("force", "", _FORCES),
-        *((kind, rate, _LENGTHS) for rate, kind in _RATES.items()),
-        ("mobility", "", _VELOCITIES),
-        ("accelerance", "", _ACCELERATIONS),
-        ("time", "", _TIMES),
-        ("frequency", "", _FREQUENCIES),
+    groups: list[tuple[str, str, _Factors, bool]] = [
+        ("force", "", _FORCES, False),
+        ("force", "", _MOMENTS, True),
+        *((kind, rate, _LENGTHS, False) for rate, kind in _RATES.items()),
+        *((kind, rate, _ANGLES, True) for rate, kind in _RATES.items()),
+        ("mobility", "", _VELOCITIES, False),
+        ("accelerance", "", _ACCELERATIONS, False),
+        ("time", "", _TIMES, False),
+        ("frequency", "", _FREQUENCIES, False),
     ]
-    for kind, rate, factors in groups:
+    for kind, rate, factors, angular in groups:
         for names, factor in factors.items():
             for name in names:
-                out.setdefault(name + rate, []).append(Unit(kind, factor))
+                out.setdefault(name + rate, []).append(Unit(kind, factor, angular))
     return out
 
 
@@ -204,13 +221,33 @@ def find_ratio(label: str) -> Unit | None:
         Its kind is the quantity of the FRF. None if the label is not a known motion per known
         force.
     """
+    found = split_ratio(label)
+    if found is None:
+        return None
+    motion, force = found
+    return Unit(motion.kind, motion.factor / force.factor)
+
+
+def split_ratio(label: str) -> tuple[Unit, Unit] | None:
+    """Return the units of motion and force of an FRF that a label such as ``g/N`` names.
+
+    Parameters
+    ----------
+    label : str
+        As for `find_ratio`.
+
+    Returns
+    -------
+    (Unit, Unit) or None
+        None if the label is not a known motion per known force.
+    """
     text = _normal(label)
     for at, letter in enumerate(text):
         if letter == "/":
             motion = find_unit(text[:at], *_MOTIONS)
             force = find_unit(text[at + 1 :], "force")
             if motion and force:
-                return Unit(motion.kind, motion.factor / force.factor)
+                return motion, force
     return None
 
 

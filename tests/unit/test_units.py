@@ -7,7 +7,7 @@ import math
 import pytest
 
 from updyn.errors import DataError
-from updyn.units import Unit, find_ratio, find_unit, merge_units, parse_unit
+from updyn.units import Unit, find_ratio, find_unit, merge_units, parse_unit, split_ratio
 
 G = 9.80665
 LBF = 4.4482216152605  # N; NIST SP 811, appendix B.8
@@ -101,6 +101,21 @@ def test_labels_that_no_frequency_has(label):
 )
 def test_ratios(label, kind, factor):
     assert find_ratio(label) == Unit(kind, pytest.approx(factor, rel=1e-14))
+
+
+def test_a_ratio_has_two_units():
+    assert split_ratio("mm/s^2/kN") == (Unit("accelerance", 1e-3), Unit("force", 1e3))
+    assert split_ratio("g") is None
+
+
+@pytest.mark.parametrize("label", ["rad", "mrad/s", "deg/s^2", "Nm", "N mm", "lbf ft"])
+def test_units_of_angles_and_moments(label):
+    assert find_unit(label).angular
+
+
+@pytest.mark.parametrize("label", ["m", "mm/s", "g", "N", "lbf"])
+def test_units_of_translations_and_forces(label):
+    assert not find_unit(label).angular
 
 
 @pytest.mark.parametrize("label", ["g", "N/m", "g/V", "dB", "m/s"])
