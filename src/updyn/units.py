@@ -36,14 +36,15 @@ _INCH = 0.0254
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit of a force, a motion, a motion per force, a time or a frequency.
+    """A unit of a force, a motion, a motion per force, a time, a frequency or a length.
 
     Attributes
     ----------
     kind : str
         ``"force"`` (moments included); ``"receptance"`` for a displacement or an angle,
         ``"mobility"`` for a velocity, ``"accelerance"`` for an acceleration; ``"time"``;
-        ``"frequency"``. Of a ratio (`find_ratio`): the quantity of the FRF.
+        ``"frequency"``; ``"length"`` for a position. Of a ratio (`find_ratio`): the quantity of the
+        FRF.
     factor : float
         Value of the unit in SI: N or N m; m, m/s, m/s^2 or rad, rad/s, rad/s^2; s; Hz. Of a ratio:
         these per N or N m.
@@ -105,6 +106,7 @@ _TIMES: _Factors = {
     ("ns", "nanosecond", "nanoseconds"): 1e-9,
     ("min", "minute", "minutes"): 60.0,
     ("h", "hour", "hours"): 3600.0,
+    ("day", "days"): 86400.0,
 }
 _FREQUENCIES: _Factors = {
     ("Hz", "hertz"): 1.0,
@@ -128,6 +130,7 @@ def _table() -> dict[str, list[Unit]]:
         ("accelerance", "", _ACCELERATIONS, False),
         ("time", "", _TIMES, False),
         ("frequency", "", _FREQUENCIES, False),
+        ("length", "", _LENGTHS, False),
     ]
     for kind, rate, factors, angular in groups:
         for names, factor in factors.items():

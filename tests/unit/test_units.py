@@ -135,3 +135,13 @@ def test_a_stated_unit_agrees_with_the_file_or_is_refused():
     assert merge_units("N", "", "hammer") == "N"
     with pytest.raises(DataError, match="unit 'N' given, the records say 'kN'"):
         merge_units("N", "kN", "hammer")
+
+
+@pytest.mark.parametrize(("label", "factor"), [("m", 1.0), ("mm", 1e-3), ("inch", 0.0254)])
+def test_units_of_positions(label: str, factor: float) -> None:
+    assert find_unit(label, "length") == Unit("length", factor)
+    assert find_unit("deg", "length") is None
+
+
+def test_days_as_xarray_counts_times() -> None:
+    assert find_unit("days", "time") == Unit("time", 86400.0)
