@@ -14,7 +14,7 @@ K = np.array(
 
 SMALL = """$ two springs
 DMIG    KAAX           0       6       2       0
-DMIG    KAAX           3       1               3       1     2.5       +A
+DMIG    KAAX           3       1               3       1     2.5        +A
 +A            10       2    -1.0
 DMIG    KAAX          10       2              10       2     1.0
 """
@@ -49,6 +49,30 @@ def test_fields_of_all_widths(tmp_path, text):
     assert found.name == "KAAX"
     assert found.dofs.labels == ["3:X", "10:Y"]
     np.testing.assert_array_equal(found.matrix.toarray(), SPRINGS)
+
+
+def test_continuations_out_of_order(tmp_path):
+    lines = SMALL.splitlines(keepends=True)
+    (tmp_path / "k.pch").write_text("".join([*lines[:3], lines[4], lines[3]]))
+    (found,) = read_dmig(tmp_path / "k.pch")
+    np.testing.assert_array_equal(found.matrix.toarray(), SPRINGS)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("dmig,kaax,0,6,1,0", "dmig,kaax,0,6,1,0,1", r"k.pch:1: DMIG KAAX: POLAR is 1, amplitude"),
+        ("dmig,kaax,0,6,1,0", "dmig,kaax,0,6,1,0,,2", r"k.pch:1: .*field 8 of the header is '2'"),
+        ("dmig,kaax,0,6,1,0", "dmig,kaax,0,6,1,0,,,2\n,3", r"k.pch:1: .*field 10 of the header"),
+        ("3,1,2.5", "3,1,2.5,.1", r"k.pch:2: DMIG KAAX: field 9 is '.1', an imaginary part"),
+        ("3,1,,3,1,2.5", "3,1,9,3,1,2.5", r"k.pch:2: DMIG KAAX: field 5 is '9'; expected it blank"),
+    ],
+)
+def test_what_makes_another_matrix_is_refused(tmp_path, old, new, message):
+    assert old in FREE
+    (tmp_path / "k.pch").write_text(FREE.replace(old, new))
+    with pytest.raises(FormatError, match=message):
+        read_dmig(tmp_path / "k.pch")
 
 
 def test_round_trip(tmp_path):

@@ -1,9 +1,12 @@
 """Decks: fields, INCLUDE, coordinate systems against hand-made positions, groups, and decks with faults."""
 
+import time
+
 import numpy as np
 import pytest
 
-from updyn.errors import FormatError
+from updyn.errors import FormatError, InputError
+from updyn.io.nastran.bdf import write_deck, write_properties
 from updyn.io.nastran.deck import geometry_of, read_deck, values
 
 DECK = """SOL 103
@@ -228,3 +231,202 @@ def test_fields_that_hold_stiffness_mass_and_damping(tmp_path, card, stiffness, 
     (found,) = parse(lines_of(tmp_path / "c.bdf"))
     got = values(found)
     assert (got.stiffness, got.mass, got.loss) == (stiffness, mass, loss)
+
+
+def fields(*cells, width=8):
+    return "".join(f"{cell:<{width}}" for cell in cells).rstrip() + "\n"
+
+
+def positions(found):
+    """Return positions by grid, of cards that stand in the basic system."""
+    return {number: card.reals((2, 3, 4), 0.0) for number, card in found.grids.items()}
+
+
+LARGE = (
+    f"{'GRID*':<8}{2:<16}{'':<16}{'1.5':<16}{'45.':<16}*A2\n"
+    f"{'GRID*':<8}{3:<16}{'':<16}{'1.':<16}{'2.':<16}*A3\n"
+    "*A3     3.\n*A2     .5\n"
+)
+
+
+def test_continuations_belong_to_the_line_with_their_mark(deck):
+    assert positions(deck(LARGE)) == {2: [1.5, 45.0, 0.5], 3: [1.0, 2.0, 3.0]}
+    swapped = (
+        "CORD2R,5,,0.,0.,0.,0.,0.,1.,+C1\nCORD2R,6,,9.,0.,0.,9.,0.,1.,+C2\n"
+        "+C2,9.,7.,0.\n+C1,1.,0.,0.\nGRID,1,5,1.,0.,0.\nGRID,2,6,1.,0.,0.\n"
+    )
+    np.testing.assert_allclose(geometry_of(deck(swapped)).xyz, [[1, 0, 0], [9, 1, 0]])
+    # The lines of a card stand in its order, wherever they are in the deck.
+    card = deck(swapped).named("CORD2R")[0]
+    assert [line.number for line in card.lines] == [1, 4]
+
+
+def test_marks_that_are_used_again_hold_for_the_next_line(deck):
+    text = "".join(
+        f"CORD2R,{n},,{n}.,0.,0.,{n}.,0.,1.,+A\n+A,{n + 1}.,0.,0.\nGRID,{n},{n},1.,0.,0.\n"
+        for n in (5, 6)
+    )
+    np.testing.assert_allclose(geometry_of(deck(text)).xyz, [[6, 0, 0], [7, 0, 0]])
+    # Sequence numbers in field 10 are no marks.
+    numbered = fields("GRID", 3, "", "1.", "2.", "3.", "", "", "", "00000001")
+    assert positions(deck(numbered)) == {3: [1.0, 2.0, 3.0]}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "GRID,2,,1.5,45.,1.\n+A2,.5\n",
+            r"d.bdf:2: continuation '\+A2': no line has this mark in field 10; no line has a mark",
+        ),
+        (
+            fields("GRID", 2, "", "1.", "", "", "", "", "", "+A1") + "+A2     .5\n",
+            r"d.bdf:2: continuation '\+A2': .*; did you mean '\+A1'",
+        ),
+        ("+A,1.\nGRID,1\n", r"d.bdf:1: continuation '\+A'"),
+        (",1.\nGRID,1\n", r"d.bdf:1: a continuation without a card before it"),
+        (
+            LARGE.replace("A3", "A2"),
+            r"d.bdf:3: continuation '\*A2': the mark stands in field 10 of lines 1, 2 and on 2",
+        ),
+        (LARGE + "*A2     .7\n", r"d.bdf:3|the mark stands in field 10 of lines 1 and on 2"),
+        (
+            "CORD2R,5,,0.,0.,0.,0.,0.,1.,+C1\n,1.,0.,0.\n+C1,1.,0.,0.\n",
+            r"d.bdf:3: a second continuation of line 1; the first is line 2",
+        ),
+        (
+            "GRID,1\n" + fields("+X", *[""] * 8, "+Y") + fields("+Y", *[""] * 8, "+X"),
+            r"d.bdf:2: the continuation '\+X' continues itself",
+        ),
+        ("GRID,2,,1.5,45.,1.,,,,\n,7.,8.\n", r"d.bdf:1: GRID 2: field 10 is '7.'; GRID ends with"),
+        (
+            "CROD,1,2,3,4,5.\n",
+            r"d.bdf:1: CROD 1: field 6 is '5.'; CROD ends with field 5",
+        ),
+        ("MAT1,1,7.+10,,.3,2700.\n,,,,,1.\n", r"MAT1 1: field 14 is '1.'; MAT1 ends with field 13"),
+    ],
+)
+def test_continuations_and_fields_that_belong_to_nothing_are_refused(deck, text, message):
+    with pytest.raises(FormatError, match=message):
+        deck(text)
+
+
+REPLICATED = {
+    101: [0.0, 1.0, 2.0],
+    102: [0.5, 1.0, 2.0],
+    103: [1.0, 1.0, 2.0],
+    104: [1.5, 1.0, 2.0],
+    105: [2.0, 1.0, 2.0],
+}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "GRID,101,,0.,1.,2.\n=,*1,=,*.5,==\n=(3)\n",
+        "GRID,101,,0.,1.,2.\n=,*(1),,*(.5),==\n=3\n",
+        fields("GRID", 101, "", "0.0", "1.0", "2.0")
+        + fields("=", "*(1)", "=", "*(0.5)", "==")
+        + "=3\n",
+        "GRID,101,,0.,1.,2.\n=,*1,=,*.5,=,=\n=,*1,,*.5,1.,2.\n=(2)\n",
+    ],
+)
+def test_replicators(deck, text):
+    assert positions(deck(text)) == REPLICATED
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("=,*1,==\n", r"d.bdf:1: '=' copies the line before it; expected a card of one line"),
+        ("GRID,1,,1.,2.\n=,*1\n", r"d.bdf:2: field 4 is blank, that of the line before '1.'"),
+        ("GRID,1\n=,*.5,==\n", r"d.bdf:2: field 2: '1' plus '.5'; expected two whole numbers"),
+        ("GRID,1,,1.\n=,*1,,*1,==\n", r"d.bdf:2: field 4: '1.' plus '1'"),
+        (
+            "GRID,1\n=,%(5),==\n",
+            r"d.bdf:2: field 2 is '%\(5\)'; expected =, ==, \*\(x\) or a value",
+        ),
+        ("GRID,1\n=(4)\n", r"d.bdf:2: '=\(4\)' repeats a copy with increments"),
+        ("GRID,1\n=,*1,==\n=100000\n", r"d.bdf:3: more than 100000 copies in a deck"),
+        ("GRID,1\n=,*1,==\n=(2),7\n", r"d.bdf:3: '=\(2\),7'; expected ="),
+        ("GRID,1\n=,*1,==,5.\n", r"d.bdf:2: == copies all fields that follow"),
+        (
+            "CORD2R,5,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n=,*1,==\n",
+            r"d.bdf:3: '=' copies the line before it; expected a card of one line",
+        ),
+        ("GRID*,1,,1.,2.\n=,*1,==\n", r"d.bdf:2: a copy has fields of the width"),
+    ],
+)
+def test_replicators_that_are_not_read_are_refused(deck, text, message):
+    with pytest.raises(FormatError, match=message):
+        deck(text)
+
+
+SPRINGS = """GRID,1
+GRID,2
+CELAS1,11,1,1,1,2,1
+CELAS1,12,2,1,2,2,2
+PELAS,1,1000.
+=,*1,==
+"""
+
+
+def test_a_changed_card_that_is_copied_leaves_the_copy_as_it_was(deck, tmp_path):
+    deck(SPRINGS)
+    change = {"PELAS 1": {"stiffness": 3.0}}
+    write_deck(change, tmp_path / "d.bdf", tmp_path / "new.bdf")
+    found = read_deck(tmp_path / "new.bdf").properties
+    assert [found[n].real(1) for n in (1, 2)] == [3000.0, 1000.0]
+    with pytest.raises(FormatError, match=r"d.bdf:5: PELAS 1 is copied by a replicator"):
+        write_properties(change, tmp_path / "d.bdf", tmp_path / "cards.bdf")
+
+
+def test_a_field_that_is_too_long_for_large_fields_is_shortened(deck, tmp_path):
+    deck(SPRINGS.replace("PELAS,1,1000.", "PELAS,1,1000.,,0.01234567890123456789"))
+    write_deck({"PELAS 1": {"stiffness": 3.0}}, tmp_path / "d.bdf", tmp_path / "new.bdf")
+    found = read_deck(tmp_path / "new.bdf").properties[1]
+    assert found.reals((1, 3)) == pytest.approx([3000.0, 0.0123456789012], rel=1e-9)
+
+
+def test_include_looks_beside_its_file_and_beside_the_main_file(deck, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "x.inc").write_text("GRID,10\nINCLUDE 'sub/y.inc'")
+    (tmp_path / "sub" / "y.inc").write_text("GRID,11\nINCLUDE 'z.inc'\n")
+    (tmp_path / "sub" / "z.inc").write_text("GRID,12\n")
+    text = "INCLUDE 'sub/x.inc'\n"
+    assert sorted(deck(text).grids) == [10, 11, 12]
+    assert sorted(deck(text.strip()).grids) == [10, 11, 12]
+    (tmp_path / "z.inc").write_text("GRID,13\n")
+    with pytest.raises(
+        FormatError, match=r"y.inc:2: INCLUDE 'z.inc': found .*sub/z.inc and .*z.inc"
+    ):
+        deck(text)
+
+
+def test_include_stays_in_the_folder_to_which_files_are_confined(deck, tmp_path, monkeypatch):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "x.inc").write_text("GRID,10\nINCLUDE '../y.inc'\n")
+    (tmp_path / "y.inc").write_text("GRID,11\n")
+    monkeypatch.setattr("updyn.foreign.confinement._folders", [tmp_path.resolve()])
+    assert sorted(deck("INCLUDE 'sub/x.inc'\n").grids) == [10, 11]
+    (tmp_path / "y.inc").unlink()
+    with pytest.raises(InputError, match="outside the folder of the project"):
+        deck("INCLUDE 'sub/x.inc'\n")
+
+
+def test_files_that_double_are_refused_soon(deck, tmp_path):
+    for n in range(24):
+        (tmp_path / f"f{n}.bdf").write_text(f"INCLUDE 'f{n + 1}.bdf'\n" * 2)
+    (tmp_path / "f24.bdf").write_text("GRID,1\n")
+    start = time.monotonic()
+    with pytest.raises(FormatError, match=r"f\d+.bdf:\d: INCLUDE 'f\d+.bdf': files "):
+        deck("INCLUDE 'f0.bdf'\n")
+    with pytest.raises(FormatError, match=r"files are included again more than 100 times"):
+        deck("INCLUDE 'f10.bdf'\n")
+    assert time.monotonic() - start < 5.0
+
+
+def test_scalar_points_have_a_limit(deck):
+    assert len(deck("SPOINT,1,THRU,5\n").points) == 5
+    with pytest.raises(FormatError, match=r"d.bdf:1: SPOINT: more than 1000000 scalar points"):
+        deck("SPOINT,1,THRU,999999999\n")

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sp
 
 from updyn.errors import FormatError
-from updyn.io.nastran.cards import real, text_of
+from updyn.io.nastran.fields import real, text_of
 from updyn.io.nastran.op4 import read_op4, select, write_op4
 
 RNG = np.random.default_rng(4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from updyn.errors import FormatError
-from updyn.io.nastran.cards import text_of
+from updyn.io.nastran.fields import text_of
 from updyn.io.nastran.mystran import find_executable
 
 NX, NY = 6, 4

@@ -10,7 +10,8 @@ doubled. What is not proportional to them shows, as the groups then do not add u
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.consistent_units import check_materials, system
 from updyn.io.differences import groups_by_difference
 from updyn.io.items import placed
-from updyn.io.nastran.cards import Card, Line, lines_of
+from updyn.io.nastran.cards import Card, lines_of
 from updyn.io.nastran.changes import Revision, has_mass, loss_factor_of, revise
 from updyn.io.nastran.deck import (
     ELEMENTS,
@@ -39,7 +40,9 @@ from updyn.io.nastran.deck import (
     read_points,
     values,
 )
+from updyn.io.nastran.fields import Line
 from updyn.io.nastran.mystran import Matrices, Program, adapted, find_executable, run
+from updyn.io.nastran.replication import is_replicator
 from updyn.model import Group, Matrix, Model
 
 __all__ = [
@@ -204,7 +207,15 @@ def write_properties(
         f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace"
         " are named.\n"
     )
+    copies = _replicators(lines_of(source.path))
     for cards in _touched(source, revision):
+        for line in cards[0].lines:
+            if line in copies:
+                raise line.error(
+                    f"{cards[0].name} {cards[0].text(0)} is copied by a replicator (=), which a new"
+                    " card would change: write the cards out, or write the whole deck"
+                    " (updyn.io.nastran.bdf.write_deck)"
+                )
         text += _commented(cards, revision)
     for card in revision.added:
         text += "$ New: a copy of a material that other groups share\n" + card.large()
@@ -229,12 +240,13 @@ def write_deck(
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
+    deck_lines = list(lines_of(source.path))
     instead: dict[Line, str] = {}  # by line of the deck; empty for lines that go
-    for cards in _touched(source, revision):
+    # Copies are written out: they would copy the new card.
+    for cards in _touched(source, revision, _replicators(deck_lines)):
         lines = cards[0].lines
         instead |= dict.fromkeys(lines, "")
         instead[lines[0]] = _written(revision.cards(cards))
-    deck_lines = list(lines_of(source.path))
     end = end_of(deck_lines)
     text = ""
     for line in deck_lines[:end]:
@@ -246,13 +258,27 @@ def write_deck(
         temporary.write_text(text, encoding="latin-1")
 
 
-def _touched(deck: NastranDeck, revision: Revision) -> list[list[Card]]:
-    """Return the cards that change, each with those on the same lines (two PELAS, for instance)."""
+def _touched(
+    deck: NastranDeck, revision: Revision, lines: Collection[Line] = ()
+) -> list[list[Card]]:
+    """Return the cards that change or start on some lines, with those on the same lines.
+
+    Two PELAS, for instance, are on one line.
+    """
     touched: dict[tuple[Line, ...], list[Card]] = {old.lines: [] for old in revision.replaced}
     for card in deck.cards:
-        if card.lines in touched:
-            touched[card.lines].append(card)
+        if card.lines in touched or card.lines[0] in lines:
+            touched.setdefault(card.lines, []).append(card)
     return list(touched.values())
+
+
+def _replicators(lines: Iterable[Line]) -> set[Line]:
+    """Return the lines that copy the line before them, and those that are copied."""
+    found: set[Line] = set()
+    for before, line in pairwise(lines):
+        if is_replicator(line.text):
+            found |= {before, line}
+    return found
 
 
 def _written(cards: Iterable[Card]) -> str:

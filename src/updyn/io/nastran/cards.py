@@ -1,110 +1,32 @@
-"""Bulk data as cards: small, large and free fields, continuations, INCLUDE, comments.
+"""Bulk data as cards: continuations, INCLUDE, comments. No card is known here by name.
 
-Numbers are read and written as Nastran does: exponents with D or without a letter (``1.5-3``), in 8
-or 16 characters. No card is known here by name.
+A continuation without a mark belongs to the line before it. One with a mark may stand anywhere: it
+belongs to the line whose field 10 has the mark (MSC Nastran Quick Reference Guide, "Format of Bulk
+Data Entries", continuations).
 """
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from updyn.errors import FormatError
+from updyn.errors import FormatError, InputError, suggest
 from updyn.foreign.confinement import check_inside
+from updyn.io.inclusion import DEEPEST, Inclusions
 from updyn.io.items import is_file, nearest, unreadable
+from updyn.io.nastran.fields import Line, Row, real, row_of, text_of
+from updyn.io.nastran.replication import expand
 from updyn.io.text_numbers import check_last_line, whole_of
 
-__all__ = [
-    "Card",
-    "Line",
-    "lines_of",
-    "parse",
-    "real",
-    "text_of",
-]
-
-_PLAIN = 8  # characters up to which 0.001 is preferred to 1.-3
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
-
-
-def real(cell: str) -> float:
-    """Read a number.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a number.
-    """
-    found = _NUMBER.fullmatch(cell.strip())
-    if found is None:
-        raise ValueError(f"{cell!r} is not a number")
-    number = float(f"{found[1]}e{found[2] or found[3] or 0}")
-    if math.isinf(number):
-        raise ValueError(f"{cell!r} is too large a number")
-    return number
-
-
-def text_of(value: float, width: int = 16) -> str:
-    """Write a number with a decimal point in at most `width` characters, as many digits as fit.
-
-    Raises
-    ------
-    ValueError
-        If the number is not finite.
-    """
-    if not math.isfinite(value):
-        raise ValueError(f"{value!r} has no text in a deck")
-    mantissa = repr(float(value)).split("e")[0]
-    significant = len(mantissa.strip("-0.").replace(".", "").rstrip("0"))
-    for digits in range(max(significant, 1), 0, -1):
-        scientific = f"{value:.{digits - 1}e}"
-        plain = _with_point(repr(float(scientific)))
-        if len(plain) <= min(width, _PLAIN):
-            return plain
-        short = _with_point(scientific)
-        if len(short) <= width:
-            return short
-    raise ValueError(f"{value!r} does not fit {width} characters")
-
-
-def _with_point(text: str) -> str:
-    """Write a number as a deck has it: with a point, and an exponent without letter and zeros."""
-    mantissa, _, exponent = text.partition("e")
-    if "." not in mantissa:
-        mantissa += "."
-    if exponent:
-        mantissa += f"{int(exponent):+d}"
-    return mantissa
-
+__all__ = ["Card", "lines_of", "parse"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
+_WIDTH = 16  # of a large field
 #: Last lines that need no line break.
-_ENDS = re.compile(rb"(?:\$.*|ENDDATA.*)?", re.IGNORECASE)
+_ENDS = re.compile(rb"""(?:\$.*|ENDDATA.*|INCLUDE\s*(?:'[^']+'|"[^"]+"))?""", re.IGNORECASE)
 _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One line of a deck, without comment and trailing blanks, and where it stands.
-
-    What stands in a binary file has no number.
-    """
-
-    text: str
-    path: Path
-    number: int | None
-
-    @property
-    def place(self) -> str:
-        """File and line, for a message."""
-        return self.path.name if self.number is None else f"{self.path.name}:{self.number}"
-
-    def error(self, message: str) -> FormatError:
-        """Return an error at this line."""
-        return FormatError(message, self.path, self.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,10 +114,16 @@ class Card:
         return replace(self, fields=tuple(fields))
 
     def large(self) -> str:
-        """Return the card in large fields, to be written."""
+        """Return the card in large fields, to be written.
+
+        Raises
+        ------
+        FormatError
+            If a field does not fit 16 characters.
+        """
         # Some readers always want both lines of eight fields.
         missing = -len(self.fields) % 8 if self.fields else 8
-        fields = [*self.fields, *[""] * missing]
+        fields = [*map(self._fitted, range(len(self.fields))), *[""] * missing]
         head = self.name + "*"
         out = ""
         for start in range(0, len(fields), 4):
@@ -204,21 +132,40 @@ class Card:
             head = "*"
         return out
 
+    def _fitted(self, at: int) -> str:
+        """Return a field in at most 16 characters."""
+        cell = self.fields[at]
+        if len(cell) <= _WIDTH:
+            return cell
+        try:
+            return text_of(real(cell), _WIDTH)
+        except ValueError as error:
+            raise self.error(
+                f"{self.name}: field {at + 2} is {cell!r}; expected at most 16 characters"
+            ) from error
 
-def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
+
+def lines_of(path: Path) -> Iterator[Line]:
     """Yield the lines of a deck, INCLUDE files put in, comments and empty lines left out.
+
+    A name in an INCLUDE is relative to the folder of the file that it stands in, or to that of the
+    main file.
 
     Raises
     ------
     FormatError
-        If an included file is not there, or includes itself.
+        If an included file is not there, is there in both folders, or includes itself, or files
+        are included again and again.
     """
-    try:
-        text = path.read_text(encoding="latin-1")
-    except OSError as error:
-        raise unreadable(path, error) from error
-    check_last_line(text, path, harmless=_ENDS)
-    rest = iter(enumerate(text.splitlines(), 1))
+    yield from _lines_of(path, _source(path), (), Inclusions())
+
+
+def _lines_of(
+    path: Path, lines: list[str], within: tuple[Path, ...], inclusions: Inclusions
+) -> Iterator[Line]:
+    """Yield the lines of a file that the files `within` include, the main file first."""
+    main = within[0] if within else path
+    rest = iter(enumerate(lines, 1))
     for number, raw in rest:
         line = Line(raw.split("$")[0].rstrip().expandtabs(8), path, number)
         if not line.text:
@@ -232,126 +179,140 @@ def lines_of(path: Path, within: tuple[Path, ...] = ()) -> Iterator[Line]:
             while name.count(quote) < 2:  # a long name goes on in the next line
                 name += next(rest, (0, quote))[1].strip()
             name = name.split(quote)[1]
-        target = _target(line, name.strip())
+        target = _target(line, name.strip(), main.parent)
         if target.resolve() in [outer.resolve() for outer in (*within, path)]:
             raise line.error(f"INCLUDE {name!r}: the file includes itself")
-        yield from lines_of(target, (*within, path))
+        if len(within) >= DEEPEST:
+            raise line.error(f"INCLUDE {name!r}: files include files {DEEPEST} deep; expected less")
+        inner = _source(target)
+        excess = inclusions.excess(target.resolve(), len(inner))
+        if excess is not None:
+            raise line.error(f"INCLUDE {name!r}: {excess}")
+        yield from _lines_of(target, inner, (*within, path), inclusions)
 
 
-def _target(line: Line, name: str) -> Path:
-    # Decks written on Windows name folders with backslashes.
-    target = line.path.parent / name.replace("\\", "/")
-    check_inside(target)
-    if is_file(target):
-        return target
-    raise line.error(f"INCLUDE: no such file {name!r}; {nearest(target)}")
+def _source(path: Path) -> list[str]:
+    try:
+        text = path.read_text(encoding="latin-1")
+    except OSError as error:
+        raise unreadable(path, error) from error
+    check_last_line(text, path, harmless=_ENDS)
+    return text.splitlines()
 
 
-@dataclass(slots=True)
-class _Open:
-    """A card whose lines are being read."""
+def _target(line: Line, name: str, main: Path) -> Path:
+    """Return the file that an INCLUDE names; `main` is the folder of the main file."""
+    refused: InputError | None = None
+    found: dict[Path, Path] = {}
+    for folder in dict.fromkeys((line.path.parent, main)):
+        # Decks written on Windows name folders with backslashes.
+        target = folder / name.replace("\\", "/")
+        try:
+            check_inside(target)
+        except InputError as error:
+            refused = error
+            continue
+        if is_file(target):
+            found.setdefault(target.resolve(), target)
+    if len(found) > 1:
+        raise line.error(
+            f"INCLUDE {name!r}: found {' and '.join(map(str, found.values()))}, relative to this"
+            " file and to the main file; rename one"
+        )
+    if found:
+        return next(iter(found.values()))
+    if refused is not None:
+        raise refused
+    raise line.error(f"INCLUDE: no such file {name!r}; {nearest(line.path.parent / name)}")
 
-    name: str
-    fields: list[str] = field(default_factory=list)
-    lines: list[Line] = field(default_factory=list)
-    mark: str = ""  # of the continuation, as the last line has it
 
-    def card(self) -> Card:
-        while self.fields and not self.fields[-1]:
-            self.fields.pop()
-        return Card(self.name, tuple(self.fields), tuple(self.lines))
-
-
-def parse(lines: Iterator[Line]) -> Iterator[Card]:
-    """Yield the cards of bulk data.
+def parse(lines: Iterable[Line]) -> Iterator[Card]:
+    """Yield the cards of bulk data, in the order of their first lines.
 
     Raises
     ------
     FormatError
-        If a line is neither a card nor the continuation of the one before it.
+        If a line is neither a card nor a copy nor the continuation of a line, or two lines continue
+        one.
     """
-    held: _Open | None = None
-    for line in lines:
-        first = line.text[:8]
-        if "," in line.text:
-            first = line.text.split(",")[0]
-        mark = first.strip()
-        continues = not mark or mark[0] in "+*"
-        if not continues:
-            if held is not None:
-                yield held.card()
-            name = mark.rstrip("*")
-            if _NAME.fullmatch(name) is None:
-                raise line.error(
-                    f"{line.text.strip()[:40]!r}; expected the name of a card, or a continuation"
-                )
-            held = _Open(name.upper())
-        elif held is None:
-            raise line.error("a continuation without a card before it")
-        data, tail, width = _data(line)
-        if continues:
-            _check_order(line, held.mark, mark)
-            held.fields += [""] * (-len(held.fields) % width)
-        held.fields += data
-        held.lines.append(line)
-        held.mark = tail
-    if held is not None:
-        yield held.card()
+    rows = list(expand(map(row_of, lines)))
+    following = _continuations(rows)
+    unused = set(following.values())
+    for at, row in enumerate(rows):
+        if row.continues:
+            continue
+        name = row.head.rstrip("*")
+        if _NAME.fullmatch(name) is None:
+            raise row.line.error(
+                f"{row.line.text.strip()[:40]!r}; expected the name of a card, or a continuation"
+            )
+        fields = list(row.fields)
+        own = [row.line]
+        while at in following:
+            at = following[at]
+            unused.discard(at)
+            fields += [""] * (-len(fields) % len(rows[at].fields))
+            fields += rows[at].fields
+            own.append(rows[at].line)
+        while fields and not fields[-1]:
+            fields.pop()
+        yield Card(name.upper(), tuple(fields), tuple(own))
+    for at in sorted(unused):
+        raise rows[at].line.error(f"the continuation {rows[at].head!r} continues itself")
 
 
-def _data(line: Line) -> tuple[list[str], str, int]:
-    """Return the data fields of a line, its mark for the continuation, and their number."""
-    if "," in line.text:
-        cells, tail, n = _free_fields(line)
-    else:
-        cells, tail, n = _fixed_fields(line)
-    return cells + [""] * (n - len(cells)), tail, n
+def _continuations(rows: Sequence[Row]) -> dict[int, int]:
+    """Return the position of the continuation of each row that has one."""
+    claims: dict[str, list[int]] = {}
+    for at, row in enumerate(rows):
+        if row.continues and _mark(row.head):
+            claims.setdefault(_mark(row.head), []).append(at)
+    parents: dict[str, list[int]] = {mark: [] for mark in claims}
+    if claims:
+        for at, row in enumerate(rows):
+            if row.tail and _mark(row.tail) in parents:
+                parents[_mark(row.tail)].append(at)
+    found: dict[int, int] = {}
+    for at, row in enumerate(rows):
+        if not row.continues:
+            continue
+        before = at - 1
+        mark = _mark(row.head)
+        if mark:
+            before = _parent(rows, at, parents[mark], claims[mark])
+        if before < 0:
+            raise row.line.error("a continuation without a card before it")
+        if before in found:
+            raise row.line.error(
+                f"a second continuation of line {rows[before].line.number}; the first is line"
+                f" {rows[found[before]].line.number}"
+            )
+        found[before] = at
+    return found
 
 
-def _free_fields(line: Line) -> tuple[list[str], str, int]:
-    """Return the cells of a line with commas, its continuation mark, and the number of fields."""
-    cells = [cell.strip() for cell in line.text.split(",")]
-    is_large = cells[0].startswith("*") or cells[0].endswith("*")
-    n = 4 if is_large else 8
-    if len(cells) > n + 2:
-        raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
-    tail = ""
-    if len(cells) == n + 2:
-        tail = cells[n + 1]
-    if tail and _is_number(tail) and tail[0] not in "+*":
-        raise line.error(
-            f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a"
-            " continuation"
+def _parent(rows: Sequence[Row], at: int, parents: list[int], claims: list[int]) -> int:
+    """Return the position of the row that a continuation with a mark belongs to."""
+    row = rows[at]
+    if not parents:
+        marks = sorted({other.tail for other in rows if other.tail})
+        near = suggest(row.head, marks) if marks else "no line has a mark there"
+        raise row.line.error(
+            f"continuation {row.head!r}: no line has this mark in field 10; {near}"
         )
-    cells = cells[1 : n + 1]
-    if not tail and cells and cells[-1][:1] in ("+", "*") and not _is_number(cells[-1]):
-        tail = cells.pop()  # the mark may stand right behind the last field that is there
-    return cells, tail, n
+    if len(parents) == len(claims) == 1:
+        return parents[0]
+    # A mark that is used again: each continuation has to follow its line directly.
+    bare = [p for p in parents if not rows[p].continues and p + 1 not in claims]
+    if at - 1 in parents and not bare:
+        return at - 1
+    lines = ", ".join(str(rows[p].line.number) for p in parents[:6])
+    raise row.line.error(
+        f"continuation {row.head!r}: the mark stands in field 10 of lines {lines} and on"
+        f" {len(claims)} continuations; give each pair a mark of its own"
+    )
 
 
-def _fixed_fields(line: Line) -> tuple[list[str], str, int]:
-    """Return the cells of a line in columns, its continuation mark, and the number of fields."""
-    text = line.text
-    if len(text) > 80:
-        raise line.error(f"{len(text)} characters; a line has at most 80, comments after $ apart")
-    is_large = text[:1] == "*" or text[:8].rstrip().endswith("*")
-    width = 16 if is_large else 8
-    cells = [text[start : start + width].strip() for start in range(8, 72, width)]
-    return cells, text[72:80].strip(), len(cells)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        real(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _check_order(line: Line, expected: str, mark: str) -> None:
-    wanted = expected.strip("+* ")
-    found = mark.strip("+* ")
-    if wanted and found and wanted.upper() != found.upper():
-        raise line.error(
-            f"continuation {mark!r} follows a line that goes on at {expected!r}; sort the deck"
-        )
+def _mark(cell: str) -> str:
+    """Return a mark as it is compared: without its first sign, in capitals."""
+    return cell.strip("+* ").upper()

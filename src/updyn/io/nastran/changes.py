@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 from updyn.errors import ModelError
 from updyn.io.changes import check_changes
-from updyn.io.nastran.cards import Card, text_of
+from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import NastranDeck, Values, materials_of, values
+from updyn.io.nastran.fields import text_of
 
 __all__ = ["Revision", "has_mass", "loss_factor_of", "revise"]
 

@@ -20,7 +20,8 @@ from updyn.errors import FormatError, nearest, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import system
 from updyn.io.items import placed
-from updyn.io.nastran.cards import Card, Line, lines_of, parse
+from updyn.io.nastran.cards import Card, lines_of, parse
+from updyn.io.nastran.fields import Line
 from updyn.shapes import (
     HEXAHEDRON,
     LINE,
@@ -173,6 +174,33 @@ _VALUES = {
 }
 
 
+#: Largest number of fields of the cards of fixed length (Quick Reference Guide). Lists (SPC1, RBE2,
+#: PCOMP, ...) and MAT8, which failure theories follow, have none.
+_MOST_FIELDS = {
+    "GRID": 8, "GRDSET": 8, "SPOINT": 8,
+    "CORD1R": 8, "CORD1C": 8, "CORD1S": 8, "CORD2R": 11, "CORD2C": 11, "CORD2S": 11,
+    "CBAR": 16, "CBEAM": 18, "CROD": 4, "CTUBE": 4, "CONROD": 8, "CBUSH": 13, "CELAS1": 6,
+    "CELAS2": 8, "CQUAD4": 14, "CQUADR": 14, "CQUAD8": 17, "CTRIA3": 13, "CTRIAR": 13,
+    "CTRIA6": 14, "CSHEAR": 6, "CTETRA": 12, "CPENTA": 17, "CHEXA": 22, "CONM2": 14, "CMASS2": 6,
+    "CDAMP1": 6, "CDAMP2": 6,
+    "PBAR": 19, "PROD": 6, "PTUBE": 6, "PSHEAR": 6, "PELAS": 8, "PDAMP": 8, "PSHELL": 11,
+    "PSOLID": 8, "MAT1": 12, "MAT2": 17, "MAT9": 31,
+    "RBAR": 9, "SPC": 7, "PARAM": 8,
+}  # fmt: skip
+
+
+def _check_length(card: Card) -> None:
+    """Refuse a card with more fields than its kind has: one of them is out of place."""
+    most = _MOST_FIELDS.get(card.name)
+    if most is None or len(card.fields) <= most:
+        return
+    at = next(i for i in range(most, len(card.fields)) if card.fields[i])
+    raise card.error(
+        f"{card.name} {card.text(0)}: field {at + 2} is {card.fields[at]!r}; {card.name} ends with"
+        f" field {most + 1}"
+    )
+
+
 def values(card: Card) -> Values:
     """Return which fields of a property or material card hold stiffness, mass and loss factor.
 
@@ -255,6 +283,8 @@ def materials_of(card: Card) -> tuple[int, ...]:
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _POINTS = ("GRID", "GRDSET", "SPOINT")
+#: Largest number of scalar points.
+_MOST_POINTS = 1_000_000
 _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
@@ -295,9 +325,13 @@ class NastranDeck:
         out: dict[int, Card] = {}
         for card in self.named("SPOINT"):
             if card.text(1) == "THRU":
-                numbers: Iterable[int] = range(card.integer(0), card.integer(2) + 1)
+                numbers: Sequence[int] = range(card.integer(0), card.integer(2) + 1)
             else:
                 numbers = card.integers(card.filled(range(len(card.fields))))
+            if len(out) + len(numbers) > _MOST_POINTS:
+                raise card.error(
+                    f"SPOINT: more than {_MOST_POINTS} scalar points in the deck; expected fewer"
+                )
             out |= dict.fromkeys(numbers, card)
         return out
 
@@ -535,6 +569,7 @@ def end_of(lines: Sequence[Line]) -> int:
 
 def _single(card: Card) -> list[Card]:
     """Return the entries of a card, of which some kinds have two."""
+    _check_length(card)
     n = _DOUBLE.get(card.name)
     if n is None or len(card.fields) <= n:
         return [card]

@@ -20,13 +20,15 @@ import scipy.sparse as sp
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.errors import FormatError
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.cards import Card, Line, lines_of, parse, text_of
+from updyn.io.nastran.cards import Card, lines_of, parse
+from updyn.io.nastran.fields import Line, text_of
 
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
 _SQUARE, _SYMMETRIC = 1, 6
 _SAME = 1e-6  # what is left of equal entries, rounded to the digits of a punch file
 _LAST_GRID = 99999999
+_HEADER = 8  # fields of a header card
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 #: Lines of a deck or of a punch file that are no bulk data.
 _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IGNORECASE)
@@ -106,6 +108,16 @@ def _bulk(lines: Iterable[Line]) -> Iterator[Line]:
 def _check_header(card: Card) -> None:
     form = card.integer(2)
     kind = card.integer(3)
+    for at in card.filled((6, *range(_HEADER, len(card.fields)))):
+        raise card.error(
+            f"DMIG {card.text(0)}: field {at + 2} of the header is {card.fields[at]!r}; expected it"
+            " blank (NAME, 0, IFO, TIN, TOUT, POLAR, blank, NCOL)"
+        )
+    if card.integer(5, 0):
+        raise card.error(
+            f"DMIG {card.text(0)}: POLAR is {card.text(5)}, amplitude and phase; expected 0 or"
+            " blank, real numbers"
+        )
     if form not in (_SQUARE, _SYMMETRIC):
         raise card.error(f"DMIG {card.text(0)}: form {form}; expected 1 (square) or 6 (symmetric)")
     if kind not in (1, 2):
@@ -124,7 +136,14 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
     where: list[Card] = []
     for card in columns:
         column = _key(card, 1)
+        if card.filled((3,)):
+            raise card.error(f"DMIG {name}: field 5 is {card.text(3)!r}; expected it blank")
         for start in range(4, max(len(card.fields), 5), 4):
+            if card.real(start + 3, 0.0):
+                raise card.error(
+                    f"DMIG {name}: field {start + 5} is {card.text(start + 3)!r}, an imaginary"
+                    " part; expected real entries, as the header says"
+                )
             rows.append(_key(card, start))
             at.append(column)
             values.append(card.real(start + 2))

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
-from updyn.io.nastran.cards import Card, real, text_of
+from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import NastranDeck
 
 __all__ = [
@@ -35,7 +35,6 @@ __all__ = [
     "run",
 ]
 
-_WIDTH = 16
 #: Fields of first and second grid, and of their components.
 _ENDS = {"CELAS1": ((2, 3), (4, 5)), "CELAS2": ((2, 3), (4, 5)), "CMASS2": ((2, 3), (4, 5))}
 #: Cards that MYSTRAN passes over or has no code for, and what to use instead.
@@ -71,7 +70,6 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     Returns
     -------
     list of Card
-        Cards whose fields fit 16 characters.
 
     Raises
     ------
@@ -100,7 +98,7 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
         if ground is not None:
             grounds += 1
             out.append(ground)
-        out.append(_short(changed))
+        out.append(changed)
     return out
 
 
@@ -144,20 +142,6 @@ def _ground(deck: NastranDeck, card: Card, node: int, number: int) -> Card:
     if node not in deck.grids:
         return Card("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)
     return deck.grids[node].with_fields({0: str(number), 6: "123456"})
-
-
-def _short(card: Card) -> Card:
-    """Return a card whose fields fit 16 characters."""
-    new = {}
-    for at, cell in enumerate(card.fields):
-        if len(cell) > _WIDTH:
-            try:
-                new[at] = text_of(real(cell), _WIDTH)
-            except ValueError as error:
-                raise card.error(
-                    f"{card.name}: field {at + 2} is {cell!r}; expected at most 16 characters"
-                ) from error
-    return card.with_fields(new) if new else card
 
 
 _HINT = (

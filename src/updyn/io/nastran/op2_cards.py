@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import AbsentError, FormatError, UpdynWarning
-from updyn.io.nastran.cards import Card, Line
+from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import ELEMENTS, NastranDeck, points_of
+from updyn.io.nastran.fields import Line
 from updyn.io.nastran.op2_file import OP2File
 
 __all__ = ["deck_of"]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.atomic import atomic_path
-from updyn.io.nastran.cards import real
+from updyn.io.nastran.fields import real
 from updyn.io.text_numbers import whole_of
 
 __all__ = [

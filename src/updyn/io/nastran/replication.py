@@ -1,0 +1,128 @@
+"""Replicators of bulk data: lines that copy the line before them, with increments.
+
+``=`` copies a field, ``==`` all fields that follow, ``*x`` and ``*(x)`` add x; ``=n`` and ``=(n)``
+alone on a line repeat the copy above n times (MSC Nastran Quick Reference Guide, "Bulk Data
+Entries", replication). ``%`` is not read, nor are copies of cards of several lines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from updyn.io.nastran.fields import Row, real, text_of
+from updyn.io.text_numbers import whole_of
+
+__all__ = ["expand", "is_replicator"]
+
+#: Largest number of copies in a deck.
+_MOST_COPIES = 100_000
+_COUNT = re.compile(r"=\s*(?:\((\d{1,9})\)|(\d{1,9}))")
+_STEP = re.compile(r"\*\s*(?:\(([^()]+)\)|([^()]+))")
+_WHOLE = re.compile(r"[+-]?\d+")
+
+
+def is_replicator(text: str) -> bool:
+    """Return whether a line copies the one before it."""
+    return text.lstrip().startswith("=")
+
+
+def expand(rows: Iterable[Row]) -> Iterator[Row]:
+    """Yield rows of bulk data, with the copies in place of the replicators.
+
+    Raises
+    ------
+    FormatError
+        If there is nothing to copy, a field cannot be copied, or there are too many copies.
+    """
+    last: Row | None = None  # the row to copy
+    steps: dict[int, str] = {}
+    copies = 0
+    for row in rows:
+        if not row.head.startswith("="):
+            last, steps = row, {}
+            yield row
+            continue
+        if last is None or last.continues or last.tail:
+            raise row.line.error(
+                f"{row.head!r} copies the line before it; expected a card of one line there,"
+                " without a continuation"
+            )
+        if row.head == "=":
+            last, steps = _copied(last, row)
+            count, images = 1, iter([last])
+        else:
+            count = _count(row, steps)
+            images = _images(last, steps, count, row)
+        copies += count
+        if copies > _MOST_COPIES:
+            raise row.line.error(f"more than {_MOST_COPIES} copies in a deck; expected fewer")
+        for last in images:
+            yield last
+
+
+def _count(row: Row, steps: dict[int, str]) -> int:
+    found = _COUNT.fullmatch(row.head)
+    if found is None or any(row.fields) or row.tail:
+        raise row.line.error(
+            f"{row.line.text.strip()[:40]!r}; expected = (a copy of the line before), or =(n) alone"
+        )
+    if not steps:
+        raise row.line.error(
+            f"{row.head!r} repeats a copy with increments, such as =,*(1),==; there is none before"
+        )
+    return int(found[1] or found[2])
+
+
+def _copied(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
+    """Return the copy that a row describes, and the increments of its fields."""
+    if len(row.fields) != len(last.fields):
+        raise row.line.error("a copy has fields of the width of the line before; write it out")
+    fields = list(last.fields)
+    steps: dict[int, str] = {}
+    for at, cell in enumerate(row.fields):
+        if cell == "==":
+            if any(row.fields[at + 1 :]):
+                raise row.line.error("== copies all fields that follow; expected none behind it")
+            break
+        step = _STEP.fullmatch(cell)
+        if step is not None:
+            steps[at] = (step[1] or step[2]).strip()
+            fields[at] = _stepped(last.fields, at, steps[at], 1, row)
+        elif cell.startswith(("=", "%", "*")) and cell != "=":
+            raise row.line.error(f"field {at + 2} is {cell!r}; expected =, ==, *(x) or a value")
+        elif not cell and fields[at]:
+            raise row.line.error(
+                f"field {at + 2} is blank, that of the line before {fields[at]!r}; expected = for"
+                " the same, == for all that follow"
+            )
+        elif cell != "=":
+            fields[at] = cell
+    return replace(last, line=row.line, fields=tuple(fields)), steps
+
+
+def _images(last: Row, steps: dict[int, str], count: int, row: Row) -> Iterator[Row]:
+    """Yield copies of a row, each with the increments on top of the one before."""
+    for k in range(1, count + 1):
+        fields = list(last.fields)
+        for at, step in steps.items():
+            fields[at] = _stepped(last.fields, at, step, k, row)
+        yield replace(last, line=row.line, fields=tuple(fields))
+
+
+def _stepped(fields: Sequence[str], at: int, step: str, times: int, row: Row) -> str:
+    """Return a field plus a number of increments; both whole, or both with a point."""
+    cell = fields[at]
+    n_whole = sum(_WHOLE.fullmatch(text) is not None for text in (cell, step))
+    try:
+        if n_whole == 2:
+            return str(whole_of(cell) + times * whole_of(step))
+        if n_whole == 0:
+            return text_of(real(cell) + times * real(step))
+    except ValueError:
+        pass
+    raise row.line.error(
+        f"field {at + 2}: {cell!r} plus {step!r}; expected two whole numbers, or two with a decimal"
+        " point"
+    )
