@@ -426,6 +426,14 @@ def test_files_that_double_are_refused_soon(deck, tmp_path):
     assert time.monotonic() - start < 5.0
 
 
+def test_a_mark_that_all_cards_use_takes_no_longer(deck):
+    n = 5_000
+    text = "".join(f"CONM2,{k},{k},,1.,,,,,+A\n+A,2.\nGRID,{k}\n" for k in range(1, n + 1))
+    start = time.monotonic()
+    assert deck(text).elements[-1].real(8) == 2.0
+    assert time.monotonic() - start < 10.0
+
+
 def test_scalar_points_have_a_limit(deck):
     assert len(deck("SPOINT,1,THRU,5\n").points) == 5
     with pytest.raises(FormatError, match=r"d.bdf:1: SPOINT: more than 1000000 scalar points"):

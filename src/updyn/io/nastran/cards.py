@@ -263,23 +263,12 @@ def parse(lines: Iterable[Line]) -> Iterator[Card]:
 
 def _continuations(rows: Sequence[Row]) -> dict[int, int]:
     """Return the position of the continuation of each row that has one."""
-    claims: dict[str, list[int]] = {}
-    for at, row in enumerate(rows):
-        if row.continues and _mark(row.head):
-            claims.setdefault(_mark(row.head), []).append(at)
-    parents: dict[str, list[int]] = {mark: [] for mark in claims}
-    if claims:
-        for at, row in enumerate(rows):
-            if row.tail and _mark(row.tail) in parents:
-                parents[_mark(row.tail)].append(at)
+    parents = _parents(rows)
     found: dict[int, int] = {}
     for at, row in enumerate(rows):
         if not row.continues:
             continue
-        before = at - 1
-        mark = _mark(row.head)
-        if mark:
-            before = _parent(rows, at, parents[mark], claims[mark])
+        before = parents.get(at, at - 1)
         if before < 0:
             raise row.line.error("a continuation without a card before it")
         if before in found:
@@ -291,26 +280,45 @@ def _continuations(rows: Sequence[Row]) -> dict[int, int]:
     return found
 
 
-def _parent(rows: Sequence[Row], at: int, parents: list[int], claims: list[int]) -> int:
-    """Return the position of the row that a continuation with a mark belongs to."""
-    row = rows[at]
+def _parents(rows: Sequence[Row]) -> dict[int, int]:
+    """Return the position of the row that each continuation with a mark belongs to."""
+    claims: dict[str, list[int]] = {}
+    for at, row in enumerate(rows):
+        if row.continues and _mark(row.head):
+            claims.setdefault(_mark(row.head), []).append(at)
+    if not claims:
+        return {}
+    parents: dict[str, list[int]] = {}
+    for at, row in enumerate(rows):
+        if row.tail:
+            parents.setdefault(_mark(row.tail), []).append(at)
+    found: dict[int, int] = {}
+    for mark, own in claims.items():
+        found |= _paired(rows, parents.get(mark, []), own)
+    return found
+
+
+def _paired(rows: Sequence[Row], parents: list[int], claims: list[int]) -> dict[int, int]:
+    """Return the row that each continuation of a mark belongs to, by position."""
+    first = rows[claims[0]]
     if not parents:
-        marks = sorted({other.tail for other in rows if other.tail})
-        near = suggest(row.head, marks) if marks else "no line has a mark there"
-        raise row.line.error(
-            f"continuation {row.head!r}: no line has this mark in field 10; {near}"
+        marks = sorted({row.tail for row in rows if row.tail})
+        near = suggest(first.head, marks) if marks else "no line has a mark there"
+        raise first.line.error(
+            f"continuation {first.head!r}: no line has this mark in field 10; {near}"
         )
     if len(parents) == len(claims) == 1:
-        return parents[0]
+        return {claims[0]: parents[0]}
     # A mark that is used again: each continuation has to follow its line directly.
-    bare = [p for p in parents if not rows[p].continues and p + 1 not in claims]
-    if at - 1 in parents and not bare:
-        return at - 1
-    lines = ", ".join(str(rows[p].line.number) for p in parents[:6])
-    raise row.line.error(
-        f"continuation {row.head!r}: the mark stands in field 10 of lines {lines} and on"
-        f" {len(claims)} continuations; give each pair a mark of its own"
-    )
+    adjacent = {at: at - 1 for at in set(claims) & {parent + 1 for parent in parents}}
+    cards = {parent for parent in parents if not rows[parent].continues}
+    if len(adjacent) < len(claims) or cards - set(adjacent.values()):
+        lines = ", ".join(str(rows[parent].line.number) for parent in parents[:6])
+        raise first.line.error(
+            f"continuation {first.head!r}: the mark stands in field 10 of lines {lines} and on"
+            f" {len(claims)} continuations; give each pair a mark of its own"
+        )
+    return adjacent
 
 
 def _mark(cell: str) -> str:
