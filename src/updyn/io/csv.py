@@ -4,15 +4,17 @@ For instance::
 
     # quantity: accelerance
     # averages: 12
-    freq_Hz,H(3:Z/1:X) re,H(3:Z/1:X) im,H(3:Z/1:X) coh
+    freq_Hz,H(3:Z/1:X) re [g/N],H(3:Z/1:X) im [g/N],H(3:Z/1:X) coh
     10.0,0.12,-0.03,0.98
 
-Columns are separated by commas, semicolons or tabs; decimals have a point. The first column is
-``freq_Hz``. The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any order, WHAT being ``re``
-and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary coherence) and ``var``
-(variance), for every pair of response and reference. Lines that start with ``#`` may stand before
-the header; ``quantity:``, ``averages:``, ``source:`` and ``decay:`` in them are read. Time records
-stand in a table of their own: `updyn.io.csv_records`.
+Columns are separated by commas, semicolons or tabs; decimals have a point, between semicolons or
+tabs a comma, too. The first column is ``freq_Hz``, or has another unit of frequency
+(``freq_kHz``, ``freq [rad/s]``). The others are called ``H(RESPONSE/REFERENCE) WHAT``, in any
+order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and optionally ``coh`` (ordinary
+coherence) and ``var`` (variance), for every pair of response and reference; a unit may follow in
+brackets, SI by default. Lines that start with ``#`` are comments; ``quantity:``, ``unit:`` (of all
+values), ``averages:``, ``source:`` and ``decay:`` in them are read, and others that state a unit or
+a scale are refused. Tables of time records are read by `updyn.io.csv_records`.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,21 +33,66 @@ from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynW
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_records import read_records
+from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
 from updyn.io.dof_table import read_geometry
 from updyn.io.items import placed, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
+from updyn.units import Unit, find_unit, split_ratio
 
 __all__ = ["read_frf", "read_geometry", "read_records", "write_frf"]
 
-_COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+(\S+)")
+_COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+([^\s\[(]+)(?:\s*(?:\[(.*)\]|\((.*)\)))?")
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
 _OPTIONAL = {"coh": "coherence", "var": "variance"}
 _COMMENT = re.compile(rb"(?:#.*)?")
-_HEAD = re.compile(r"#\s*(quantity|averages|source|decay)\s*:[ \t]?(.*)")
+#: Names of comments that are read.
+_KNOWN = ("quantity", "averages", "source", "decay", *UNITS)
+#: Names of the first column.
+_FREQ = ("freq", "frequency", "f")
+#: Units that say no more than the kind of the column, and what is expected in a message.
+_PLAIN = {
+    "phase_deg": (("deg", "degree", "degrees", "°"), "deg"),
+    "coh": (("-", "1"), "none: a coherence has no unit"),
+}
 _Pair = tuple[Dof, Dof]
 
 
-def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str = "raise") -> FRF:
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column after the first: its pair, its kind, its unit (empty: not stated) and its name."""
+
+    pair: _Pair
+    kind: str
+    unit: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """The line of names.
+
+    Attributes
+    ----------
+    separator : str
+        Between two cells.
+    frequency : float
+        Factor of the first column to Hz.
+    columns : list of _Column
+        The other columns.
+    """
+
+    separator: str
+    frequency: float
+    columns: list[_Column]
+
+
+def read_frf(
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    real_valued: bool = False,
+) -> FRF:
     """Read FRFs from a table.
 
     Parameters
@@ -55,16 +103,20 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         What was measured, where the file does not say; a contradiction is an error.
     duplicates : {"raise"}
         For the sake of the other formats; a column stands once.
+    real_valued : bool
+        Whether the values are real, their phase 0 or pi: columns ``re`` without ``im``.
 
     Returns
     -------
     FRF
-        What the table holds.
+        The FRFs in SI units.
 
     Raises
     ------
     FormatError
         If the header or a cell is not as described; the message says on which line.
+    OptionError
+        If an option does not apply.
     """
     if duplicates != "raise":
         raise OptionError(
@@ -73,89 +125,205 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
     text = utf8_text(path).replace("\r\n", "\n")
     check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)
-    number, header = lines[0]
-    separator = ","
-    for other in ("\t", ";"):
-        if other in header:
-            separator = other
-    columns = _columns(header, separator, path, number)
-    table = _table(lines[1:], separator, len(columns) + 1, path)
-    rows, references = _sides(columns, path, number)
-    arrays = _arrays(columns, table[:, 1:], rows, references, path, number)
+    number, names = lines[0]
+    header = _header(names, path, number)
+    unit = _unit(head, path)
+    table = _table(lines[1:], header, path)
+    rows, references = _sides(header.columns, path, number)
+    _check_complete(header.columns, rows, references, real_valued, path, number)
+    units = _units(header.columns, unit, path, number)
+    arrays = _arrays(header.columns, units, table[:, 1:], rows, references, path)
     with placed(path):
         return FRF(
             table[:, 0],
             arrays["values"],
             rows,
             references,
-            _quantity(head, quantity, path),
+            _quantity(head, quantity, units, path),
             coherence=arrays.get("coherence"),
             variance=arrays.get("variance"),
             averages=_averages(head, path),
-            source="\n".join(head.get("source", [])),
+            source="\n".join(value for _, value in head.get("source", [])),
             decay=_decay(head, path),
         )
 
 
-def _split_head(text: str, path: str | Path) -> tuple[dict[str, list[str]], list[tuple[int, str]]]:
-    """Return what the comments say, and the other lines with their numbers, the header first."""
-    head: dict[str, list[str]] = {}
-    lines = []
+_Head = dict[str, list[tuple[int, str]]]
+
+
+def _split_head(text: str, path: str | Path) -> tuple[_Head, list[tuple[int, str]]]:
+    """Return the values of comments by name, and the other lines, the header first, by number."""
+    head: _Head = {}
+    lines, comments = [], []
     for number, line in enumerate(text.split("\n"), 1):
         if line.lstrip().startswith("#"):
-            found = _HEAD.fullmatch(line.lstrip())
-            if found:
-                head.setdefault(found[1], []).append(found[2])
+            comments.append((number, line))
         elif line.strip():
             lines.append((number, line))
+    check_comments(comments, _KNOWN, "write '# unit: g/N', or units in the header", path)
+    for number, line in comments:
+        stated = comment(line)
+        if stated is not None and stated[0] in _KNOWN:
+            name = "unit" if stated[0] in UNITS else stated[0]
+            head.setdefault(name, []).append((number, stated[1]))
     if not lines:
         raise FormatError("no header: expected a line that starts with 'freq_Hz'", path)
     return head, lines
 
 
-def _columns(header: str, separator: str, path: str | Path, line: int) -> list[tuple[_Pair, str]]:
-    """Return pair and kind of each column after the first."""
+def _header(header: str, path: str | Path, line: int) -> _Header:
+    """Return the names of the columns, read."""
+    separator = next((sign for sign in (";", "\t") if sign in header), ",")
     # A name such as H(3:Z,1:X) may hold the separator, in quotes or not: commas in brackets do not
     # separate.
     parts = re.split(re.escape(separator) + r"(?![^(]*\))", header)
     cells = [part.strip().strip('"').strip() for part in parts]
-    if cells[0] != "freq_Hz":
+    freq = split_axis(cells[0], _FREQ, "frequency")
+    if freq is None:
         raise AbsentError(
             f"header: the first column is {cells[0][:40]!r}; expected 'freq_Hz'", path, line
         )
-    out: list[tuple[_Pair, str]] = []
-    for cell in cells[1:]:
-        found = _COLUMN.fullmatch(cell)
-        if found is None:
-            raise FormatError(
-                f"header: column {cell!r}; expected a name such as 'H(3:Z/1:X) re'", path, line
-            )
-        if found[3] not in _WHAT:
-            raise FormatError(
-                f"header: column {cell!r} is of kind {found[3]!r}; {suggest(found[3], _WHAT)}",
-                path,
-                line,
-            )
-        try:
-            pair = (Dof.parse(found[1].strip()), Dof.parse(found[2].strip()))
-        except DofError as error:
-            raise FormatError(f"header: column {cell!r}: {error}", path, line) from error
-        if (pair, found[3]) in out:
-            raise FormatError(f"header: column {cell!r} stands twice", path, line)
-        out.append((pair, found[3]))
-    if not out:
+    unit = find_unit(freq[1], "frequency")
+    assert unit is not None
+    if not cells[1:]:
         raise FormatError(
             "header: no column after 'freq_Hz'; expected names such as 'H(3:Z/1:X) re'", path, line
         )
+    columns: dict[tuple[_Pair, str], _Column] = {}
+    for cell in cells[1:]:
+        column = _column(cell, path, line)
+        if (column.pair, column.kind) in columns:
+            raise FormatError(f"header: column {cell!r} stands twice", path, line)
+        columns[column.pair, column.kind] = column
+    return _Header(separator, unit.factor, list(columns.values()))
+
+
+def _column(cell: str, path: str | Path, line: int) -> _Column:
+    """Return a column by its cell of the header."""
+    found = _COLUMN.fullmatch(cell)
+    if found is None:
+        raise FormatError(
+            f"header: column {cell!r}; expected a name such as 'H(3:Z/1:X) re'", path, line
+        )
+    if found[3] not in _WHAT:
+        raise FormatError(
+            f"header: column {cell!r} is of kind {found[3]!r}; {suggest(found[3], _WHAT)}",
+            path,
+            line,
+        )
+    try:
+        pair = (Dof.parse(found[1].strip()), Dof.parse(found[2].strip()))
+    except DofError as error:
+        raise FormatError(f"header: column {cell!r}: {error}", path, line) from error
+    return _Column(pair, found[3], (found[4] or found[5] or "").strip(), cell)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ratio:
+    """A unit of values as it was stated: its label, and the units of the motion and the force."""
+
+    label: str
+    motion: Unit
+    force: Unit
+
+    @classmethod
+    def of(cls, label: str, where: str, path: str | Path, line: int) -> _Ratio:
+        """Return the unit that a label names."""
+        found = split_ratio(label)
+        if found is None:
+            hint = ""
+            if "db" in label.casefold():
+                hint = "; decibels are a magnitude without phase"
+            raise FormatError(
+                f"{where}unit {label!r}; expected a motion per force, such as 'g/N' or"
+                f" 'm/s^2/N'{hint}",
+                path,
+                line,
+            )
+        return cls(label, *found)
+
+    @property
+    def factor(self) -> float:
+        """Factor to SI."""
+        return self.motion.factor / self.force.factor
+
+    def check(self, pair: _Pair, path: str | Path, line: int) -> None:
+        """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
+        for dof, unit, what in (
+            (pair[0], self.motion, "motion"),
+            (pair[1], self.force, "force"),
+        ):
+            if unit.angular != dof.direction.startswith("R"):
+                raise FormatError(
+                    f"H({pair[0]}/{pair[1]}): the {what} at {dof} cannot be in {self.label!r};"
+                    " state units in the names of the columns",
+                    path,
+                    line,
+                )
+
+
+_Units = dict[tuple[_Pair, str], _Ratio | None]
+
+
+def _unit(head: _Head, path: str | Path) -> _Ratio | None:
+    """Return the unit that a comment states of all values; None if there is none."""
+    label = _one(head, "unit", path)
+    return None if label is None else _Ratio.of(label, "", path, head["unit"][0][0])
+
+
+def _units(
+    columns: Sequence[_Column], general: _Ratio | None, path: str | Path, line: int
+) -> _Units:
+    """Return the units of the columns, all of one quantity; None where none is stated."""
+    out: _Units = {}
+    quantities: dict[str, str] = {}
+    for column in columns:
+        own = _own_unit(column, path, line)
+        if own is not None and general is not None and own.factor != general.factor:
+            raise FormatError(
+                f"header: column {column.name!r}: {column.unit!r} contradicts the comment, which"
+                f" says {general.label!r}",
+                path,
+                line,
+            )
+        unit = own or general
+        if unit is not None:
+            unit.check(column.pair, path, line)
+            quantities.setdefault(unit.motion.kind, column.name)
+        out[column.pair, column.kind] = unit
+    if len(quantities) > 1:
+        said = " and ".join(f"{name!r} of {kind}" for kind, name in quantities.items())
+        raise FormatError(f"header: columns of several quantities: {said}", path, line)
     return out
 
 
-def _sides(
-    columns: Sequence[tuple[_Pair, str]], path: str | Path, line: int
-) -> tuple[DofSet, DofSet]:
+def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
+    """Return the unit that a column states; None where it says no more than its kind."""
+    where, label = f"header: column {column.name!r}: ", column.unit
+    if not label:
+        return None
+    if column.kind in _PLAIN:
+        valid, expected = _PLAIN[column.kind]
+        if label not in valid:
+            raise FormatError(f"{where}unit {label!r}; expected {expected}", path, line)
+        return None
+    if column.kind != "var":
+        return _Ratio.of(label, where, path, line)
+    square = re.fullmatch(r"\(?(.*?)\)?(?:\^2|²)", label)
+    if square is None or split_ratio(square[1]) is None:
+        raise FormatError(
+            f"{where}unit {label!r}; expected the square of the unit of the values, such as"
+            " '(g/N)^2'",
+            path,
+            line,
+        )
+    return _Ratio.of(square[1], where, path, line)
+
+
+def _sides(columns: Sequence[_Column], path: str | Path, line: int) -> tuple[DofSet, DofSet]:
     """Return the responses and the references, each in the order of the columns."""
-    responses = {pair[0]: None for pair, _ in columns}
-    references = {pair[1]: None for pair, _ in columns}
+    responses = {column.pair[0]: None for column in columns}
+    references = {column.pair[1]: None for column in columns}
     try:
         return DofSet(responses), DofSet(references)
     except DofError as error:  # one DOF with both senses
@@ -163,13 +331,16 @@ def _sides(
 
 
 def _table(
-    lines: Sequence[tuple[int, str]], separator: str, width: int, path: str | Path
+    lines: Sequence[tuple[int, str]], header: _Header, path: str | Path
 ) -> NDArray[np.float64]:
+    """Return the numbers, those of the first column in Hz."""
     if not lines:
         raise FormatError("holds a header and no line of numbers", path)
+    separator, width = header.separator, len(header.columns) + 1
     out = np.empty((len(lines), width))
-    for i, (number, line) in enumerate(lines):
-        cells = line.split(separator)
+    rows = plain_numbers("\n".join(line for _, line in lines), separator).split("\n")
+    for i, ((number, _), row) in enumerate(zip(lines, rows, strict=True)):
+        cells = row.split(separator)
         if len(cells) != width:
             hint = "; decimals have a point" if separator == "," and len(cells) > width else ""
             raise FormatError(f"{len(cells)} cell(s); expected {width}{hint}", path, number)
@@ -180,6 +351,7 @@ def _table(
                 path,
                 number,
             )
+    out[:, 0] *= header.frequency
     return out
 
 
@@ -195,45 +367,90 @@ def _number(cell: str, column: int, path: str | Path, line: int) -> float:
         ) from error
 
 
-def _arrays(
-    columns: Sequence[tuple[_Pair, str]],
-    table: NDArray[np.float64],
+def _check_complete(
+    columns: Sequence[_Column],
     rows: DofSet,
     references: DofSet,
+    real_valued: bool,
     path: str | Path,
     line: int,
-) -> dict[str, NDArray[np.complex128] | NDArray[np.float64]]:
-    at = {column: table[:, i] for i, column in enumerate(columns)}
-    kinds = {kind for _, kind in columns}
-    shape = (len(table), len(rows), len(references))
-    values = np.empty(shape, dtype=np.complex128)
-    extra = {kind: np.empty(shape) for kind in _OPTIONAL if kind in kinds}
-    for i, response in enumerate(rows):
-        for j, reference in enumerate(references):
-            pair = (response, reference)
-            held = [kind for kind in _WHAT[:4] if (pair, kind) in at]
-            if held not in (["re", "im"], ["abs", "phase_deg"]):
-                raise FormatError(
-                    f"header: H({response}/{reference}) has {' and '.join(held) or 'no column'};"
-                    " expected re and im, or abs and phase_deg, for every pair of response and"
-                    " reference",
-                    path,
-                    line,
-                )
-            if held[0] == "re":
-                values[:, i, j].real = at[pair, "re"]
-                values[:, i, j].imag = at[pair, "im"]
-            else:
-                values[:, i, j] = _polar(at[pair, "abs"], at[pair, "phase_deg"], pair, path)
-            for kind in extra:
-                if (pair, kind) not in at:
+) -> None:
+    """Refuse a table without the same kinds of columns for every pair of response and reference."""
+    kinds: dict[_Pair, set[str]] = {}
+    for column in columns:
+        kinds.setdefault(column.pair, set()).add(column.kind)
+    optional = [kind for kind in _OPTIONAL if any(kind in held for held in kinds.values())]
+    forms = (["re"],) if real_valued else (["re", "im"], ["abs", "phase_deg"])
+    for response in rows:
+        for reference in references:
+            held = kinds.get((response, reference), set())
+            found = [kind for kind in _WHAT[:4] if kind in held]
+            if found not in forms:
+                raise _incomplete(f"H({response}/{reference})", found, real_valued, path, line)
+            for kind in optional:
+                if kind not in held:
                     raise FormatError(
                         f"header: H({response}/{reference}) has no column {kind!r}, others have",
                         path,
                         line,
                     )
+
+
+def _incomplete(
+    name: str, found: Sequence[str], real_valued: bool, path: str | Path, line: int
+) -> FormatError | OptionError:
+    """Return the error for a pair whose columns are no FRF."""
+    held = " and ".join(found) or "no column"
+    if real_valued and "im" in found:
+        return OptionError(
+            f"real_valued=True: {path} has {held} of {name}; expected re alone",
+            key=("real_valued",),
+        )
+    expected = "re alone" if real_valued else "re and im, or abs and phase_deg"
+    hint = ""
+    if list(found) == ["re"]:
+        hint = "; if the values are real, their phase 0 or pi, give real_valued=True"
+    return FormatError(
+        f"header: {name} has {held}; expected {expected}, for every pair of response and"
+        f" reference{hint}",
+        path,
+        line,
+    )
+
+
+def _arrays(
+    columns: Sequence[_Column],
+    units: _Units,
+    table: NDArray[np.float64],
+    rows: DofSet,
+    references: DofSet,
+    path: str | Path,
+) -> dict[str, NDArray[np.complex128] | NDArray[np.float64]]:
+    """Return values, coherence and variance in SI units, each of shape (n_f, n_i, n_j)."""
+    at = {}
+    for column, values in zip(columns, table.T, strict=True):
+        unit = units[column.pair, column.kind]
+        if unit is None and column.kind == "var":  # of the values, whose unit was stated
+            unit = units[column.pair, "re" if (column.pair, "re") in units else "abs"]
+        if unit is not None and column.kind in ("re", "im", "abs"):
+            values = values * unit.factor
+        elif unit is not None and column.kind == "var":
+            values = values * unit.factor**2
+        at[column.pair, column.kind] = values
+    shape = (len(table), len(rows), len(references))
+    found = np.zeros(shape, dtype=np.complex128)
+    extra = {kind: np.empty(shape) for kind in _OPTIONAL if any(c.kind == kind for c in columns)}
+    for i, response in enumerate(rows):
+        for j, reference in enumerate(references):
+            pair = (response, reference)
+            if (pair, "re") in at:
+                found[:, i, j].real = at[pair, "re"]
+                found[:, i, j].imag = at.get((pair, "im"), 0.0)
+            else:
+                found[:, i, j] = _polar(at[pair, "abs"], at[pair, "phase_deg"], pair, path)
+            for kind in extra:
                 extra[kind][:, i, j] = at[pair, kind]
-    arrays: dict[str, NDArray[np.complex128] | NDArray[np.float64]] = {"values": values}
+    arrays: dict[str, NDArray[np.complex128] | NDArray[np.float64]] = {"values": found}
     for kind, array in extra.items():
         arrays[_OPTIONAL[kind]] = array
     return arrays
@@ -249,29 +466,40 @@ def _polar(
     return np.asarray(size * np.exp(1j * np.deg2rad(degrees)))
 
 
-def _one(head: dict[str, list[str]], name: str, path: str | Path) -> str | None:
-    found = set(map(str.strip, head.get(name, [])))
+def _one(head: _Head, name: str, path: str | Path) -> str | None:
+    found = {value.strip(): None for _, value in head.get(name, [])}
     if len(found) > 1:
         raise FormatError(f"{name} is said twice: {' and '.join(sorted(found))}", path)
-    return found.pop() if found else None
+    return next(iter(found), None)
 
 
-def _quantity(head: dict[str, list[str]], given: str | None, path: str | Path) -> str:
+def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
+    """Return what was measured, as the file or the user says it."""
     said = _one(head, "quantity", path)
-    if said is None and given is None:
+    unit = next((unit for unit in units.values() if unit is not None), None)
+    by_unit = None if unit is None else unit.motion.kind
+    if said is not None and given is not None and said != given:
+        raise FormatError(
+            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
+        )
+    stated = given if said is None else said
+    if unit is not None and stated is not None and stated != by_unit:
+        raise FormatError(
+            f"quantity {stated!r} contradicts the unit {unit.label!r}, which is one of {by_unit}",
+            path,
+            key=("quantity",) if said is None else (),
+        )
+    stated = by_unit if stated is None else stated
+    if stated is None:
         raise FormatError(
             "does not say what was measured: expected a line '# quantity: accelerance' (or"
             " mobility, receptance), or quantity= when reading",
             path,
         )
-    if said is not None and given is not None and said != given:
-        raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {said!r}", path, key=("quantity",)
-        )
-    return str(given if said is None else said)
+    return stated
 
 
-def _averages(head: dict[str, list[str]], path: str | Path) -> int | None:
+def _averages(head: _Head, path: str | Path) -> int | None:
     said = _one(head, "averages", path)
     if said is None:
         return None
@@ -280,7 +508,7 @@ def _averages(head: dict[str, list[str]], path: str | Path) -> int | None:
     return int(said)
 
 
-def _decay(head: dict[str, list[str]], path: str | Path) -> float:
+def _decay(head: _Head, path: str | Path) -> float:
     said = _one(head, "decay", path)
     if said is None:
         return 0.0

@@ -7,14 +7,19 @@ For instance::
     0.0,0.1,-0.02
     0.001,35.2,0.31
 
-Columns are separated by commas, semicolons or tabs; decimals have a point. The first line that does
-not start with ``#`` has the names; a unit may follow in square brackets. ``time`` holds seconds;
-``record``, where there is such a column, the number of the record, rows of one record together.
+Columns are separated by commas, semicolons or tabs; decimals have a point, between semicolons or
+tabs a comma, too. The first line that does not start with ``#`` has the names; a unit may follow in
+brackets, round ones only if it is a known unit, or units are on a line below the names. Times are
+in s, or in the unit of their column (``time [ms]``, ``t/ms``). The column ``record``, if there is
+one, has the number of the record, rows of one record together. Comments that state a unit or a
+scale are refused.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,14 +27,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.items import existing, placed, utf8_text
-from updyn.io.text_numbers import number_rows
+from updyn.io.csv_text import check_comments, plain_numbers, split_axis, windows_text
+from updyn.io.items import existing, placed
+from updyn.io.text_numbers import number_rows, rounding_of
 from updyn.signals.records import Records, step_of
+from updyn.units import find_unit, suggest_unit
 
 __all__ = ["read_records"]
 
-_NAME = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\])?")
+_SQUARE = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
+_ROUND = re.compile(r"(.*?)\s*\(([^()]*|\([^()]*\)[^()]*)\)")
+_BRACKETS = re.compile(r"^[\[(](.*)[\])]$")
 _RECORD = "record"
+#: Names of the column of times, without regard to case; the second only with a unit.
+_TIME, _TIMES = "time", ("time", "t")
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column: its cell of the header, and the name and the unit (or none) that this states."""
+
+    cell: str
+    name: str
+    unit: str
+
+    @property
+    def is_time(self) -> bool:
+        """Whether its unit is one of time."""
+        return find_unit(self.unit, "time") is not None
 
 
 def read_records(
@@ -40,9 +65,9 @@ def read_records(
     Parameters
     ----------
     path : path
-        The file, in UTF-8.
+        The file, in UTF-8 or Windows-1252.
     time : str, optional
-        Name of the column of times in s, by default "time".
+        Name of the column of times, by default "time", or that of the column with a unit of time.
     rate : float, optional
         Samples a second, of a table without times.
 
@@ -58,93 +83,162 @@ def read_records(
     OptionError
         If there are times and a rate, or neither.
     """
-    text = utf8_text(existing(path)).replace("\r\n", "\n")
+    text = windows_text(existing(path))
     first, header, body = _split(text, path)
     separator = next((sign for sign in ("\t", ";") if sign in header), ",")
-    names, units = _columns(header, separator, path, first)
+    columns = _columns(header, separator, path, first)
+    columns, body = _with_units_below(columns, body, separator, path, first + 1)
+    body = plain_numbers(body, separator)
     rows = number_rows(
         body.encode(),
-        "r" * len(names),
-        f"{len(names)} numbers, as the header has names",
+        "r" * len(columns),
+        f"{len(columns)} numbers, as the header has names",
         path,
         first + 1,
         separator=separator.encode(),
-        comment=b"#",
     )
     if not len(rows):
         raise FormatError("a header, and no line of numbers", path, first)
-    columns = dict(zip(names, rows.T, strict=True))
-    numbers = columns.pop(_RECORD, np.ones(len(rows)))
-    times = _times(columns, time, rate, path, first)
-    spans = _spans(numbers, path)
-    step = 1.0 / rate if rate is not None else _step(times, spans, path)
-    if not columns:
+    numbers = {column.name: values for column, values in zip(columns, rows.T, strict=True)}
+    spans = _spans(numbers.pop(_RECORD, np.ones(len(rows))), path)
+    clock = _time_column(columns, time, rate, path, first)
+    if clock is None:
+        step = 1.0 / float(rate or 0.0)
+    else:
+        texts = [
+            row.split(separator)[columns.index(clock)] for row in body.split("\n") if row.strip()
+        ]
+        step = _step(numbers.pop(clock.name), texts, spans, path)
+        step *= _factor(clock, path, first)
+    if not numbers:
         raise FormatError("no channel beside time and record", path, first)
-    values = [[column[span] for column in columns.values()] for span in spans]
+    values = [[channel[span] for channel in numbers.values()] for span in spans]
+    units = [column.unit for column in columns if column.name in numbers]
     with placed(path):
-        return Records.of(
-            values, step, list(columns), [units[name] for name in columns], Path(path).name
-        )
+        return Records.of(values, step, list(numbers), units, Path(path).name)
 
 
 def _split(text: str, path: str | Path) -> tuple[int, str, str]:
-    """Return the line of the header, the header and what follows."""
-    at = 0
-    for number, line in enumerate(text.split("\n"), 1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            return number, line, text[at + len(line) + 1 :]
-        at += len(line) + 1
+    """Return the line of the header, the header, and what follows, comments as empty lines."""
+    lines = text.split("\n")
+    comments = [(n, line) for n, line in enumerate(lines, 1) if line.lstrip().startswith("#")]
+    check_comments(comments, (), "write units in the header, such as 'time [ms]'", path)
+    for number, _ in comments:
+        lines[number - 1] = ""
+    for number, line in enumerate(lines, 1):
+        if line.strip():
+            return number, line, "\n".join(lines[number:])
     raise FormatError("no header: expected names such as 'time,hammer [N],3:Z [g]'", path)
 
 
-def _columns(
-    header: str, separator: str, path: str | Path, line: int
-) -> tuple[list[str], dict[str, str]]:
-    """Return the names of the columns, and the units that they state."""
-    names: list[str] = []
-    units: dict[str, str] = {}
+def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_Column]:
+    """Return the columns, each name once."""
+    found: dict[str, _Column] = {}
     for number, cell in enumerate(header.split(separator), 1):
-        found = _NAME.fullmatch(cell.strip().strip('"').strip())
-        name = found[1] if found is not None else ""
-        if found is None or not name:
+        column = _column(cell.strip().strip('"').strip())
+        if not column.name:
             raise FormatError(
                 f"header: column {number} is {cell.strip()[:40]!r}; expected a name, and a unit in"
                 " square brackets if any",
                 path,
                 line,
             )
-        if name in units:
-            raise FormatError(f"header: column {name!r} stands twice", path, line)
-        names.append(name)
-        units[name] = (found[2] or "").strip()
-    return names, units
+        if column.name in found:
+            raise FormatError(f"header: column {column.name!r} stands twice", path, line)
+        found[column.name] = column
+    return list(found.values())
 
 
-def _times(
-    columns: dict[str, NDArray[np.float64]],
+def _column(cell: str) -> _Column:
+    """Return a column by its cell of the header; without name where the cell is none."""
+    axis = split_axis(cell, _TIMES, "time")
+    if axis is not None:
+        return _Column(cell, *axis)
+    square = _SQUARE.fullmatch(cell)
+    if square is not None:
+        return _Column(cell, square[1], square[2].strip())
+    if "[" in cell or "]" in cell:
+        return _Column(cell, "", "")
+    bracket = _ROUND.fullmatch(cell)
+    if bracket is not None and (find_unit(bracket[2]) or find_unit(bracket[2], "time")):
+        return _Column(cell, bracket[1], bracket[2].strip())
+    return _Column(cell, cell, "")
+
+
+def _with_units_below(
+    columns: list[_Column], body: str, separator: str, path: str | Path, line: int
+) -> tuple[list[_Column], str]:
+    """Return the columns with the units of the line below their names, and the rows without it.
+
+    That line has a known unit, or nothing, in each cell.
+    """
+    row, _, rest = body.partition("\n")
+    cells = [cell.strip().strip('"').strip() for cell in row.split(separator)]
+    known = [bool(find_unit(cell) or find_unit(cell, "time")) for cell in cells]
+    if len(cells) != len(columns) or not any(known):
+        return columns, body
+    if not all(is_known or not cell for cell, is_known in zip(cells, known, strict=True)):
+        return columns, body
+    out = []
+    for column, cell in zip(columns, cells, strict=True):
+        if column.unit and cell and find_unit(cell) != find_unit(column.unit):
+            raise FormatError(
+                f"column {column.name!r}: unit {cell!r}, in the header {column.unit!r}", path, line
+            )
+        out.append(replace(column, unit=column.unit or _BRACKETS.sub(r"\1", cell)))
+    return out, "\n" + rest
+
+
+def _time_column(
+    columns: Sequence[_Column],
     time: str | None,
     rate: float | None,
     path: str | Path,
     line: int,
-) -> NDArray[np.float64]:
-    """Take the times out of the columns; empty where a rate stands in their place."""
-    name = "time" if time is None else time
+) -> _Column | None:
+    """Return the column of times; None where a rate is given instead."""
+    if rate is not None and not (np.isfinite(rate) and rate > 0.0):
+        raise OptionError(f"rate {rate!r}: expected samples a second, above 0", key=("rate",))
+    if time is not None:
+        found = [column for column in columns if time in (column.cell, column.name)]
+    else:
+        found = [column for column in columns if column.name.casefold() == _TIME]
+        found = found or [column for column in columns if column.is_time]
+    if len(found) > 1:
+        names = " and ".join(repr(column.name) for column in found)
+        raise FormatError(f"columns {names} have units of time; time= names one", path, line)
     if rate is not None:
-        if not (np.isfinite(rate) and rate > 0.0):
-            raise OptionError(f"rate {rate!r}: expected samples a second, above 0", key=("rate",))
-        if time is not None or name in columns:
+        if found or time is not None:
+            name = found[0].cell if found else time
             raise OptionError(
                 f"rate and a column {name!r} of times; expected one of the two", key=("rate",)
             )
-        return np.empty(0)
-    if name not in columns:
+        return None
+    if not found:
+        name = _TIME if time is None else time
         raise FormatError(
-            f"no column {name!r} of times; {suggest(name, columns)} give time= or rate=",
+            f"no column {name!r} of times; {suggest(name, [column.name for column in columns])}"
+            " give time= or rate=",
             path,
             line,
             key=("time",) if time is not None else (),
         )
-    return columns.pop(name)
+    return found[0]
+
+
+def _factor(clock: _Column, path: str | Path, line: int) -> float:
+    """Return the factor of times to s."""
+    if not clock.unit:
+        return 1.0
+    unit = find_unit(clock.unit, "time")
+    if unit is None:
+        raise FormatError(
+            f"header: column {clock.cell!r} of times: unit {clock.unit!r};"
+            f" {suggest_unit(clock.unit, 'time')}",
+            path,
+            line,
+        )
+    return unit.factor
 
 
 def _spans(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
@@ -169,12 +263,16 @@ def _spans(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
     return spans
 
 
-def _step(times: NDArray[np.float64], spans: list[slice], path: str | Path) -> float:
-    """Return the step of the times, the same in all records."""
+def _step(
+    times: NDArray[np.float64], texts: Sequence[str], spans: list[slice], path: str | Path
+) -> float:
+    """Return the step of the times, in their unit: the same in all records, within rounding."""
+    rounding = rounding_of(texts, times)
     with placed(path, "time"):
-        steps = [step_of(times[span]) for span in spans]
+        steps = [step_of(times[span], rounding[span]) for span in spans]
+    allowed = 1e-6 * steps[0] + 2.0 * rounding.max() / max(spans[0].stop - spans[0].start - 1, 1)
     for number, step in enumerate(steps, 1):
-        if abs(step - steps[0]) > 1e-6 * steps[0]:
+        if abs(step - steps[0]) > allowed:
             raise FormatError(
                 f"record {number} has {step:g} s between samples, the first {steps[0]:g} s", path
             )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof, DofSet
 from updyn.errors import DofError, FormatError
 from updyn.geometry import Geometry
+from updyn.io.csv_text import check_comments
 from updyn.io.items import placed, utf8_text
 from updyn.io.lengths import length
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
@@ -152,8 +153,11 @@ def _table(
     path: str | Path, headers: tuple[tuple[str, ...], ...], *, has_numbers: bool = False
 ) -> tuple[tuple[str, ...], list[tuple[int, list[str]]]]:
     text = utf8_text(path)
+    lines = list(enumerate(text.splitlines(), 1))
+    comments = [(number, row) for number, row in lines if row.lstrip().startswith("#")]
+    check_comments(comments, (), "give the unit of length when reading", path)
     rows = []
-    for number, row in enumerate(text.splitlines(), 1):
+    for number, row in lines:
         if row.strip() and not row.lstrip().startswith("#"):
             rows.append((number, [cell.strip() for cell in row.split(",")]))
     expected = " or ".join(repr(",".join(known)) for known in headers)

@@ -9,6 +9,8 @@ part of a number as programs write them, else the text is refused. Exponents may
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError
 
-__all__ = ["check_last_line", "number_rows", "real_of", "reals", "whole_of"]
+__all__ = ["check_last_line", "number_rows", "real_of", "reals", "rounding_of", "whole_of"]
 
 #: Whole numbers of at most 15 digits: they are exact as doubles.
 _WHOLE = rb"[+-]?[0-9]{1,15}+"
@@ -116,6 +118,35 @@ def reals(body: bytes) -> NDArray[np.float64] | None:
     return found if np.isfinite(found).all() else None
 
 
+def rounding_of(texts: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the place value of the last digit of each number, as a program has printed it.
+
+    Numbers of one column have the same number of decimals, or the same number of significant
+    digits, and may lack zeros at their end.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        The numbers as they are printed.
+    values : ndarray of float, shape (len(texts),)
+        The same numbers.
+
+    Returns
+    -------
+    ndarray of float, shape (len(texts),)
+    """
+    decimals, digits = 0, 1
+    for text in texts:
+        mantissa, _, exponent = text.strip().lower().replace("d", "e").partition("e")
+        whole, _, part = mantissa.partition(".")
+        decimals = max(decimals, len(part) - int(exponent or 0))
+        digits = max(digits, len((whole + part).lstrip("+-0")))
+    size = np.floor(
+        np.log10(np.abs(values), where=values != 0.0, out=np.full(len(values), -np.inf))
+    )
+    return np.asarray(np.maximum(10.0**-decimals, 10.0 ** (size + 1.0 - digits)))
+
+
 def whole_of(text: str) -> int:
     """Return the whole number that a text is; blanks around it do not matter.
 
@@ -176,11 +207,21 @@ def _lines(columns: str, commas: bool, separator: bytes, comment: bytes) -> re.P
         margin = rb" *+"
         between = margin + re.escape(separator) + margin
         behind = rb"(?: *+" + re.escape(separator) + rb")?"
-    row = between.join(_WHOLE if letter == "i" else _REAL for letter in columns)
+    row = between.join(
+        _repeated(letter, len(list(same)), between) for letter, same in groupby(columns)
+    )
     kinds = [row + behind]
     if comment:
         kinds.append(re.escape(comment) + rb"[^\n]*+")
     return re.compile(rb"(?:" + margin + rb"(?:" + b"|".join(kinds) + rb")?[ \t]*+\r?\n)*+")
+
+
+def _repeated(letter: str, count: int, between: bytes) -> bytes:
+    """Return a pattern of so many numbers of one kind."""
+    number = _WHOLE if letter == "i" else _REAL
+    if count == 1:
+        return number
+    return number + rb"(?:" + between + number + rb"){%d}+" % (count - 1)
 
 
 def _start_of_row(body: bytes, number: int) -> int:

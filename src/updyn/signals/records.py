@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -10,17 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import DataError, key_path, suggest
-from updyn.units import merge_units
+from updyn.units import Unit, find_unit, merge_units, suggest_unit
 
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["Records", "chained", "records_of", "step_of"]
+__all__ = ["Records", "chained", "records_of", "seconds", "step_of"]
 
-#: Steps of several files are one where they differ by this share at most.
-_SAME_STEP = 1e-9
+#: Steps of several files are one where they differ by this share at most: times are rounded.
+_SAME_STEP = 1e-6
 #: Sizes of the steps in time may differ by this share, as times are written with few digits.
 _EVEN = 1e-3
+#: Share of a step below which the last digit of times has to be for them to be checked by it.
+_FINE = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +93,9 @@ class Records:
             )
         if not (np.isfinite(step) and step > 0.0):
             raise DataError(f"a time of {step} s between samples; expected a positive number")
-        twice = [name for i, name in enumerate(channels) if name in channels[:i]]
-        if twice:
-            raise DataError(f"two channels are called {twice[0]!r}")
+        twice = next((name for name, count in Counter(channels).items() if count > 1), None)
+        if twice is not None:
+            raise DataError(f"two channels are called {twice!r}")
         array.setflags(write=False)
         return cls(array, float(step), tuple(channels), tuple(units), source)
 
@@ -104,13 +107,16 @@ class Records:
         ----------
         given : xarray.DataArray
             As `to_xarray` makes it: dimensions ``record``, ``channel``, ``time`` in any order, the
-            coordinates ``channel`` and ``time`` (s), and ``unit`` along ``channel`` if known.
-            Without ``record`` it is one record.
+            coordinates ``channel`` and ``time``, and ``unit`` along ``channel`` if known.
+            Without ``record`` it is one record. Times are in s, in the unit of their attribute
+            ``units``, or timedelta64 or datetime64. An attribute ``units`` of the array is the unit
+            of all channels.
 
         Raises
         ------
         DataError
-            If a dimension or coordinate is missing, or the times are not evenly spaced.
+            If a dimension or coordinate is missing, the times are not evenly spaced or in an
+            unknown unit, or two units of a channel differ.
         """
         if "record" not in given.dims:
             given = given.expand_dims("record")
@@ -125,11 +131,14 @@ class Records:
                 f"records with the dimensions {', '.join(map(str, given.dims))}: expected record,"
                 " channel, time"
             )
-        step = step_of(np.asarray(given["time"].values, dtype=np.float64))
+        label = str(given["time"].attrs.get("units", ""))
+        step = step_of(seconds(given["time"].values, label))
         channels = [str(name) for name in given["channel"].values]
-        units = [""] * len(channels)
+        common = str(given.attrs.get("units", "")).strip()
+        units = [common] * len(channels)
         if "unit" in given.coords:
             units = [str(unit) for unit in np.broadcast_to(given["unit"].values, len(channels))]
+            _check_common(common, units, channels)
         values = given.transpose("record", "channel", "time").values
         return cls.of(values, step, channels, units, str(given.attrs.get("source", "")))
 
@@ -221,13 +230,55 @@ class Records:
         return self.channels.index(channel)
 
 
-def step_of(times: NDArray[np.float64]) -> float:
-    """Return the step of times.
+def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) -> None:
+    """Refuse a unit of all channels from which that of one differs."""
+    for name, unit in zip(channels, units, strict=True):
+        same = unit == common or find_unit(unit) == find_unit(common) is not None
+        if common and not same:
+            raise DataError(f"channel {name!r}: unit {unit!r}, and the records are in {common!r}")
+
+
+def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.float64]:
+    """Return times in s, the first at 0.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n_samples,)
+        Numbers, timedelta64 or datetime64.
+    label : str
+        Unit of numbers, such as ``"ms"`` or ``"ms since 2020-01-01"``; s if empty.
+    name : str
+        Name of the array, for messages.
+
+    Raises
+    ------
+    DataError
+        If the unit is not known, or the times are of another type.
+    """
+    stated = label.partition(" since ")[0].strip()
+    unit = find_unit(stated, "time") if stated else Unit("time", 1.0)
+    if unit is None:
+        raise DataError(f"{name}: unit {label!r}; {suggest_unit(stated, 'time')}")
+    if times.dtype.kind not in "iufmM":
+        raise DataError(f"{name}: found {times.dtype}; expected numbers, timedelta64 or datetime64")
+    if times.dtype.kind == "u":
+        times = times.astype(np.int64)
+    # From the first one: counts of ns since 1970 have more digits than a double.
+    passed = times - times[:1]
+    if times.dtype.kind in "mM":
+        return np.asarray(passed / np.timedelta64(1, "s"), dtype=np.float64)
+    return np.asarray(passed * unit.factor, dtype=np.float64)
+
+
+def step_of(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = None) -> float:
+    """Return the step of times, from the first to the last.
 
     Parameters
     ----------
     times : ndarray of float, shape (n_samples,)
         In s.
+    rounding : ndarray of float, shape (n_samples,), optional
+        Place value of the last digit of each, where they were printed with few.
 
     Returns
     -------
@@ -240,9 +291,23 @@ def step_of(times: NDArray[np.float64]) -> float:
         If they do not ascend in even steps.
     """
     steps = np.diff(times)
-    if len(times) < 2 or not (np.abs(steps - steps.mean()) <= _EVEN * steps.mean()).all():
-        raise DataError("times of the records: expected them to ascend in even steps")
-    return float((times[-1] - times[0]) / (len(times) - 1))
+    if len(times) >= 2:
+        mean = float((times[-1] - times[0]) / (len(times) - 1))
+        is_even = bool((np.abs(steps - mean) <= _EVEN * mean).all())
+        if is_even or (rounding is not None and _is_rounded(times, mean, rounding)):
+            return mean
+    found = f"{steps.min():g} to {steps.max():g} s apart" if len(steps) else f"{len(times)} of them"
+    raise DataError(f"times of the records: {found}; expected them to ascend in even steps")
+
+
+def _is_rounded(times: NDArray[np.float64], step: float, rounding: NDArray[np.float64]) -> bool:
+    """Return whether times are even ones, each rounded to its last digit."""
+    if not rounding.max() < _FINE * step:
+        return False
+    away = np.abs(times - times[0] - step * np.arange(len(times)))
+    # Each may be wrong by half a digit, and the line is through the first and the last.
+    allowed = 0.5 * (rounding + max(rounding[0], rounding[-1]))
+    return bool((away <= (1.0 + _EVEN) * allowed).all())
 
 
 def records_of(given: Any) -> Records:

@@ -148,7 +148,7 @@ def tables() -> dict[str, bytes]:
         "cell_empty.csv": CSV.replace("20,3,4", "20,,4"),
         "cell_text.csv": CSV.replace("20,3,4", "20,3,four"),
         "cell_nan.csv": CSV.replace("20,3,4", "20,3,nan"),
-        "decimal_comma.csv": CSV.replace(",", ";").replace("20;3;4", "20;3,5;4"),
+        "decimal_comma.csv": CSV.replace(",", ";").replace("20;3;4", "20;3,5;4.5"),
         "decimal_comma_in_comma_table.csv": CSV.replace("20,3,4", "20,0,3,5,4,1"),
         "lines_decrease.csv": CSV.replace("20,3,4", "5,3,4"),
         "no_lines.csv": CSV.split("10,")[0],

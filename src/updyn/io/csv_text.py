@@ -1,0 +1,176 @@
+"""What tables of FRFs and of time records in text have in common: comments, units, numbers."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection, Iterable
+from pathlib import Path
+
+from updyn.errors import FormatError
+from updyn.io.items import unreadable
+from updyn.units import find_unit
+
+__all__ = [
+    "UNITS",
+    "check_comments",
+    "comment",
+    "plain_numbers",
+    "split_axis",
+    "windows_text",
+]
+
+#: A comment that states a value: name, value.
+_COMMENT = re.compile(r"#+\s*([^\W\d_][^:=]{0,30}?)\s*[:=][ \t]?(.*)")
+#: Names of comments that state the unit of all values.
+UNITS = ("unit", "units")
+#: Names of comments that change what the numbers mean, and are not read.
+_MEANINGS = {
+    *UNITS,
+    *(f"{what} {unit}" for what in ("time", "x", "y", "abscissa", "ordinate") for unit in UNITS),
+    *(f"{what} {unit}" for what in ("freq", "frequency", "phase", "value") for unit in UNITS),
+    *("scale", "scaling", "scale factor", "factor", "multiplier", "offset", "gain"),
+    *("db", "db reference", "reference level"),
+}
+#: Similarity above which a name is taken for a misspelt one.
+_MISSPELT = 0.86
+
+#: A name and the unit of an axis: "freq_kHz", "freq (Hz)", "t/ms", "time [ms]".
+_AXIS = re.compile(r"(\w+?)\s*(?:[/_ ]\s*(\S.*)|\[([^\[\]]*)\]|\(([^()]*)\))")
+
+#: A decimal comma that cannot separate thousands: not three digits behind it, or digits before it
+#: that no grouped number begins with.
+_DECIMAL_COMMA = re.compile(r"(?<![\d,])(?:0\d*|\d{4,}),\d|,(?:\d{1,2}|\d{4,})(?!\d)")
+
+
+def windows_text(path: str | Path) -> str:
+    """Return the text of a file in UTF-8, or in Windows-1252 as LabVIEW and Excel write it.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read, or is in neither encoding.
+    """
+    try:
+        raw = Path(path).read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if b"\0" in raw:
+        raise FormatError("not a text in UTF-8 or Windows-1252; save it as UTF-8", path)
+    for encoding in ("utf-8-sig", "cp1252"):
+        try:
+            return raw.decode(encoding).replace("\r\n", "\n")
+        except UnicodeDecodeError as error:
+            wrong = error
+    raise FormatError(
+        f"not a text in UTF-8 or Windows-1252 ({wrong.reason} at byte {wrong.start}); save it as"
+        " UTF-8",
+        path,
+    )
+
+
+def comment(line: str) -> tuple[str, str] | None:
+    """Return name and value that a line of comment states; None if it states none."""
+    found = _COMMENT.fullmatch(line.strip())
+    if found is None:
+        return None
+    return " ".join(found[1].replace("_", " ").split()).casefold(), found[2]
+
+
+def check_comments(
+    comments: Iterable[tuple[int, str]], known: Collection[str], remedy: str, path: str | Path
+) -> None:
+    """Refuse comments that change what the numbers mean, other than those that are read.
+
+    Parameters
+    ----------
+    comments : iterable of (int, str)
+        Lines of comment, with their numbers.
+    known : collection of str
+        Names of comments that the reader understands.
+    remedy : str
+        Where units belong, for the message.
+    path : path
+        The file, for the message.
+
+    Raises
+    ------
+    FormatError
+        If a comment states a unit or a scale, or its name is a misspelt known one.
+    """
+    for number, line in comments:
+        shown = f"comment {line.strip()[:60]!r}"
+        for name in _names(line, known):
+            if name in _MEANINGS:
+                raise FormatError(
+                    f"{shown}: {name!r} would change the numbers and is not read; {remedy}, or"
+                    " delete the line",
+                    path,
+                    number,
+                )
+            close = difflib.get_close_matches(name, known, n=1, cutoff=_MISSPELT)
+            if close:
+                raise FormatError(
+                    f"{shown}: unknown name {name!r}; did you mean {close[0]!r}?", path, number
+                )
+
+
+def _names(line: str, known: Collection[str]) -> list[str]:
+    """Return the names to which a comment assigns values; none if it begins with a known one."""
+    stated = comment(line)
+    if stated is not None and stated[0] in known:
+        return []
+    parts = [comment("#" + part) for part in re.split("[,;]", line.strip().lstrip("#"))]
+    return [part[0] for part in parts if part is not None]
+
+
+def split_axis(cell: str, names: Collection[str], kind: str) -> tuple[str, str] | None:
+    """Return name and unit of an axis that a cell of the header states.
+
+    Parameters
+    ----------
+    cell : str
+        ``"t/ms"``, ``"Time (s)"``, ``"freq_kHz"``, ...
+    names : collection of str
+        Names of the axis, in lower case.
+    kind : str
+        Kind of its unit, as of `updyn.units.find_unit`.
+
+    Returns
+    -------
+    (str, str) or None
+        None if the name is another, or the unit is not known.
+    """
+    found = _AXIS.fullmatch(cell)
+    if found is None or found[1].casefold() not in names:
+        return None
+    unit = found[2] or found[3] or found[4] or ""
+    return (found[1], unit.strip()) if find_unit(unit, kind) else None
+
+
+def plain_numbers(rows: str, separator: str) -> str:
+    """Return rows with decimal points, minus signs of ASCII and no quotes around cells.
+
+    Decimal commas are converted if the separator is another sign, no number has a point, and at
+    least one comma cannot separate thousands. All else stays as it is, for the reader to refuse.
+
+    Parameters
+    ----------
+    rows : str
+        The lines of numbers, without comments.
+    separator : str
+        Sign between two cells.
+
+    Returns
+    -------
+    str
+        The same lines.
+    """
+    rows = rows.replace("\u2212", "-")
+    if '"' in rows:
+        rows = re.sub(
+            r'"([^"\n]*)"', lambda cell: cell[0] if separator in cell[1] else cell[1], rows
+        )
+    if separator != "," and "." not in rows and _DECIMAL_COMMA.search(rows):
+        rows = rows.replace(",", ".")
+    return rows
