@@ -25,9 +25,12 @@ EXPECTED = {
     "abscissa_negative.uff": "the first line is -1 Hz; expected 0 or above",
     "abscissa_repeats.uff": "does not increase from point 2 (2) to 3 (2)",
     "abscissa_rpm.uff": (
-        ":10: record 8: the abscissa is frequency in 'rpm'; expected frequency in Hz"
+        ":10: record 8: the abscissa is rotational speed in 'rpm'; expected frequency in Hz"
     ),
     "abscissa_time.uff": ":10: record 8: the abscissa is time in 's'; expected frequency in Hz",
+    "abscissa_unit_unknown.uff": (
+        ":10: record 8: the abscissa is frequency in 'order'; expected frequency in Hz"
+    ),
     "averages_garbled.csv": "averages: 'many'; expected a whole number",
     "binary_cut_in_header.uff": "58b: the file ends within the dataset, before its data",
     "binary_cut_short.uff": "cut short: 64 bytes of data follow from record 7, 31 are left",
@@ -44,6 +47,10 @@ EXPECTED = {
     "both_senses.csv": ":2: header: DOF 1:Z stands twice",
     "byte_count_wrong.uff": (
         ":2: 58b: says 56 bytes of data; 64 follow from record 7, and stand there"
+    ),
+    "byte_order_of_data_wrong.uff": (
+        ":2: 58b: numbers from 9.49e-322 to 3.24e+292 in size in the byte order that the first line"
+        " states, and from 1e-06 to 3e+04 in the other"
     ),
     "byte_order_wrong.uff": "byte order 7; expected 1 (little-endian) or 2 (big-endian)",
     "cell_empty.csv": ":4: column 2: '' is not a number",
@@ -97,7 +104,7 @@ EXPECTED = {
     "lines_differ_in_number.uff": (
         "has 3 lines from 1 to 2 Hz, the first FRF has 4 from 1 to 2.5 Hz"
     ),
-    "magnitude_only.uff": "a magnitude without phase cannot be used",
+    "magnitude_only.uff": ":2: holds real ordinates, and magnitudes and decibels are no FRFs",
     "matrix_incomplete.uff": "1 of 4 pairs of response / reference are missing: 2:Z / 2:Z",
     "motion_over_motion.uff": ":11: records 9 and 10 say acceleration over acceleration",
     "nan_binary.uff": "the ordinate of point 3 is not finite",
@@ -149,7 +156,14 @@ EXPECTED = {
     "text_cut_short.uff": "8 numbers follow from record 7 (points, type, spacing), found 4",
     "text_lines_wrong.uff": "12 lines of text before the data; expected 11",
     "trace_line_to_nowhere.uff": ":7: dataset 82: node 4 of the trace line has no position",
-    "unit_g.uff": ":11: record 9: the accelerance is in 'g', which is not SI: give scale=",
+    "unit_contradicts_164.uff": (
+        ":17: record 9: unit 'm/s^2' contradicts dataset 164 on line 3, whose unit of acceleration"
+        " is 0.001 in SI; state scale="
+    ),
+    "unit_of_another_kind.uff": (
+        ":11: record 9: 'N' is a unit of force; expected one of acceleration; state scale="
+    ),
+    "unit_unknown.uff": ":11: record 9: unit 'EU' of the acceleration is not known; valid: 'm/s^2'",
     "units_change.uff": ":9: dataset 164 contradicts the one on line 3",
     "units_contradict.uff": (
         ":3: dataset 164: units code 1 goes with factors 1 (length) and 1 (force)"

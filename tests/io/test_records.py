@@ -132,14 +132,14 @@ def test_other_functions_are_left_out_and_counted(tmp_path):
                 *p[:-1],
                 uff.ascii58(VALUES[2, 1], (4, 3), **TIME | MOTION | {"types": (18, 12, 0)}),
             ],
-            "over data type 18; expected time",
+            "the abscissa is frequency in ''; expected time in s",
         ),
         (
             lambda p: [
                 *p[:-1],
                 uff.ascii58(VALUES[2, 1], (4, 3), **TIME | MOTION | {"units": ("ms", "g", "")}),
             ],
-            "times in 'ms'; expected s",
+            "from 0 s in steps of 0.00025 s, that on line 2 from 0 s in steps of 0.25 s",
         ),
         (
             lambda p: [

@@ -1,5 +1,7 @@
 """Functions of universal files: every data case, what they are called, units, senses, duplicates."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -47,10 +49,27 @@ def test_binary(path, ordinate, kind, big, x):
 @pytest.mark.parametrize("x", [None, X])
 @pytest.mark.parametrize("ordinate", [2, 4])
 @pytest.mark.parametrize("write", [uff.ascii58, uff.binary58])
-def test_real_ordinates_of_both_signs(path, write, ordinate, x):
-    found = read(path, write(Y.real, ordinate=ordinate, x=x))
-    np.testing.assert_allclose(found.values[:, 0, 0], Y.real, rtol=5e-6)
+@pytest.mark.parametrize("y", [Y.real, abs(Y), 20 * np.log10(abs(Y))])
+def test_real_ordinates_are_refused_unless_they_are_stated_to_be_frfs(path, write, ordinate, x, y):
+    data = write(y, ordinate=ordinate, x=x)
+    with pytest.raises(FormatError, match=r"uff:2: holds real ordinates.*state real_valued=True"):
+        read(path, data)
+    found = read(path, data, real_valued=True)
+    np.testing.assert_allclose(found.values[:, 0, 0], y, rtol=5e-6)
     assert not found.values.imag.any()
+
+
+def test_values_that_are_stated_to_be_real_have_no_imaginary_part(path):
+    with pytest.raises(FormatError, match=r"uff:2: .*imaginary part, which contradicts"):
+        read(path, uff.ascii58(Y), real_valued=True)
+    found = read(path, uff.ascii58(Y.real + 0j), real_valued=True)
+    np.testing.assert_allclose(found.values[:, 0, 0], Y.real, rtol=5e-6)
+
+
+def test_other_real_functions_may_be_there(path):
+    """A coherence and time responses are real."""
+    gamma = uff.ascii58(np.full(4, 0.5), kind=6, types=(18, 0, 0))
+    assert read(path, uff.ascii58(Y), gamma).coherence is not None
 
 
 def test_a_line_at_0_hz_is_kept(path):
@@ -82,6 +101,17 @@ def test_forms_of_text(path, data):
     np.testing.assert_allclose(read(path, data).values[:, 0, 0], Y, rtol=5e-6)
 
 
+def test_exponents_of_three_digits_without_a_letter(path):
+    y = np.array([1.5 - 2j, 1e-120 - 1e120j, 2e-101 + 3e100j, 1.0])
+    for ordinate in (5, 6):
+        lines = uff.numbers(uff.flat(y), ordinate, 1)
+        lines = [re.sub(r"(-?[0-9.]+)E([+-][0-9]{3})", r" \1\2", line) for line in lines]
+        data = uff.text(58, *uff.records(ordinate=ordinate), *lines)
+        assert b"E-1" not in data
+        assert b"0-120" in data
+        np.testing.assert_allclose(read(path, data).values[:, 0, 0], y)
+
+
 def test_numbers_that_touch(path):
     y = np.array([-1e-100 - 2e-100j, -3e-100 - 4e-100j])
     data = uff.ascii58(y, points=2)
@@ -100,6 +130,33 @@ def test_forms_of_binary(path):
         np.testing.assert_array_equal(read(path, uff.binary58(Y, end=end)).values[:, 0, 0], Y)
     points_only = uff.binary58(Y, n_bytes=8 * len(Y))  # as pyuff counts
     np.testing.assert_array_equal(read(path, points_only).values[:, 0, 0], Y)
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("y", [Y, Y.real])
+def test_an_abscissa_in_single_precision(path, y, big):
+    """The form of the format: E13.5 before E20.12 in text, so single before double in binary."""
+    order = ">" if big else "<"
+    row = np.dtype([("x", order + "f4"), ("y", order + ("c16" if y.dtype.kind == "c" else "f8"))])
+    data = np.zeros(4, row)
+    data["x"], data["y"] = X, y
+    raw = uff.binary58(y, x=X, big=big, n_bytes=data.nbytes)
+    double = uff.flat(y, X).astype(order + "f8").tobytes()
+    assert raw.count(double) == 1
+    found = read(path, raw.replace(double, data.tobytes()), real_valued=y.dtype.kind == "f")
+    np.testing.assert_array_equal(found.values[:, 0, 0], y)
+    np.testing.assert_array_equal(found.freq, X)
+
+
+@pytest.mark.parametrize("ordinate", [5, 6])
+@pytest.mark.parametrize("big", [False, True])
+def test_a_wrong_byte_order_is_refused(path, ordinate, big):
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(64) + 1j * rng.standard_normal(64)
+    data = uff.binary58(y, ordinate=ordinate, big=big)
+    head, wrong = (f"58b{n:6d}".encode() for n in ((2, 1) if big else (1, 2)))
+    with pytest.raises(FormatError, match=r"uff:2: 58b: numbers from .* byte order .* is wrong"):
+        read(path, data.replace(head, wrong))
 
 
 def test_bytes_that_look_like_a_delimiter(path):
@@ -179,7 +236,14 @@ def test_scalars_take_the_direction_given(path, direction):
 
 
 @pytest.mark.parametrize(
-    "option", [{"scalar_direction": "W"}, {"duplicates": "first"}, {"scale": 0.0}, {"scale": "g"}]
+    "option",
+    [
+        {"scalar_direction": "W"},
+        {"duplicates": "first"},
+        {"scale": 0.0},
+        {"scale": "g"},
+        {"real_valued": "yes"},
+    ],
 )
 def test_options_are_checked(path, option):
     with pytest.raises(OptionError, match=next(iter(option))):
@@ -294,7 +358,7 @@ INCH, POUND = 39.37007874015748, 0.22480894387096  # of a metre, of a newton
     ],
 )
 def test_units_are_converted_to_si(path, response, reference, factor):
-    data = uff.binary58(Y, response, reference, units=("Hz", "in/s^2", "lbf"))
+    data = uff.binary58(Y, response, reference)
     found = read(path, uff.units(7, INCH, POUND), data)
     np.testing.assert_allclose(found.values[:, 0, 0], factor * Y, rtol=1e-7)
 
@@ -306,23 +370,3 @@ def test_units_of_mm_and_newton(path):
     np.testing.assert_allclose(found.values[:, 0, 0], 1e-3 * Y, rtol=1e-15)
     with pytest.raises(FormatError, match=r"units code 10 goes with factors 1000 .* and 1 \(force"):
         read(path, uff.units(10, 1000.0, 1000.0), data)
-
-
-@pytest.mark.parametrize(
-    ("above", "below"), [("g", "N"), ("(g)/N", "NONE"), ("mm/s^2", "N"), ("m/s^2", "lbf")]
-)
-def test_a_unit_label_that_is_not_si_is_refused_unless_scaled(path, above, below):
-    data = uff.binary58(Y, units=("Hz", above, below))
-    with pytest.raises(FormatError, match="which is not SI: give scale="):
-        read(path, data)
-    np.testing.assert_allclose(
-        read(path, data, scale=9.80665).values[:, 0, 0], 9.80665 * Y, rtol=1e-15
-    )
-
-
-@pytest.mark.parametrize(
-    ("above", "below"), [("m/s^2", "N"), ("(m/s²)/N", "NONE"), ("", ""), ("m/s2/N", "N")]
-)
-def test_labels_of_si_pass(path, above, below):
-    data = uff.binary58(Y, units=("Hz", above.replace("²", "2"), below))
-    np.testing.assert_array_equal(read(path, data).values[:, 0, 0], Y)

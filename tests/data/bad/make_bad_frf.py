@@ -53,6 +53,7 @@ def uffs() -> dict[str, bytes]:
         "binary_cut_in_header.uff": GOOD[:400],
         "byte_count_wrong.uff": uff.binary58(Y, n_bytes=56),
         "byte_order_wrong.uff": swapped(GOOD, "b     1", "b     7"),
+        "byte_order_of_data_wrong.uff": swapped(GOOD, "b     1", "b     2"),
         "floating_format_vax.uff": swapped(GOOD, "     2          11", "     1          11"),
         "binary_head_missing.uff": uff.binary58(Y, head="b"),
         "text_lines_wrong.uff": swapped(GOOD, "     2          11", "     2          12"),
@@ -73,7 +74,8 @@ def uffs() -> dict[str, bytes]:
         "abscissa_increment_zero.uff": uff.ascii58(Y, step=0.0),
         "abscissa_negative.uff": uff.ascii58(Y, start=-1.0),
         "abscissa_time.uff": uff.ascii58(Y, types=(17, 12, 13), units=("s", "NONE", "NONE")),
-        "abscissa_rpm.uff": uff.ascii58(Y, units=("rpm", "NONE", "NONE")),
+        "abscissa_rpm.uff": uff.ascii58(Y, types=(19, 12, 13), units=("rpm", "NONE", "NONE")),
+        "abscissa_unit_unknown.uff": uff.ascii58(Y, units=("order", "NONE", "NONE")),
         "node_garbled.uff": uff.text(58, *uff.records((7777, 3)), "1.0").replace(b"7777", b"7x77"),
         "direction_garbled.uff": (
             uff.text(58, *uff.records((7777, 3)), "1.0").replace(b"7777   3", b"7777  +Z")
@@ -93,7 +95,10 @@ def uffs() -> dict[str, bytes]:
         "trace_line_to_nowhere.uff": uff.nodes15((1, 0, 0, 0, 0, 0)) + uff.trace82(1, 4) + TEXT,
         "units_contradict.uff": uff.units(1, 1000.0, 1000.0) + TEXT,
         "units_change.uff": uff.units(1, 1.0, 1.0) + uff.units(5, 1000.0, 1000.0) + TEXT,
-        "unit_g.uff": uff.ascii58(Y, units=("Hz", "g", "N")),
+        "unit_unknown.uff": uff.ascii58(Y, units=("Hz", "EU", "N")),
+        "unit_of_another_kind.uff": uff.ascii58(Y, units=("Hz", "N", "m/s^2")),
+        "unit_contradicts_164.uff": uff.units(10, 1e3, 1.0)
+        + uff.ascii58(Y, units=("Hz", "m/s^2", "N")),
         "quantity_unknown.uff": uff.ascii58(Y, types=(18, 0, 0)),
         "quantity_mixed.uff": uff.ascii58(Y) + uff.ascii58(Y, (2, 3), types=(18, 11, 13)),
         "force_over_motion.uff": uff.ascii58(Y, types=(18, 13, 12)),

@@ -1,10 +1,13 @@
 """A universal file as a sequence of datasets.
 
-A dataset stands between two lines ``    -1``. Its first line has the number in columns 1 to 6, and
-for a binary dataset 58 ("58b") a ``b`` in column 7, with byte order, floating-point format, number
-of text lines and number of bytes after it. The bytes of a 58b may hold anything, the delimiter too:
-where they end follows from record 7 and is checked against the byte count and against what stands
-there, never searched for.
+A dataset lies between two lines ``    -1``. Its first line has the number in columns 1 to 6, and
+for a binary dataset 58 ("58b") a ``b`` in column 7, followed by byte order, floating-point format,
+number of text lines and number of bytes. The bytes of a 58b may hold anything, the delimiter too:
+where they end follows from record 7 and is checked against the byte count and the delimiter behind
+them, never searched for.
+
+The file is read dataset by dataset, and the data of a 58b stay on disk until they are asked for
+(`Payload`), so that memory does not grow with the file.
 """
 
 from __future__ import annotations
@@ -13,13 +16,18 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
 
 from updyn.errors import FormatError
 from updyn.io.text_numbers import real_of, whole_of
 
 __all__ = [
     "Dataset",
-    "bytes_expected",
+    "Payload",
+    "check_record_7",
     "columns_of",
     "datasets",
     "real_column",
@@ -29,12 +37,77 @@ __all__ = [
     "whole_fields",
 ]
 
-_DELIMITER = re.compile(rb"^    -1[ \t\x00]*\r?(?:\n|\Z)", re.MULTILINE)
-_AFTER_BYTES = re.compile(rb"[\r\n]*    -1[ \t\x00]*\r?(?:\n|\Z)")
+_DELIMITER = re.compile(rb"    -1[ \t\x00]*\r?(?:\n|\Z)")
+_AFTER_BYTES = re.compile(rb"[\r\n]*" + _DELIMITER.pattern)
 _NUMBER = re.compile(r"\s*([0-9]{1,9})\s*([bB]?)(.*)", re.DOTALL)
 _PADDING = b" \t\r\n\x00\x1a"
 _TEXT_LINES = 11  # of a dataset 58, before its data
 _SIZES = {2: 4, 4: 8, 5: 4, 6: 8}  # bytes a number, by ordinate data type
+#: Fortran leaves out the E before an exponent of three digits.
+_LONG_EXPONENT = re.compile(r"^(\s*[+-]?[0-9]+\.[0-9]*)([+-][0-9]{3}\s*)$")
+#: Bytes read at a time, and more than a closing delimiter takes with its padding.
+_CHUNK = 2**20
+_WINDOW = 2**12
+
+
+@dataclass(frozen=True, slots=True)
+class Payload:
+    """The binary data of a 58b.
+
+    Attributes
+    ----------
+    path : path
+        The file.
+    line : int
+        Line of the file on which the number of the dataset stands, for messages.
+    offset : int
+        Where the data start, in bytes.
+    points, columns : int
+        Number of points, and of numbers a point.
+    kinds : (str, str)
+        numpy's names of the type of the first number of a point, and of the others.
+    """
+
+    path: str | Path
+    line: int
+    offset: int
+    points: int
+    columns: int
+    kinds: tuple[str, str]
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return self.points * self._dtype().itemsize
+
+    def _dtype(self) -> np.dtype[Any]:
+        first, others = self.kinds
+        return np.dtype([("first", first), ("others", others, (self.columns - 1,))])
+
+    def read(self, *, swapped: bool = False) -> NDArray[np.float64]:
+        """Return the numbers, shape (points, columns).
+
+        Parameters
+        ----------
+        swapped : bool
+            Whether to read them in the byte order that the file does not state.
+
+        Raises
+        ------
+        FormatError
+            If the file has become shorter.
+        """
+        dtype = self._dtype().newbyteorder("S") if swapped else self._dtype()
+        with Path(self.path).open("rb") as file:
+            file.seek(self.offset)
+            raw = np.fromfile(file, dtype, self.points)
+        if len(raw) != self.points:
+            raise FormatError("58b: the file was cut short while it was read", self.path, self.line)
+        out = np.empty((self.points, self.columns))
+        with np.errstate(invalid="ignore"):  # NaN is refused later
+            out[:, 0] = raw["first"]
+            out[:, 1:] = raw["others"]
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +122,14 @@ class Dataset:
         Line of the file, from 1, on which the number stands.
     body : bytes
         The lines after that one, up to the delimiter; of a 58b only the 11 lines of text.
-    payload : bytes or None
+    payload : Payload or None
         The binary data of a 58b.
-    big_endian : bool
-        Byte order of the payload.
     """
 
     number: int
     line: int
     body: bytes
-    payload: bytes | None = None
-    big_endian: bool = False
+    payload: Payload | None = None
 
 
 def datasets(path: str | Path) -> Iterator[Dataset]:
@@ -81,7 +151,11 @@ def datasets(path: str | Path) -> Iterator[Dataset]:
         If a delimiter, a number or a byte count is missing or wrong; the message says on which
         line.
     """
-    cursor = _Cursor(Path(path).read_bytes(), path)
+    with Path(path).open("rb") as file:
+        yield from _datasets(_Cursor(file, path))
+
+
+def _datasets(cursor: _Cursor) -> Iterator[Dataset]:
     while cursor.skip_padding():
         if not _DELIMITER.match(cursor.peek()):
             raise cursor.error(
@@ -102,48 +176,72 @@ def datasets(path: str | Path) -> Iterator[Dataset]:
         if number == 58 and found[2]:
             yield _binary(cursor, line, found[3])
             continue
-        end = _DELIMITER.search(cursor.raw, cursor.at)
-        if end is None:
+        body = cursor.take_body()
+        if body is None:
             raise cursor.error(
                 f"dataset {number}, opened on line {opened}, is not closed: no further '    -1';"
                 " the file is cut short",
                 line,
             )
-        body = cursor.raw[cursor.at : end.start()]
-        cursor.move(end.end())
         yield Dataset(number, line, body)
 
 
 class _Cursor:
-    """A place in the bytes of a file, with its line number."""
+    """A place in a file, with its line number."""
 
-    def __init__(self, raw: bytes, path: str | Path) -> None:
-        self.raw = raw
+    def __init__(self, file: BinaryIO, path: str | Path) -> None:
+        self.file = file
         self.path = path
-        self.at = 0
         self.line = 1
+        self.size = file.seek(0, 2)
+        file.seek(0)
+        self._next = file.readline()
+
+    @property
+    def at(self) -> int:
+        """Offset of the next line, in bytes."""
+        return self.file.tell() - len(self._next)
 
     def move(self, to: int) -> None:
-        self.line += self.raw.count(b"\n", self.at, to)
-        self.at = to
-
-    def _end(self) -> int:
-        end = self.raw.find(b"\n", self.at)
-        return len(self.raw) if end < 0 else end + 1
+        """Go to an offset behind this place, and count the line breaks on the way."""
+        left = to - self.at
+        self.file.seek(self.at)
+        while left > 0:
+            chunk = self.file.read(min(left, _CHUNK))
+            self.line += chunk.count(b"\n")
+            left -= len(chunk)
+        self._next = self.file.readline()
 
     def peek(self) -> bytes:
-        return self.raw[self.at : self._end()]
+        return self._next
 
     def take(self) -> bytes:
-        taken = self.peek()
-        self.move(self._end())
+        taken, self._next = self._next, self.file.readline()
+        self.line += taken.endswith(b"\n")
         return taken
+
+    def take_body(self) -> bytes | None:
+        """Take the lines up to a delimiter, and the delimiter; None if there is none."""
+        lines: list[bytes] = []
+        while line := self.take():
+            if _DELIMITER.fullmatch(line):
+                return b"".join(lines)
+            lines.append(line)
+        return None
+
+    def closing(self, offset: int) -> int | None:
+        """Return the offset behind a closing delimiter at an offset; None if there is none."""
+        place = self.file.tell()
+        self.file.seek(offset)
+        found = _AFTER_BYTES.match(self.file.read(_WINDOW))
+        self.file.seek(place)
+        return offset + found.end() if found else None
 
     def skip_padding(self) -> bool:
         """Pass over empty lines; return whether anything is left."""
-        while self.at < len(self.raw) and not self.peek().strip(_PADDING):
+        while self._next and not self._next.strip(_PADDING):
             self.take()
-        return self.at < len(self.raw)
+        return bool(self._next)
 
     def error(self, message: str, line: int | None = None) -> FormatError:
         return FormatError(message, self.path, self.line if line is None else line)
@@ -151,9 +249,35 @@ class _Cursor:
 
 def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
     """Return a 58b; moves the cursor from its first line of text past its closing delimiter."""
-    words = rest.split()
+    order, n_bytes = _head_of_binary(cursor, line, rest)
+    records = [cursor.take() for _ in range(_TEXT_LINES)]
+    if not cursor.peek():
+        raise cursor.error("58b: the file ends within the dataset, before its data", line)
+    ordinate, points, even = check_record_7(text_of(records[6]), cursor.path, line + 7)
+    forms = _forms(cursor, line, order, ordinate, points, even)
+    ends = {form: cursor.closing(cursor.at + form.size) for form in forms}
+    closed = [form for form in forms if ends[form] is not None]
+    if not closed:
+        raise cursor.error(_what_is_wrong(cursor, forms[0].size, n_bytes), line)
+    payload = next((form for form in closed if form.size == n_bytes), closed[0])
+    # Some writers count points times bytes a number, for complex and uneven data as well (pyuff up
+    # to 2.5.8).
+    if n_bytes not in (payload.size, points * _SIZES[ordinate]):
+        raise cursor.error(
+            f"58b: says {n_bytes} bytes of data; {payload.size} follow from record 7, and stand"
+            " there",
+            line,
+        )
+    end = ends[payload]
+    assert end is not None  # of those in `closed`
+    cursor.move(end)
+    return Dataset(58, line, b"".join(records), payload)
+
+
+def _head_of_binary(cursor: _Cursor, line: int, rest: str) -> tuple[str, int]:
+    """Return byte order, as numpy calls it, and number of bytes that the first line states."""
     try:
-        order, floating, text_lines, n_bytes = map(whole_of, words[:4])
+        order, floating, text_lines, n_bytes = map(whole_of, rest.split()[:4])
     except ValueError as error:
         raise cursor.error(
             "58b: expected byte order, floating-point format, lines of text and bytes of data,"
@@ -170,36 +294,33 @@ def _binary(cursor: _Cursor, line: int, rest: str) -> Dataset:
         raise cursor.error(
             f"58b: {text_lines} lines of text before the data; expected {_TEXT_LINES}", line
         )
-    start = cursor.at
-    records = []
-    for _ in range(_TEXT_LINES):
-        records.append(cursor.take())
-    if cursor.at >= len(cursor.raw):
-        raise cursor.error("58b: the file ends within the dataset, before its data", line)
-    body = cursor.raw[start : cursor.at]
-    size, unit = bytes_expected(text_of(records[6]), cursor.path, line + 7)
-    end = _AFTER_BYTES.match(cursor.raw, cursor.at + size)
-    if end is None:
-        raise cursor.error(_what_is_wrong(cursor, size, n_bytes), line)
-    # Some writers count points times bytes a number, for complex and uneven data as well (pyuff up
-    # to 2.5.8).
-    if n_bytes not in (size, unit):
-        raise cursor.error(
-            f"58b: says {n_bytes} bytes of data; {size} follow from record 7, and stand there", line
-        )
-    payload = cursor.raw[cursor.at : cursor.at + size]
-    cursor.move(end.end())
-    return Dataset(58, line, body, payload, order == 2)
+    return "<>"[order - 1], n_bytes
+
+
+def _forms(
+    cursor: _Cursor, line: int, order: str, ordinate: int, points: int, even: int
+) -> list[Payload]:
+    """Return the forms that the data may have.
+
+    By the format the abscissa of uneven lines is of single precision, whatever the ordinate is;
+    most programs write both in one precision.
+    """
+    number = f"{order}f{_SIZES[ordinate]}"
+    kinds = [(number, number)]
+    if _SIZES[ordinate] == 8 and not even:
+        kinds.append((f"{order}f4", number))
+    columns = columns_of(ordinate, even)
+    return [Payload(cursor.path, line, cursor.at, points, columns, each) for each in kinds]
 
 
 def _what_is_wrong(cursor: _Cursor, size: int, n_bytes: int) -> str:
-    left = len(cursor.raw) - cursor.at
+    left = cursor.size - cursor.at
     if left < size:
         return (
             f"58b: the file is cut short: {size} bytes of data follow from record 7, {left} are"
             " left"
         )
-    if n_bytes != size and _AFTER_BYTES.match(cursor.raw, cursor.at + n_bytes):
+    if 0 <= n_bytes != size and cursor.closing(cursor.at + n_bytes) is not None:
         return (
             f"58b: {n_bytes} bytes of data stand there; from record 7 (points, type, spacing)"
             f" follow {size}"
@@ -211,8 +332,8 @@ def _what_is_wrong(cursor: _Cursor, size: int, n_bytes: int) -> str:
     )
 
 
-def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
-    """Return the number of bytes of the data of a 58b, and that of one number a point.
+def check_record_7(record: str, path: str | Path, line: int) -> tuple[int, int, int]:
+    """Return ordinate data type, number of points and spacing (0 uneven, 1 even).
 
     Parameters
     ----------
@@ -226,7 +347,7 @@ def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
     Raises
     ------
     FormatError
-        If the ordinate type, the number of points or the spacing is none.
+        If one of them has no valid value.
     """
     kind = whole_field(record, 0, 10, "record 7, ordinate data type", path, line)
     points = whole_field(record, 10, 10, "record 7, number of points", path, line)
@@ -244,8 +365,7 @@ def bytes_expected(record: str, path: str | Path, line: int) -> tuple[int, int]:
         raise FormatError(
             f"record 7: abscissa spacing {even}; expected 0 (uneven) or 1 (even)", path, line
         )
-    numbers = columns_of(kind, even)
-    return points * numbers * _SIZES[kind], points * _SIZES[kind]
+    return kind, points, even
 
 
 def columns_of(ordinate: int, even: int) -> int:
@@ -327,7 +447,7 @@ def real_column(text: str, start: int, width: int, what: str, path: str | Path, 
 
 
 def real_field(text: str, what: str, path: str | Path, line: int) -> float:
-    """Return a number as Fortran writes it, with E or D before the exponent.
+    """Return a number as Fortran writes it: the exponent after E or D, or three digits without.
 
     Raises
     ------
@@ -335,7 +455,7 @@ def real_field(text: str, what: str, path: str | Path, line: int) -> float:
         If it is none.
     """
     try:
-        return real_of(text)
+        return real_of(_LONG_EXPONENT.sub(r"\1E\2", text))
     except ValueError as error:
         raise FormatError(
             f"{what}: expected a number, found {text.strip()!r}", path, line

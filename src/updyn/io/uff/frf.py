@@ -13,8 +13,10 @@ What is read, and how:
   the sense met first is taken and the values of the other change sign.
 - Every pair of response and reference has to be there, on the same lines. Nothing is interpolated
   or filled in.
-- Dataset 164 gives the units; without it numbers are taken to be SI. A unit label that contradicts
-  SI ("g", "mm", "lbf") is refused, unless ``scale=`` says by what to multiply.
+- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 where there is
+  no label, or by ``scale=``: `updyn.io.uff.labels`.
+- Real ordinates are refused, as magnitudes and decibels are no FRFs, unless ``real_valued=True``
+  states that their phase is 0 or pi.
 - With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a
   displacement system of its own are expressed in the global one, where they coincide with its axes
   to 1e-6; oblique ones are refused. The geometry of the FRF therefore has no ``axes``;
@@ -38,8 +40,8 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +57,7 @@ from updyn.io.lengths import length
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
 from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.io.uff.labels import FORCE, MOTION, UNKNOWN, abscissa_factor, frf_factor, type_name
 
 __all__ = [
     "Directions",
@@ -64,36 +67,14 @@ __all__ = [
     "read_geometry",
 ]
 
-_MOTION = {8: "receptance", 11: "mobility", 12: "accelerance"}
-_FORCE = (9, 13)
-_UNKNOWN = (0, 1)
 _INVERSE = {
     "receptance": "dynamic stiffness",
     "mobility": "impedance",
     "accelerance": "apparent mass",
 }
-_TYPES = {
-    2: "stress",
-    3: "strain",
-    5: "temperature",
-    8: "displacement",
-    9: "reaction force",
-    11: "velocity",
-    12: "acceleration",
-    13: "excitation force",
-    15: "pressure",
-    16: "mass",
-    17: "time",
-    18: "frequency",
-}
 #: Function types.
 _FRF = 4
 _COHERENCE = 6
-#: Unit labels of motions and forces that are not SI, at the start of a label, brackets aside.
-_NOT_SI = re.compile(
-    r"[(\[]*(g|gs|gn|mm|cm|um|µm|μm|nm|in|inch|ft|mil|mils|ips|lbf?|kn|mn|kgf|oz)(?![a-z])", re.I
-)
-_NOT_HZ = re.compile(r"[(\[]*(khz|rpm|cpm|1/min|rad)", re.I)
 
 
 def read_frf(
@@ -105,6 +86,7 @@ def read_frf(
     references: Iterable[str | Dof] | None = None,
     scalar_direction: str | None = None,
     scale: float | None = None,
+    real_valued: bool = False,
     local_axes: bool = False,
 ) -> FRF:
     """Read the FRFs of a universal file.
@@ -124,8 +106,11 @@ def read_frf(
     scalar_direction : str, optional
         What direction code 0 stands for, for instance "Z" or "-RX".
     scale : float, optional
-        Factor that turns the values of the file into SI. It replaces dataset 164 and the check of
-        unit labels.
+        Factor that converts the values of the file to SI. It replaces dataset 164 and the unit
+        labels of records 9 and 10.
+    real_valued : bool
+        The values are real: their phase is 0 or pi. Without it real ordinates are an error, as they
+        may be magnitudes or decibels; with it values that have an imaginary part are one.
     local_axes : bool
         Keep the directions of nodes with a displacement system of their own, as ``axes`` of the
         geometry: then `updyn.match` has to be told of the measurement before anything else uses it.
@@ -144,6 +129,9 @@ def read_frf(
         If an option has no valid value.
     """
     scalar = _options(duplicates, scalar_direction, scale)
+    for name, given in (("local_axes", local_axes), ("real_valued", real_valued)):
+        if not isinstance(given, bool):
+            raise OptionError(f"{name} {given!r}: expected True or False", key=(name,))
     collector = Collector(path)
     functions: list[Function] = []
     others = Counter[int]()
@@ -160,31 +148,33 @@ def read_frf(
         raise AbsentError(_nothing(functions, collector, others), path)
     _warn_of_others(functions, path)
     found = _quantity(measured, quantity, path)
-    for function in (*measured, *coherences):
-        _check_axes(function, found, collector.units, scale, path)
+    measured = [_in_hertz(f, path) for f in measured]
+    coherences = [_in_hertz(f, path) for f in coherences]
+    for function in measured:
+        _check_values(function, real_valued, path)
     geometry = collector.geometry()
-    if not isinstance(local_axes, bool):
-        raise OptionError(f"local_axes {local_axes!r}: expected True or False")
-    directions = Directions(path, scalar, geometry, local_axes)
+
+    def factor(function: Function, response: Dof, reference: Dof) -> float:
+        if scale is not None:
+            return scale
+        turns = _turns(response), _turns(reference)
+        return frf_factor(function, found, turns, collector.units, path)
+
     parts = assemble(
         measured,
         coherences,
-        directions,
+        Directions(path, scalar, geometry, local_axes),
+        factor,
         average=duplicates == "average",
         responses=responses,
         references=references,
     )
-    values = parts.values
-    if scale is None:
-        values = values * _factors(parts.responses, parts.references, collector.units)
-    else:
-        values = values * scale
     if geometry is not None and not local_axes:
         geometry = Geometry(geometry.nodes, geometry.xyz, geometry.lines, faces=geometry.faces)
     with placed(path):
         return FRF(
             parts.freq,
-            values,
+            parts.values,
             parts.responses,
             parts.references,
             found,
@@ -313,73 +303,47 @@ def _one_quantity(function: Function, path: str | Path) -> str | None:
     """Return what records 9 and 10 say; None where one of them leaves it open."""
     above, below = function.numerator.kind, function.denominator.kind
     line = function.numerator.line
-    if above in _FORCE and below in _MOTION:
+    if above in FORCE and below in MOTION:
         try:
-            check_quantity(_INVERSE[_MOTION[below]])
+            check_quantity(_INVERSE[MOTION[below]])
         except ValueError as error:
             raise FormatError(str(error), path, line) from error
-    if above not in (*_MOTION, *_UNKNOWN) or below not in (*_FORCE, *_UNKNOWN):
+    if above not in (*MOTION, *UNKNOWN) or below not in (*FORCE, *UNKNOWN):
         raise FormatError(
-            f"records 9 and 10 say {_type_name(above)} over {_type_name(below)}; expected a"
+            f"records 9 and 10 say {type_name(above)} over {type_name(below)}; expected a"
             " displacement, velocity or acceleration over a force",
             path,
             line,
         )
-    if above in _MOTION and below in _FORCE:
-        return _MOTION[above]
+    if above in MOTION and below in FORCE:
+        return MOTION[above]
     return None
 
 
-def _type_name(kind: int) -> str:
-    return _TYPES.get(kind, f"data type {kind}")
+def _in_hertz(function: Function, path: str | Path) -> Function:
+    return replace(function, unit_of_x=abscissa_factor(function.abscissa, "frequency", path))
 
 
-def _check_axes(
-    function: Function, quantity: str, units: Units, scale: float | None, path: str | Path
-) -> None:
-    """Refuse an abscissa not in Hz, a magnitude without phase, and units that contradict SI."""
-    axis = function.abscissa
-    if axis.kind not in (18, *_UNKNOWN) or _NOT_HZ.match(axis.unit):
+def _check_values(function: Function, real_valued: bool, path: str | Path) -> None:
+    """Refuse real ordinates that are not stated to be FRFs, and complex ones that are not real."""
+    if not function.is_complex and not real_valued:
         raise FormatError(
-            f"record 8: the abscissa is {_type_name(axis.kind)} in {axis.unit!r}; expected"
-            " frequency in Hz",
-            path,
-            axis.line,
-        )
-    if function.kind != _FRF:
-        return
-    if not np.iscomplexobj(function.y) and not (function.y < 0).any():
-        raise FormatError(
-            "holds real ordinates, none of them negative: a magnitude without phase cannot be used;"
-            " expected complex",
+            "holds real ordinates, and magnitudes and decibels are no FRFs; expected complex ones."
+            " If the values are real because their phase is 0 or pi, state real_valued=True",
             path,
             function.line,
         )
-    if scale is not None:
-        return
-    # With factors other than 1 the labels name the units of the file, except for g: no factor of
-    # dataset 164 is about it.
-    file_is_si = units.length == units.force == 1.0
-    for record, axis in ((9, function.numerator), (10, function.denominator)):
-        found = _NOT_SI.match(axis.unit)
-        if found and (file_is_si or found[1].lower() in ("g", "gs", "gn")):
-            raise FormatError(
-                f"record {record}: the {quantity} is in {axis.unit!r}, which is not SI: give"
-                " scale=, the factor that turns its values into SI (9.80665 for g/N)",
-                path,
-                axis.line,
-            )
+    if function.is_complex and real_valued and function.y.imag.any():
+        raise FormatError(
+            "holds values with an imaginary part, which contradicts real_valued=True",
+            path,
+            function.line,
+            key=("real_valued",),
+        )
 
 
-def _factors(responses: DofSet, references: DofSet, units: Units) -> NDArray[np.float64]:
-    """Return the factors, shape (n_responses, n_references), that turn values into SI.
-
-    Dataset 164 gives the factors to divide lengths and forces by.
-    """
-    # A rotation has no unit; a moment has that of force times length.
-    motion = np.where(responses.axes >= 3, 1.0, units.length)
-    force = np.where(references.axes >= 3, units.force * units.length, units.force)
-    return np.asarray(force[None, :] / motion[:, None])
+def _turns(dof: Dof) -> bool:
+    return dof.direction.startswith("R")
 
 
 # -- what else was there ------------------------------------------------------------------------
@@ -521,7 +485,7 @@ class Directions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """A complete matrix, in the unit of the file.
+    """A complete matrix, in SI.
 
     Attributes
     ----------
@@ -547,6 +511,7 @@ class _Placed:
     function: Function
     response: Dof
     reference: Dof
+    factor: float
 
     @property
     def key(self) -> _Pair:
@@ -558,14 +523,15 @@ class _Placed:
 
     @property
     def signed(self) -> NDArray[Any]:
-        """The ordinate for the positive senses of both DOFs."""
-        return self.function.y * (self.response.sign * self.reference.sign)
+        """The ordinate in SI, for the positive senses of both DOFs."""
+        return self.function.y * (self.factor * self.response.sign * self.reference.sign)
 
 
 def assemble(
     measured: Sequence[Function],
     coherences: Sequence[Function],
     directions: Directions,
+    factor: Callable[[Function, Dof, Dof], float],
     *,
     average: bool,
     responses: Iterable[str | Dof] | None,
@@ -579,6 +545,8 @@ def assemble(
         FRFs, and coherences.
     directions : Directions
         Turns direction codes into DOFs.
+    factor : callable
+        Returns the factor to SI of an FRF, given with its response and its reference.
     average : bool
         Whether functions at one pair are averaged; else they are an error.
     responses, references : iterable of str or Dof, or None
@@ -602,7 +570,7 @@ def assemble(
     path = directions.path
     rows = _Chosen("response", path)
     columns = _Chosen("reference", path)
-    found = [_place(f, directions) for f in measured]
+    found = [_place(f, directions, factor) for f in measured]
     for item in found:
         rows.meet(item.response)
         columns.meet(item.reference)
@@ -631,11 +599,15 @@ def assemble(
     return Parts(freq, values, coherence, rows.kept, columns.kept)
 
 
-def _place(function: Function, directions: Directions) -> _Placed:
+def _place(
+    function: Function,
+    directions: Directions,
+    factor: Callable[[Function, Dof, Dof], float] | None = None,
+) -> _Placed:
+    response = directions.dof("response", *function.response, function.line)
+    reference = directions.dof("reference", *function.reference, function.line)
     return _Placed(
-        function,
-        directions.dof("response", *function.response, function.line),
-        directions.dof("reference", *function.reference, function.line),
+        function, response, reference, factor(function, response, reference) if factor else 1.0
     )
 
 

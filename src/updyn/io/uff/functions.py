@@ -1,12 +1,13 @@
 """Dataset 58 of universal files, "function at nodal DOF", text and binary.
 
 Layout: SDRC, universal file format, dataset 58, revision of 23 April 1993, and the binary form 58b
-of UC-SDRL. The fields of its eleven lines of text are told by column, the numbers of its data by
-blanks; both are counted.
+of UC-SDRL. The fields of its eleven lines of text are separated by column, the numbers of its data
+by blanks; both are counted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -18,13 +19,13 @@ from updyn.errors import FormatError
 from updyn.io.text_numbers import reals
 from updyn.io.uff.datasets import (
     Dataset,
-    bytes_expected,
+    Payload,
+    check_record_7,
     columns_of,
     real_column,
     real_field,
     text_of,
     whole_field,
-    whole_fields,
 )
 
 __all__ = ["FUNCTIONS", "Function", "Record8", "read_function"]
@@ -46,6 +47,8 @@ FUNCTIONS = {
     26: "multiple coherence",
 }
 _WIDTH_6 = 80
+#: Sizes of measured numbers other than 0, far beyond any unit.
+_USUAL = (1e-30, 1e30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,8 @@ class Record8:
     ----------
     kind : int
         Specific data type, for instance 12 for an acceleration.
+    name : str
+        Axis label, for instance "Frequency"; empty where the file says NONE.
     unit : str
         Label of its unit; empty where the file says NONE.
     line : int
@@ -63,13 +68,14 @@ class Record8:
     """
 
     kind: int
+    name: str
     unit: str
     line: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Function:
-    """One dataset 58.
+    """One dataset 58. Abscissa and ordinate of a binary one are read from the file at each access.
 
     Attributes
     ----------
@@ -81,12 +87,18 @@ class Function:
         First line of its identification.
     response, reference : (int, int)
         Node and direction code, -6 to 6, 0 for a scalar.
-    x : ndarray of float, shape (n,)
-        Abscissa.
-    y : ndarray of float or complex, shape (n,)
-        Ordinate, in the unit of the file.
+    points : int
+        Number of points.
+    even : (float, float) or None
+        Abscissa minimum and increment of even spacing.
+    is_complex : bool
+        Whether the ordinate is complex.
     abscissa, numerator, denominator : Record8
         What they are.
+    data : ndarray of float, shape (points, columns), or Payload
+        The numbers of a text, or where those of a binary dataset are.
+    unit_of_x : float
+        Factor of the abscissa.
     """
 
     line: int
@@ -94,16 +106,43 @@ class Function:
     title: str
     response: tuple[int, int]
     reference: tuple[int, int]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64] | NDArray[np.complex128]
+    points: int
+    even: tuple[float, float] | None
+    is_complex: bool
     abscissa: Record8
     numerator: Record8
     denominator: Record8
+    data: NDArray[np.float64] | Payload
+    unit_of_x: float = 1.0
 
     @property
     def name(self) -> str:
         """What it is, for messages."""
         return FUNCTIONS.get(self.kind, f"function of type {self.kind}")
+
+    @property
+    def x(self) -> NDArray[np.float64]:
+        """Abscissa, shape (points,)."""
+        if self.even is None:
+            return self._table()[:, 0] * self.unit_of_x
+        start, step = self.even
+        return (start + step * np.arange(self.points, dtype=np.float64)) * self.unit_of_x
+
+    @property
+    def y(self) -> NDArray[np.float64] | NDArray[np.complex128]:
+        """Ordinate in the unit of the file, shape (points,)."""
+        return _ordinate(self._table(), self.is_complex)
+
+    def _table(self) -> NDArray[np.float64]:
+        return self.data.read() if isinstance(self.data, Payload) else self.data
+
+
+def _ordinate(
+    table: NDArray[np.float64], is_complex: bool
+) -> NDArray[np.float64] | NDArray[np.complex128]:
+    if is_complex:
+        return np.ascontiguousarray(table[:, -2:]).view(np.complex128)[:, 0]
+    return table[:, -1]
 
 
 def read_function(dataset: Dataset, path: str | Path) -> Function:
@@ -137,35 +176,60 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     texts = [text_of(line).rstrip("\r") for line in lines[:11]]
     kind, response, reference = _record_6(lines[5], path, dataset.line + 6)
     at = dataset.line + 7
-    bytes_expected(texts[6], path, at)  # checks type, number of points and spacing
-    ordinate, points, even = whole_fields(texts[6], 3, "record 7", path, at)
-    columns = columns_of(ordinate, even)
-    numbers = _numbers(dataset, lines, ordinate, even, points * columns, path)
-    table = numbers.reshape(points, columns)
-    step = 0.0
-    if even:
-        start = real_column(texts[6], 30, 13, "record 7, abscissa minimum", path, at)
-        step = real_column(texts[6], 43, 13, "record 7, abscissa increment", path, at)
-        x = start + step * np.arange(points, dtype=np.float64)
+    ordinate, points, is_even = check_record_7(texts[6], path, at)
+    if dataset.payload is None:
+        numbers = _numbers(dataset, lines[11], ordinate, is_even, points, path)
+        table = numbers.reshape(points, -1)
     else:
-        x = table[:, 0]
-    y = table[:, -1]
-    if ordinate in (5, 6):
-        y = table[:, -2] + 1j * y
+        table = dataset.payload.read()
+        _check_byte_order(dataset.payload, table, path, dataset.line)
+    even = None
+    if is_even:
+        even = (
+            real_column(texts[6], 30, 13, "record 7, abscissa minimum", path, at),
+            real_column(texts[6], 43, 13, "record 7, abscissa increment", path, at),
+        )
     found = Function(
         dataset.line,
         kind,
         texts[0].strip(),
         response,
         reference,
-        x,
-        y,
+        points,
+        even,
+        ordinate in (5, 6),
         _axis(texts, 7, dataset, path),
         _axis(texts, 8, dataset, path),
         _axis(texts, 9, dataset, path),
+        table if dataset.payload is None else dataset.payload,
     )
-    _check(found, bool(even), step, path)
+    _check(found, table, path)
     return found
+
+
+def _check_byte_order(
+    payload: Payload, table: NDArray[np.float64], path: str | Path, line: int
+) -> None:
+    """Refuse numbers of absurd size that are of usual size in the other byte order."""
+    if _share_of_absurd(table) < 0.1:
+        return
+    other = payload.read(swapped=True)
+    if _share_of_absurd(other) == 0.0:
+        small, large = np.abs(table[table != 0]).min(), np.abs(table).max()
+        raise FormatError(
+            f"58b: numbers from {small:.3g} to {large:.3g} in size in the byte order that the first"
+            f" line states, and from {np.abs(other).min():.3g} to {np.abs(other).max():.3g} in the"
+            " other: the byte order (1 little-endian, 2 big-endian) in columns 8 to 13 is wrong",
+            path,
+            line,
+        )
+
+
+def _share_of_absurd(table: NDArray[np.float64]) -> float:
+    """Return the share of the numbers other than 0 that no measurement has."""
+    size = np.abs(table[table != 0])
+    low, high = _USUAL
+    return 1.0 - float(((size >= low) & (size <= high)).mean()) if size.size else 0.0
 
 
 def _record_6(
@@ -199,22 +263,26 @@ def _record_6(
 def _axis(texts: list[str], index: int, dataset: Dataset, path: str | Path) -> Record8:
     line = dataset.line + 1 + index
     kind = whole_field(texts[index], 0, 10, f"record {index + 1}, specific data type", path, line)
-    unit = texts[index][46:].strip()
-    if unit.upper() == "NONE":
-        unit = ""
-    return Record8(kind, unit, line)
+    name, unit = texts[index][26:46].strip(), texts[index][46:].strip()
+    return Record8(kind, _unless_none(name), _unless_none(unit), line)
+
+
+def _unless_none(label: str) -> str:
+    return "" if label.upper() == "NONE" else label
 
 
 def _numbers(
-    dataset: Dataset, lines: list[bytes], ordinate: int, even: int, count: int, path: str | Path
+    dataset: Dataset, body: bytes, ordinate: int, even: int, points: int, path: str | Path
 ) -> NDArray[np.float64]:
-    if dataset.payload is not None:
-        order = ">" if dataset.big_endian else "<"
-        size = 8 if ordinate in (4, 6) else 4
-        return np.frombuffer(dataset.payload, f"{order}f{size}").astype(np.float64)
-    words = lines[11].split()
+    """Return the numbers of a text."""
+    count = points * columns_of(ordinate, even)
+    found = reals(body)
+    if found is not None and len(found) == count:
+        return found
+    lines = list(enumerate(body.split(b"\n"), dataset.line + 12))
+    words = [(at, word) for at, line in lines for word in line.split()]
     if len(words) < count:  # numbers that touch: "-1.00000E+100-1.00000E+100"
-        words = _by_column(lines[11], ordinate, even)
+        words = _by_column(lines, _widths(ordinate, even)) or words
     if len(words) != count:
         raise FormatError(
             f"dataset 58: {count} numbers follow from record 7 (points, type, spacing), found"
@@ -222,62 +290,60 @@ def _numbers(
             path,
             dataset.line,
         )
-    found = reals(b" ".join(words))
-    if found is not None:
-        return found
-    first = dataset.line + 12
-    out = []
-    for number, line in enumerate(lines[11].split(b"\n"), first):
-        for word in line.split():
-            out.append(real_field(text_of(word), "data", path, number))
-    if len(out) != count:
-        out = [real_field(text_of(word), "data", path, first) for word in words]
-    return np.array(out)
+    return np.array([real_field(text_of(word), "data", path, at) for at, word in words])
 
 
-def _by_column(data: bytes, ordinate: int, even: int) -> list[bytes]:
+def _widths(ordinate: int, even: int) -> list[int]:
+    """Return the widths of the fields of a line of data."""
     if ordinate in (2, 5):
-        widths = [13] * 6
-    elif even:
-        widths = [20] * 4
-    else:
-        widths = [13, 20, 20]
-        if ordinate == 4:
-            widths = [13, 20, 13, 20]
+        return [13] * 6
+    if even:
+        return [20] * 4
+    return [13, 20, 13, 20] if ordinate == 4 else [13, 20, 20]
+
+
+def _by_column(
+    lines: Sequence[tuple[int, bytes]], widths: Sequence[int]
+) -> list[tuple[int, bytes]]:
+    """Return the fields of lines; none at all if the columns are not those of the format."""
     edges = [0, *accumulate(widths)]
     fields = []
-    for line in data.split(b"\n"):
+    for at, line in lines:
         for start, end in pairwise(edges):
             field = line[start:end].strip()
-            # A field without a point is part of a number that was cut: the columns are not those of
-            # the format.
-            if field and b"." not in field:
-                return data.split()
+            if field and b"." not in field:  # a part of a number that was cut
+                return []
             if field:
-                fields.append(field)
+                fields.append((at, field))
     return fields
 
 
-def _check(found: Function, even: bool, step: float, path: str | Path) -> None:
-    if even and not (np.isfinite(found.x).all() and (step > 0 or len(found.x) == 1)):
-        raise FormatError(
-            f"record 7: abscissa starts at {found.x[0]:g} with steps of {step:g}; expected finite"
-            " numbers, ascending",
-            path,
-            found.line + 7,
-        )
-    for what, array in (("abscissa", found.x), ("ordinate", found.y)):
+def _check(found: Function, table: NDArray[np.float64], path: str | Path) -> None:
+    """Refuse numbers that are not finite, and an abscissa that does not increase."""
+    if found.even is None:
+        x = table[:, 0]
+    else:
+        x = found.x
+        start, step = found.even
+        if not (np.isfinite(x).all() and (step > 0 or found.points == 1)):
+            raise FormatError(
+                f"record 7: abscissa starts at {start:g} with steps of {step:g}; expected finite"
+                " numbers, ascending",
+                path,
+                found.line + 7,
+            )
+    for what, array in (("abscissa", x), ("ordinate", _ordinate(table, found.is_complex))):
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
             raise FormatError(
                 f"dataset 58: the {what} of point {bad[0] + 1} is not finite", path, found.line
             )
-    down = np.flatnonzero(np.diff(found.x) <= 0)
+    down = np.flatnonzero(np.diff(x) <= 0)
     if down.size:
         i = int(down[0])
         raise FormatError(
-            f"dataset 58: the abscissa does not increase from point {i + 1} ({found.x[i]:g}) to"
-            f" {i + 2} ({found.x[i + 1]:g})",
+            f"dataset 58: the abscissa does not increase from point {i + 1} ({x[i]:g}) to"
+            f" {i + 2} ({x[i + 1]:g})",
             path,
             found.line,
         )

@@ -3,35 +3,32 @@
 Channels are called by their DOF, ``3:-Z``; a force by ``3:-Z force``, as there may be a motion at
 the same DOF; one without node and direction by the first line of its identification. A channel that
 stands several times is a record each time, in the order of the file; all channels have to stand
-equally often. Units are the labels of record 9; without a label the SI unit of its data type, after
-dataset 164.
+equally often. Units are the labels of record 9; without a label the SI unit of its data type, to
+which values are converted by dataset 164 (`updyn.io.uff.labels`).
 """
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from updyn.dofs import DIRECTIONS
 from updyn.errors import AbsentError, FormatError, UpdynWarning
 from updyn.io.items import counted, existing, placed
 from updyn.io.uff.datasets import datasets
 from updyn.io.uff.functions import Function, read_function
-from updyn.io.uff.geometry import NUMBERS, Collector, Units
+from updyn.io.uff.geometry import NUMBERS, Collector
+from updyn.io.uff.labels import FORCE, abscissa_factor, channel_unit
 from updyn.signals.records import Records
 
 __all__ = ["read_records"]
 
 _TIME_RESPONSE = 1
-#: Specific data types.
-_TIME, _UNKNOWN = 17, (0, 1)
-_MOTION = {8: "", 11: "/s", 12: "/s^2"}
-_FORCE = (9, 13)
-_SECONDS = re.compile(r"(s|sec|second|seconds)?", re.I)
 _SAME = 1e-9
 
 
@@ -81,6 +78,7 @@ def read_records(path: str | Path) -> Records:
             UpdynWarning,
             stacklevel=2,
         )
+    chosen = [_in_seconds(f, path) for f in chosen]
     for function in chosen:
         _check(function, chosen[0], path)
     channels: dict[str, list[Function]] = {}
@@ -89,7 +87,7 @@ def read_records(path: str | Path) -> Records:
     _check_complete(channels, path)
     values, units = [], []
     for name, records in channels.items():
-        said = {_unit(function, collector.units) for function in records}
+        said = {channel_unit(function, collector.units, path) for function in records}
         if len(said) > 1:
             texts = " and ".join(repr(unit) for unit, _ in sorted(said))
             raise FormatError(f"channel {name!r}: records in {texts}; expected one unit", path)
@@ -99,49 +97,43 @@ def read_records(path: str | Path) -> Records:
     with placed(path):
         return Records.of(
             np.array(values).transpose(1, 0, 2),
-            _step(chosen[0]),
+            _step(chosen[0].x),
             list(channels),
             units,
             Path(path).name,
         )
 
 
-def _step(function: Function) -> float:
-    return float((function.x[-1] - function.x[0]) / (len(function.x) - 1))
+def _in_seconds(function: Function, path: str | Path) -> Function:
+    return replace(function, unit_of_x=abscissa_factor(function.abscissa, "time", path))
+
+
+def _step(x: NDArray[np.float64]) -> float:
+    return float((x[-1] - x[0]) / (len(x) - 1))
 
 
 def _check(function: Function, first: Function, path: str | Path) -> None:
     """Refuse a function that is no evenly spaced, real time response like the first one."""
-    if np.iscomplexobj(function.y):
+    if function.is_complex:
         raise FormatError("a complex time response; expected real numbers", path, function.line)
-    if len(function.x) < 2:
+    if function.points < 2:
         raise FormatError("a time response of one sample", path, function.line)
-    if function.abscissa.kind not in (_TIME, *_UNKNOWN):
-        raise FormatError(
-            f"a time response over data type {function.abscissa.kind}; expected time (17)",
-            path,
-            function.abscissa.line,
-        )
-    label = function.abscissa.unit.strip("()[] ")
-    if _SECONDS.fullmatch(label) is None:
-        raise FormatError(
-            f"times in {function.abscissa.unit!r}; expected s", path, function.abscissa.line
-        )
-    step = _step(function)
-    if (np.abs(np.diff(function.x) - step) > 1e-3 * step).any():
+    x, expected = function.x, first.x
+    step = _step(x)
+    if (np.abs(np.diff(x) - step) > 1e-3 * step).any():
         raise FormatError("a time response that is not evenly spaced", path, function.line)
-    if len(function.x) != len(first.x):
+    if len(x) != len(expected):
         raise FormatError(
-            f"a time response of {len(function.x)} samples, that on line {first.line} has"
-            f" {len(first.x)}; records of a file have to be alike",
+            f"a time response of {len(x)} samples, that on line {first.line} has"
+            f" {len(expected)}; records of a file have to be alike",
             path,
             function.line,
         )
-    apart = max(abs(step - _step(first)) * len(first.x), abs(function.x[0] - first.x[0]))
-    if apart > max(1e-6 * step, _SAME * abs(float(first.x[-1]))):
+    apart = max(abs(step - _step(expected)) * len(x), abs(x[0] - expected[0]))
+    if apart > max(1e-6 * step, _SAME * abs(float(expected[-1]))):
         raise FormatError(
-            f"a time response from {function.x[0]:g} s in steps of {step:g} s, that on line"
-            f" {first.line} from {first.x[0]:g} s in steps of {_step(first):g} s; records of a"
+            f"a time response from {x[0]:g} s in steps of {step:g} s, that on line"
+            f" {first.line} from {expected[0]:g} s in steps of {_step(expected):g} s; records of a"
             " file have to be alike",
             path,
             function.line,
@@ -157,7 +149,7 @@ def _name(function: Function, path: str | Path) -> str:
         name = str(node) if node else function.title
     else:
         name = f"{node}:{'-' if code < 0 else ''}{DIRECTIONS[abs(code) - 1]}"
-    return f"{name} force" if function.numerator.kind in _FORCE and node else name
+    return f"{name} force" if function.numerator.kind in FORCE and node else name
 
 
 def _check_complete(channels: dict[str, list[Function]], path: str | Path) -> None:
@@ -171,17 +163,3 @@ def _check_complete(channels: dict[str, list[Function]], path: str | Path) -> No
             path,
             channels[least][-1].line,
         )
-
-
-def _unit(function: Function, units: Units) -> tuple[str, float]:
-    """Return the unit of a channel, and what makes it of the numbers of the file."""
-    kind, label = function.numerator.kind, function.numerator.unit.strip("()[] ")
-    if label:
-        return label, 1.0
-    turns = abs(function.response[1]) > 3
-    if kind in _MOTION:
-        return ("rad" if turns else "m") + _MOTION[kind], 1.0 if turns else 1.0 / units.length
-    if kind in _FORCE:
-        factor = units.force * units.length if turns else units.force
-        return "N m" if turns else "N", 1.0 / factor
-    return "", 1.0
