@@ -11,7 +11,14 @@ import pytest
 from killed import contents, killed_at, outcome, write_set
 from updyn.errors import FormatError, InputError
 from updyn.outputs.lock import LOCK, InUseError, locked
-from updyn.outputs.manifest import MANIFEST, Manifest, is_inside, obstacles
+from updyn.outputs.manifest import (
+    MANIFEST,
+    Manifest,
+    file_digest,
+    is_inside,
+    is_output,
+    obstacles,
+)
 from updyn.outputs.switch import recover, replaced
 
 OLD = {"model.h5": "old", "result.json": "old", "plant.mat": "old", "tip held/run.nc": "old"}
@@ -41,7 +48,7 @@ def test_a_set_replaces_the_one_before_and_nothing_else(folder: Path) -> None:
 
 def test_a_block_that_raises_leaves_the_old_set(folder: Path) -> None:
     def fail() -> None:
-        with replaced(folder, "run", tuple(NEW), earlier=("run",)) as new:
+        with replaced(folder, "run", tuple(NEW)) as new:
             (new / "model.h5").write_text("new")
             raise ZeroDivisionError
 
@@ -114,7 +121,7 @@ def test_a_file_that_came_up_after_a_kill_is_kept(folder: Path) -> None:
 
 def test_a_file_that_comes_up_while_a_run_goes_on_is_kept(folder: Path) -> None:
     def late() -> None:
-        with replaced(folder, "run", tuple(NEW), earlier=("run",)) as new:
+        with replaced(folder, "run", tuple(NEW)) as new:
             (new / "report.html").write_text("new")
             (folder / "report.html").write_text("mine")
 
@@ -143,6 +150,99 @@ def test_a_plan_from_elsewhere_reaches_no_file_outside(tmp_path: Path) -> None:
         with pytest.raises(FormatError, match="is no plan of a switch"):
             recover(out)
     assert precious.read_text() == "mine"
+
+
+def interrupted(folder: Path, moved: dict[str, str], removed: list[str]) -> Path:
+    """A switch as a kill leaves it, made by hand: new content by name, and names that go."""
+    waiting = folder / ".finished-0123456789abcdef"
+    waiting.mkdir(parents=True)
+    pairs = {}
+    for name, text in moved.items():
+        (waiting / name).parent.mkdir(parents=True, exist_ok=True)
+        (waiting / name).write_text(text, encoding="utf-8")
+        target = folder / name
+        pairs[name] = [
+            file_digest(target) if target.is_file() else None,
+            file_digest(waiting / name),
+        ]
+    digests = {name: file_digest(folder / name) for name in removed}
+    plan = json.dumps({"moved": pairs, "removed": digests})
+    (waiting / ".updyn.switch").write_text(plan, encoding="utf-8")
+    return waiting
+
+
+def test_a_forged_switch_removes_and_replaces_no_file_of_a_user(folder: Path) -> None:
+    """The digests are right; no command writes these names."""
+    removed = ["notes.txt", "tip held/notes.txt", "model.h5"]
+    interrupted(folder, {"run.nc": "new"}, removed)
+    recover(folder)
+    assert contents(folder) == {
+        **{name: text for name, text in OLD.items() if name != "model.h5"},
+        **FOREIGN,
+        "run.nc": "new",
+    }
+    waiting = interrupted(folder, {"notes.txt": "forged"}, [])
+    with pytest.raises(InputError, match=r"'notes.txt' .* move it"):
+        recover(folder)
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert (waiting / "notes.txt").read_text() == "forged"
+
+
+@pytest.mark.parametrize(
+    "name", [".updyn.lock", "run.journal", ".unfinished-0123456789abcdef/b", "a/.updyn.switch"]
+)
+def test_a_forged_switch_reaches_no_reserved_name(folder: Path, name: str) -> None:
+    interrupted(folder, {name: "forged"}, [])
+    with pytest.raises(FormatError, match="is no plan of a switch"):
+        recover(folder)
+    assert not (folder / name).exists()
+
+
+@posix
+def test_links_in_a_forged_set_lead_nowhere(folder: Path, tmp_path: Path) -> None:
+    private = tmp_path / "private"
+    private.mkdir()
+    (private / "run.nc").write_text("mine")
+    waiting = folder / ".finished-0123456789abcdef"
+    for kind in ("finished", "unfinished"):
+        forged = folder / f".{kind}-0123456789abcdef"
+        forged.mkdir()
+        (forged / "tip held").symlink_to(private)
+        plan = {
+            "moved": {"tip held/run.nc": [None, file_digest(private / "run.nc")]},
+            "removed": {},
+        }
+        (forged / ".updyn.switch").write_text(json.dumps(plan))
+        if kind == "finished":
+            with pytest.raises(FormatError, match="is no plan of a switch"):
+                recover(folder)
+            (waiting / "tip held").unlink()
+            (waiting / ".updyn.switch").unlink()
+            waiting.rmdir()
+        else:
+            recover(folder)
+            assert not forged.exists()
+        assert (private / "run.nc").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"),
+    [
+        ("model.h5", True),
+        ("tip held/run.nc", True),
+        ("a/b/run.nc", False),
+        (".hidden/run.nc", False),
+        ("../run.nc", False),
+        ("/run.nc", False),
+        ("notes.txt", False),
+        ("manifest.json", False),
+        ("run.journal", False),
+        (".updyn.lock", False),
+        ("", False),
+    ],
+)
+def test_names_that_commands_write(name: str, is_one: bool) -> None:
+    assert is_output(name) == is_one
 
 
 @pytest.mark.parametrize("name", ["..", "a/../b", "/a", "C:/a", "C:a", "a\\b", "", ".", "a\0"])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from updyn.outputs.lock import LOCK
-from updyn.outputs.manifest import MANIFEST
+from updyn.outputs.manifest import MANIFEST, Manifest
 from updyn.outputs.switch import open_folder, recover, replaced
 
 #: Calls that change what a folder holds, or say that it is on disk.
@@ -65,7 +65,13 @@ def contents(folder: Path) -> dict[str, str]:
 
 def write_set(folder: Path, files: dict[str, str], command: str = "run") -> None:
     """Write a set of files, as a run does; those of an earlier run go."""
-    with open_folder(folder), replaced(folder, command, tuple(files), earlier=("run",)) as new:
+    with open_folder(folder):
+        _write(folder, files, command)
+
+
+def _write(folder: Path, files: dict[str, str], command: str) -> None:
+    earlier = Manifest.read(folder).entries
+    with replaced(folder, command, (*files, *earlier)) as new:
         for name, text in files.items():
             (new / name).parent.mkdir(exist_ok=True)
             (new / name).write_text(text, encoding="utf-8")
@@ -89,7 +95,14 @@ def outcome(seed: int, folder: Path) -> str:
     import random
 
     chance = random.Random(seed)
-    names = ["a.json", "b.nc", "c.h5", "one test/d.h5", "two test/e.nc", "plant.mat"]
+    names = [
+        "model.h5",
+        "run.nc",
+        "result.json",
+        "one test/model.h5",
+        "two test/run.nc",
+        "plant.mat",
+    ]
     old = {n: f"old {seed} {n}" for n in chance.sample(names, chance.randint(0, 5))}
     new = {n: f"new {seed} {n}" for n in chance.sample(names, chance.randint(1, 5))}
     foreign = {"notes.txt": "mine", "one test/notes.txt": "mine", ".unfinished-x/y": "mine"}

@@ -277,7 +277,7 @@ def _write_inputs(
     from updyn.outputs.manifest import Manifest, obstacles
     from updyn.outputs.switch import PLAN, open_folder, replaced
 
-    with open_folder(folder), replaced(folder, "demo", earlier=("demo",)) as new:
+    with open_folder(folder), replaced(folder, "demo") as new:
         before = Manifest.read(folder).entries if more else ()
         for name in before:
             shutil.copyfile(folder / name, new / name)

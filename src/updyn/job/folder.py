@@ -16,7 +16,7 @@ from updyn.job.files import check_encodable
 from updyn.job.job_table import JOB_TABLES
 from updyn.job.schema import OUTPUTS, Job
 from updyn.outputs.lock import LOCK
-from updyn.outputs.manifest import MANIFEST, obstacles
+from updyn.outputs.manifest import MANIFEST, Manifest, is_output, obstacles
 from updyn.outputs.switch import PLAN, recover
 from updyn.updating.fit.methods import options_of
 
@@ -27,6 +27,7 @@ __all__ = [
     "RESERVED",
     "check_out",
     "default_out",
+    "earlier_outputs",
     "is_of_a_run",
     "outputs",
     "relative_path",
@@ -41,8 +42,12 @@ JOURNAL = "run.journal"
 PLAN_JOURNAL = "plan.journal"
 #: Files of a folder that no output may be named after.
 RESERVED = (MANIFEST, JOURNAL, PLAN_JOURNAL, LOCK, PLAN)
+#: The job as it was run, in the folder of the results; users give their own jobs this name, too.
+JOB_FILE = "job.toml"
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
+#: Commands whose files go when the next run comes.
+_OF_A_RUN = ("run", "plant")
 _MOVE = "move them away, or choose another --out"
 #: Files of which each of several tests has its own, in a folder of its name.
 _OF_A_TEST = ("model.h5", "run.nc", "report.html")
@@ -73,6 +78,43 @@ def outputs(job: Job) -> tuple[str, ...]:
         names += [f"{part.test.name}/{name}" for name in _OF_A_TEST]
     names += [name for name in OUTPUTS if name not in ("model.h5", "run.nc")]
     return tuple(names)
+
+
+def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
+    """Return the files of an earlier run in a folder that a run of a job removes or replaces.
+
+    Parameters
+    ----------
+    job : Job
+        The job.
+    out : Path
+        The folder.
+
+    Returns
+    -------
+    tuple of str
+        Files that the manifest of the folder lists under names that the commands write of their
+        own accord, and that are no inputs of the job.
+
+    Warns
+    -----
+    UpdynWarning
+        If files of an earlier run have other names: its job chose them, or the manifest is forged.
+    """
+    inputs = {os.path.realpath(path) for path in _inputs(job)}
+    now = outputs(job)
+    entries = Manifest.read(out).entries
+    listed = [name for name, entry in entries.items() if entry.command in _OF_A_RUN]
+    earlier = [name for name in listed if os.path.realpath(out / name) not in inputs]
+    foreign = [name for name in earlier if not is_output(name) and name not in now]
+    if foreign:
+        names = ", ".join(map(repr, sorted(foreign)))
+        text = (
+            f"{str(out)!r} lists files of an earlier run under other names: {names}; this run"
+            " neither replaces nor removes them"
+        )
+        warnings.warn(text, UpdynWarning, stacklevel=3)
+    return tuple(name for name in earlier if is_output(name))
 
 
 def default_out(job: Job, work: str = "") -> Path:
@@ -142,6 +184,8 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
             raise JobError(text, job.path)
     recover(out)
     kept = obstacles(out, names)
+    if JOB_FILE in names and (out / JOB_FILE).is_file() and not is_of_a_run(out / JOB_FILE):
+        kept.setdefault(JOB_FILE, "was not written by a run")
     if kept:
         reasons = ", ".join(f"{str(out / name)!r} {why}" for name, why in kept.items())
         text = f"the run would write over files that are not its own: {reasons}; {_MOVE}"

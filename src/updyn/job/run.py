@@ -15,6 +15,7 @@ from updyn.frf import FRF
 from updyn.io import write_model, write_properties
 from updyn.job.folder import (
     check_out,
+    earlier_outputs,
     outputs,
     resolved_job,
     run_journal,
@@ -164,13 +165,14 @@ def run_job(
     caller = _Caller(callback)
     with open_folder(out):
         check_out(job, out)  # once more: now no other run can change it
+        names = (*outputs(job), *earlier_outputs(job, out))
         resume = resume and was_saved(out)
         load_libraries()
         with run_journal(out) as journal:
             result = _update(ready, caller, engine=engine, checkpoint=journal, resume=resume)
             result = with_modes(result)
             further = _further(ready, result, caller, engine)
-        with replaced(out, "run", outputs(job), earlier=("run", "plant")) as new:
+        with replaced(out, "run", names) as new:
             _write(result, job, out, new)
             for name, found in further.items():
                 JOB_TABLES[name].write(found, job, new)

@@ -14,10 +14,49 @@ from updyn import __version__
 from updyn.errors import FormatError
 from updyn.io.atomic import write_json
 
-__all__ = ["MANIFEST", "Entry", "Manifest", "file_digest", "is_inside", "obstacle", "obstacles"]
+__all__ = [
+    "MANIFEST",
+    "OUTPUT_NAMES",
+    "Entry",
+    "Manifest",
+    "file_digest",
+    "is_inside",
+    "is_output",
+    "obstacle",
+    "obstacles",
+]
 
 #: Name of the file.
 MANIFEST = "manifest.json"
+#: Names of files that the commands write of their own accord, in a folder of results or in the
+#: folder of a test there. A manifest can be copied or forged: no other file is removed on its word.
+OUTPUT_NAMES = frozenset(
+    {
+        "model.h5",
+        "run.nc",
+        "report.html",
+        "job.toml",
+        "result.json",
+        "uncertainty.nc",
+        "check.html",
+        "correlate.html",
+        "compare.html",
+        "compare.json",
+        "modes.html",
+        "modes.unv",
+        "plan.html",
+        "plan.json",
+        "plant.html",
+        "control.json",
+        *(
+            f"plant{at}{kind}"
+            for at in ("", "-sampled")
+            for kind in (".mat", ".json", ".h", ".npz")
+        ),
+    }
+)
+#: Folders above an output: none, or that of a test.
+_DEEPEST = 1
 FORMAT, SCHEMA = "updyn manifest", 1
 _ABOUT = (
     "Files that updyn wrote into this folder, and may replace while their SHA-256 digest is the"
@@ -152,6 +191,19 @@ def is_inside(name: str) -> bool:
     parts = PurePosixPath(name).parts
     plain = bool(parts) and ".." not in parts and not PurePosixPath(name).is_absolute()
     return plain and not PureWindowsPath(name).anchor and "\\" not in name and "\0" not in name
+
+
+def is_output(name: str) -> bool:
+    """Return whether the commands write a file of this name of their own accord.
+
+    Parameters
+    ----------
+    name : str
+        Path relative to a folder of results, with slashes.
+    """
+    *folders, last = name.split("/")
+    plain = is_inside(name) and len(folders) <= _DEEPEST and not name.startswith(".")
+    return plain and last in OUTPUT_NAMES
 
 
 def file_digest(path: Path) -> str:

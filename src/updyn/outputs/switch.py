@@ -24,13 +24,23 @@ from typing import Any
 
 from updyn.errors import FormatError, InputError
 from updyn.io.atomic import sync_folder, write_json
-from updyn.outputs.lock import InUseError, locked
-from updyn.outputs.manifest import MANIFEST, Entry, Manifest, file_digest, is_inside, obstacle
+from updyn.outputs.lock import LOCK, InUseError, locked
+from updyn.outputs.manifest import (
+    MANIFEST,
+    Entry,
+    Manifest,
+    file_digest,
+    is_inside,
+    is_output,
+    obstacle,
+)
 
 __all__ = ["PLAN", "create_folder", "open_folder", "recover", "replaced"]
 
 #: Name of the plan in the folder of a set; it tells such a folder from one of a user.
 PLAN = ".updyn.switch"
+#: How the name of a file ends that saves the work under way.
+_JOURNAL = ".journal"
 _NAME = re.compile(r"\.(unfinished|finished)-[0-9a-f]{16}")
 
 
@@ -81,9 +91,7 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 
 # -- a new set -------------------------------------------------------------------------------------
 @contextmanager
-def replaced(
-    folder: Path, command: str, names: Collection[str] = (), earlier: Collection[str] = ()
-) -> Iterator[Path]:
+def replaced(folder: Path, command: str, names: Collection[str] = ()) -> Iterator[Path]:
     """Yield a folder to write a set of files to; at the end they take their places together.
 
     Parameters
@@ -95,9 +103,6 @@ def replaced(
     names : collection of str
         Files of the set, in the order in which they appear; one that is not written is removed from
         `folder`. What is written besides belongs to the set, too.
-    earlier : collection of str
-        Commands whose files go when this set comes, where it does not replace them; files that have
-        been changed stay.
 
     Yields
     ------
@@ -116,7 +121,7 @@ def replaced(
     try:
         (staging / PLAN).touch()
         yield staging
-        _commit(staging, folder, run, command, names, earlier)
+        _commit(staging, folder, run, command, names)
     finally:
         if staging.is_dir():
             _discard(staging)
@@ -139,22 +144,14 @@ class _Plan:
     removed: dict[str, str]
 
 
-def _commit(
-    staging: Path,
-    folder: Path,
-    run: str,
-    command: str,
-    names: Collection[str],
-    earlier: Collection[str],
-) -> None:
+def _commit(staging: Path, folder: Path, run: str, command: str, names: Collection[str]) -> None:
     """Put the files of a finished set into their places."""
     found = [p.relative_to(staging).as_posix() for p in staging.rglob("*") if p.is_file()]
     written = [name for name in names if name in found]
     written += sorted(set(found) - {*names, PLAN})
     digests = {name: file_digest(staging / name) for name in written}
     old = Manifest.read(folder)
-    stale = [name for name, entry in old.entries.items() if entry.command in earlier]
-    gone = [name for name in dict.fromkeys((*names, *stale)) if name not in digests]
+    gone = [name for name in dict.fromkeys(names) if name not in digests]
     kept = {name: entry for name, entry in old.entries.items() if name not in gone}
     new = {name: Entry(digest, run, command) for name, digest in digests.items()}
     Manifest(MappingProxyType({**kept, **new})).write(staging)
@@ -223,10 +220,9 @@ def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
         if each.is_dir():
             sync_folder(each)
     for path in finished.iterdir():
-        if path.is_dir():
-            path.rmdir()
+        _remove_empty([path] if path.is_dir() else [])
     (finished / PLAN).unlink()
-    finished.rmdir()
+    _remove_empty([finished])
     sync_folder(folder)
 
 
@@ -273,13 +269,14 @@ def _recover(folder: Path) -> None:
         else:
             plan = _read_plan(path)
             _check(path, folder, plan)
-            _complete(path, folder, plan)
+            removed = {name: was for name, was in plan.removed.items() if is_output(name)}
+            _complete(path, folder, _Plan(plan.moved, removed))
 
 
 def _discard(staging: Path) -> None:
     """Remove the folder of a set, the plan that tells it from a user's last."""
     for path in staging.iterdir():
-        if path.is_dir():
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         elif path.name != PLAN:
             path.unlink()
@@ -293,21 +290,38 @@ def _read_plan(finished: Path) -> _Plan:
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         plan = _Plan(**content)
-        plain = all(map(is_inside, (*plan.moved, *plan.removed)))
-        plain = plain and all(isinstance(pair, list) for pair in plan.moved.values())
+        usable = all(map(_is_free, (*plan.moved, *plan.removed)))
+        usable = usable and all(map(_is_pair, plan.moved.values()))
     except (OSError, ValueError, RecursionError, TypeError, AttributeError) as error:
         raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path) from error
-    if not plain:
+    if not usable or any(each.is_symlink() for each in finished.rglob("*")):
         raise FormatError(f"is no plan of a switch; move {str(finished)!r} away", path)
     return plan
 
 
+def _is_pair(digests: Any) -> bool:
+    """Return whether a value is a list of an old digest, or None, and a new one."""
+    return isinstance(digests, list) and list(map(type, digests)) in ([type(None), str], [str, str])
+
+
+def _is_free(name: str) -> bool:
+    """Return whether a name is inside a folder and not one that the folder needs itself."""
+    parts = name.split("/")
+    reserved = any(part in (LOCK, PLAN) or _NAME.fullmatch(part) for part in parts)
+    return is_inside(name) and not reserved and not name.endswith(_JOURNAL)
+
+
 def _check(finished: Path, folder: Path, plan: _Plan) -> None:
-    """Check that no file of a user has come up under a name of an interrupted switch."""
+    """Check that no file of a user has come up under a name of an interrupted switch.
+
+    The plan, which may be forged, is believed about the old file of a name only where the commands
+    write that name of their own accord.
+    """
     wrong: dict[str, str] = {}
-    for name, digests in plan.moved.items():
+    for name, (before, after) in plan.moved.items():
         if (finished / name).is_file():
-            wrong[name] = obstacle(folder, name, [d for d in digests if d])
+            known = (before, after) if is_output(name) or name == MANIFEST else (after,)
+            wrong[name] = obstacle(folder, name, [d for d in known if d])
     reasons = ", ".join(f"{name!r} {why}" for name, why in wrong.items() if why)
     if reasons:
         raise InputError(

@@ -11,6 +11,7 @@ import updyn
 from updyn.cli import main
 from updyn.job import check_out, load_job
 from updyn.outputs.lock import locked
+from updyn.outputs.manifest import Entry, Manifest, file_digest
 
 JOB = """\
 [model]
@@ -118,6 +119,69 @@ def test_a_result_that_was_edited_is_kept_until_it_is_moved(
     assert check_out(loaded) == out
     out.rename(job.parent / "moved")
     assert check_out(loaded, job.parent / "moved") == job.parent / "moved"
+
+
+SHORT = '[method]\nname = "output-error"\nmax_iterations = 1\n[output]\nreport = false\n'
+
+
+def forge(folder: Path, *names: str, command: str = "run") -> None:
+    """List files of a folder as if a command had written them."""
+    entries = dict(Manifest.read(folder).entries)
+    for name in names:
+        entries[name] = Entry(file_digest(folder / name), "0" * 16, command)
+    Manifest(entries).write(folder)
+
+
+def test_a_forged_manifest_costs_no_file_of_a_user(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names that no command writes stay; names that one writes go, as those of an earlier run."""
+    job.write_text(JOB.split("[uncertainty]")[0] + SHORT, encoding="utf-8")
+    out = job.parent / "out"
+    for name in ("thesis.docx", "data/frf.uff", ".profile", "plant.html", "left/run.nc"):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text(name)
+    mine = ("thesis.docx", "data/frf.uff", ".profile")
+    forge(out, *mine, "plant.html", "left/run.nc")
+    assert main(["run", str(job), "--out", str(out)]) == 3
+    assert "other names: '.profile', 'data/frf.uff', 'thesis.docx'; " in capsys.readouterr().err
+    assert [(out / name).read_text() for name in mine] == list(mine)
+    assert not (out / "plant.html").exists()
+    assert not (out / "left").exists()
+
+
+def test_a_forged_manifest_costs_no_job_file_of_a_user(
+    job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``job.toml`` is a name that users give their own files, too."""
+    job.write_text(JOB.split("[uncertainty]")[0] + SHORT, encoding="utf-8")
+    other = job.with_name("other.toml")
+    other.write_text(job.read_text(encoding="utf-8"), encoding="utf-8")
+    forge(job.parent, "job.toml")
+    before = job.read_bytes()
+    assert main(["run", str(other), "--out", str(job.parent)]) == 2
+    assert f"{str(job)!r} was not written by a run" in capsys.readouterr().err
+    assert job.read_bytes() == before
+
+
+@pytest.mark.parametrize("key", ["model", "test"])
+def test_a_run_removes_no_input_of_its_own_job(
+    key: str, job: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The model of an earlier run of two tests starts a run of one test, in the same folder."""
+    text = JOB.split("[uncertainty]")[0] + SHORT
+    out = job.parent / "out"
+    (out / "first").mkdir(parents=True)
+    name, inner = {
+        "model": ("chain.h5", "first/model.h5"),
+        "test": ("chain.npz", "first/run.nc"),
+    }[key]
+    (out / inner).write_bytes((job.parent / name).read_bytes())
+    forge(out, inner)
+    more = '\nformat = "npz"' if key == "test" else ""
+    job.write_text(text.replace(f'"{name}"', f'"out/{inner}"{more}'), encoding="utf-8")
+    assert main(["run", str(job), "--out", str(out)]) == 3, capsys.readouterr().err
+    assert (out / inner).read_bytes() == (job.parent / name).read_bytes()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs flock")

@@ -1,0 +1,26 @@
+"""The names that every command writes are those on whose word a manifest is believed."""
+
+from __future__ import annotations
+
+from updyn.control.job.job_tables import plant_outputs
+from updyn.control.job.tables import PlantTable
+from updyn.job.comparison import COMPARED
+from updyn.job.identification import MODES_FILES
+from updyn.job.planning import PLANNED
+from updyn.job.schema import OUTPUTS
+from updyn.job.uncertainty import FILE
+from updyn.outputs.manifest import OUTPUT_NAMES
+
+
+def test_the_list_holds_what_the_commands_write_and_nothing_else() -> None:
+    plant = {
+        name
+        for files in (("plant.mat", "plant.json", "plant.h"), ("plant.npz",))
+        for sampling in (None, {"dt": 1e-3})
+        for name in plant_outputs(
+            PlantTable(inputs="1:X", outputs="2:X", files=files, sampling=sampling)
+        )
+    }
+    pages = {"check.html", "correlate.html"}
+    written = {*OUTPUTS, FILE, *MODES_FILES, *PLANNED, *COMPARED, *pages, *plant}
+    assert written == OUTPUT_NAMES
