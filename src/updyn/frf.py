@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
@@ -15,6 +16,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
 from updyn.notebook import Curve, card, curves
+from updyn.units import Unit, find_ratio, find_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +37,8 @@ __all__ = [
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
 #: What each is called in a unit, behind that of the displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
+#: The same in the letters of every keyboard.
+_RATES = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}
 #: What is below this share of the loudest value is rounding: symmetry forbids it.
 ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
@@ -623,7 +627,7 @@ class FRF:
         ------
         DataError
             If a variable, a dimension or the quantity is missing, `quantity` contradicts the
-            dataset, or the frequency is not in Hz.
+            dataset, or a variable has an attribute ``units`` that is not SI.
         """
         for name in ("frf", *_DIMS):
             if name not in data.variables:
@@ -632,7 +636,7 @@ class FRF:
                 )
         if quantity is not None:  # one that is none contradicts no dataset
             check_quantity(quantity)
-        said = data.attrs.get("quantity")
+        said = data.attrs.get("quantity", _quantity_of(data))
         if said is None and quantity is None:
             raise DataError(
                 "the dataset does not say what it measured: give quantity='receptance', 'mobility'"
@@ -640,9 +644,7 @@ class FRF:
             )
         if said is not None and quantity is not None and said != quantity:
             raise DataError(f"quantity {quantity!r} contradicts the dataset, which says {said!r}")
-        unit = data["freq"].attrs.get("units", "Hz")
-        if unit != "Hz":
-            raise DataError(f"dataset: freq is in {unit!r}; expected 'Hz'")
+        _check_units(data, str(said or quantity))
         arrays: dict[str, Any] = {}
         for name in ("frf", "coherence", "variance"):
             if name in data.variables:
@@ -706,7 +708,10 @@ def _matches(pattern: str, dof: Dof) -> bool:
 
 
 def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
-    """Return a copy as `dtype`; refuse texts, booleans, masks and lost imaginary parts."""
+    """Return an array of `dtype`; refuse texts, booleans, masks and lost imaginary parts.
+
+    It is a copy unless the array given is immutable and owns its memory.
+    """
     try:
         array = np.asarray(given)
     except ValueError as error:
@@ -721,7 +726,7 @@ def _numbers(name: str, given: ArrayLike, dtype: type) -> NDArray[Any]:
         kinds, expected = "iufc", "complex or real"
     if array.dtype.kind not in kinds:
         raise DataError(f"{name}: expected {expected} numbers, found {array.dtype}")
-    return array.astype(dtype)
+    return array.astype(dtype, copy=array.flags.writeable or array.base is not None)
 
 
 def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
@@ -729,6 +734,48 @@ def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
     value = data.attrs.get(name, default)
     single = isinstance(value, np.ndarray | np.generic) and value.size == 1
     return value.item() if single else value
+
+
+def _quantity_of(data: xr.Dataset) -> str | None:
+    """Return the quantity of which the values of a dataset have a unit; None if it is not known."""
+    found = find_ratio(str(data["frf"].attrs.get("units", "")))
+    return found.kind if found else None
+
+
+def _check_units(data: xr.Dataset, quantity: str) -> None:
+    """Refuse units that are not SI."""
+    frf = f"m{_RATES[check_quantity(quantity)]}/N"
+    units = {
+        "freq": ("Hz", find_unit(_unit_label(data, "freq"), "frequency")),
+        "frf": (frf, find_ratio(_unit_label(data, "frf"))),
+        "coherence": ("1", None),
+        "variance": (f"({frf})^2", _square(_unit_label(data, "variance"))),
+        "xyz": ("m", find_unit(_unit_label(data, "xyz"), "length")),
+    }
+    for name, (expected, found) in units.items():
+        label = _unit_label(data, name)
+        if label in ("", expected):
+            continue
+        fault = f"dataset: {name} is in {label!r}"
+        if found is not None and found.kind in QUANTITIES and found.kind != quantity:
+            raise DataError(f"{fault}, a unit of {found.kind}; expected {expected!r}")
+        if found is None or found.factor != 1.0:
+            cure = ""
+            if found is not None:
+                cure = f": multiply it by {found.factor:g}, and write {expected!r}"
+            raise DataError(f"{fault}; expected {expected!r}{cure}")
+
+
+def _unit_label(data: xr.Dataset, name: str) -> str:
+    """Return the unit of a variable as the dataset states it; empty where it does not."""
+    return str(data[name].attrs.get("units", "")).strip() if name in data.variables else ""
+
+
+def _square(label: str) -> Unit | None:
+    """Return the unit of a variance: the square of a motion per force."""
+    inner = re.fullmatch(r"\((.+)\)\s*(?:\^2|\*\*2|²)", label)
+    found = find_ratio(inner[1]) if inner else None
+    return Unit(found.kind, found.factor**2) if found else None
 
 
 def _geometry(data: xr.Dataset) -> Geometry | None:

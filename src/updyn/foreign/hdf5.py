@@ -1,13 +1,15 @@
 """HDF5 files as plain data, by h5py.
 
-A group is ``{"attributes": {...}, "members": {...}}``, a dataset an array. What stands in other
-files, or nowhere, is refused by name: libhdf5 would follow a link to any file, and read zeros where
-nothing was written.
+A group is ``{"attributes": {...}, "members": {...}, "meanings": {...}}``, a dataset an array;
+``meanings`` has, by name of a dataset, its attributes that say what its numbers mean. What is in
+other files, or nowhere, is refused by name: libhdf5 would follow a link to any file, and read zeros
+where nothing was written.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 import h5py
@@ -22,6 +24,19 @@ __all__ = ["Content", "has_no_variable", "load", "plain_value"]
 _DEPTH = 16
 #: What netCDF calls a dimension of which there is no variable: a dataset without numbers.
 _NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
+#: Attributes that say what the numbers of a dataset mean, in lower case.
+_MEANINGS = (
+    "units",
+    "unit",
+    "scale_factor",
+    "add_offset",
+    "_fillvalue",
+    "missing_value",
+    "valid_min",
+    "valid_max",
+    "valid_range",
+    "_unsigned",
+)
 _HELD = "; it is not followed: store the numbers in the file itself"
 
 
@@ -84,6 +99,7 @@ class Content:
         if depth > _DEPTH:
             raise FormatError(f"{group.name}: groups nested more than {_DEPTH} deep", self.path)
         members: dict[str, Any] = {}
+        meanings: dict[str, Any] = {}
         for name, item in self.members(group).items():
             if isinstance(item, h5py.Group):
                 members[name] = self.group(item, depth + 1)
@@ -92,9 +108,12 @@ class Content:
             elif isinstance(item, h5py.Dataset):
                 self.check(item)
                 members[name] = _values(item)
+                meaning = self.attributes(item, _MEANINGS)
+                if meaning:
+                    meanings[name] = meaning
             else:
                 members[name] = Other(type(item).__name__)
-        return {"attributes": self.attributes(group), "members": members}
+        return {"attributes": self.attributes(group), "members": members, "meanings": meanings}
 
     def members(self, group: Any) -> dict[str, Any]:
         """Return the members of a group by name, links to other files refused.
@@ -115,16 +134,20 @@ class Content:
             found[str(name)] = group[name]
         return found
 
-    def attributes(self, item: Any) -> dict[str, Any]:
+    def attributes(self, item: Any, wanted: Collection[str] = ()) -> dict[str, Any]:
         """Return the attributes of a group or a dataset.
 
         Parameters
         ----------
         item : h5py.Group or h5py.Dataset
             The item.
+        wanted : collection of str
+            Names in lower case, of any case in the file; all by default.
         """
         found = {}
         for name in item.attrs:
+            if wanted and name.lower() not in wanted:
+                continue
             stated = item.attrs.get_id(name)
             self._count(math.prod(stated.shape) * stated.dtype.itemsize)
             found[str(name)] = plain_value(item.attrs[name])

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ from updyn.errors import AbsentError, FormatError, InputError, suggest
 from updyn.foreign.plain import Other
 from updyn.geometry import Geometry
 from updyn.group import MATRICES, VALUES, Group, LossTable, Matrix
+from updyn.io.attributes import PACKING, read_unit
 from updyn.io.items import compressed, known_only, placed
 from updyn.io.native import load_native, write_native
 from updyn.model import Model
@@ -66,6 +67,8 @@ _READERS = {
     "result": "read_result",
     "uncertainty": "read_uncertainty",
 }
+#: Units that arrays of a model may state: all of them are in SI.
+_SI = ("m", "N/m", "kg", "N s/m", "Hz")
 _LIBVER = (
     "v108",
     "v110",
@@ -131,11 +134,14 @@ class Folder:
         Texts and arrays.
     members : mapping of str to object
         Folders, arrays and `updyn.foreign.plain.Other`.
+    meanings : mapping of str to mapping
+        By name of an array, its attributes that say what its numbers mean.
     """
 
     name: str
     attributes: Mapping[str, Any]
     members: Mapping[str, Any]
+    meanings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, name: str, found: Mapping[str, Any]) -> Folder:
@@ -156,7 +162,7 @@ class Folder:
         for key, item in found["members"].items():
             is_group = isinstance(item, Mapping)
             members[key] = cls.of(f"{name.rstrip('/')}/{key}", item) if is_group else item
-        return cls(name, found["attributes"], members)
+        return cls(name, found["attributes"], members, found["meanings"])
 
 
 # -- what every HDF5 file of updyn says about itself --------------------------------------------
@@ -486,7 +492,22 @@ def take_array(
         raise FormatError(f"{place}: holds {kind}, expected another type of number{hint}", path)
     if found.ndim != n_dims:
         raise FormatError(f"{place}: has shape {found.shape}, expected {n_dims} dimension(s)", path)
+    _check_meaning(parent.meanings.get(name, {}), place, path)
     return found
+
+
+def _check_meaning(meaning: Mapping[str, Any], place: str, path: str | Path) -> None:
+    """Refuse an array whose attributes say that it is packed, or not in SI."""
+    for name in PACKING:
+        if name in meaning:
+            raise FormatError(
+                f"{place}: attribute {name!r}; expected the numbers as they are, without it", path
+            )
+    unit = read_unit(meaning, place, path)
+    if unit and unit not in _SI:
+        raise FormatError(
+            f"{place}: attribute 'units' is {unit!r}; expected SI: {', '.join(_SI)}", path
+        )
 
 
 def take_attribute(place: Folder, name: str, path: str | Path) -> Any:

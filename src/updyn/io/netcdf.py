@@ -21,9 +21,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from updyn.errors import AbsentError, FormatError, OptionError
 from updyn.foreign.plain import Other
 from updyn.frf import FRF
+from updyn.io.attributes import PACKING, read_unit, unpack
 from updyn.io.hdf5 import Folder, check_kind, put_kind
 from updyn.io.items import library, placed
 from updyn.io.native import load_native, write_native
@@ -113,14 +116,16 @@ def read_records(
     """
     if values is not None:
         root = load_native("updyn.foreign.hdf5:load", path, what="HDF5 file")
+        arrays, units = _datasets(root, path)
         return build_records(
-            _plain(root["members"]),
+            arrays,
             path,
             values=values,
             channels=channels,
             order=order,
             time=time,
             rate=rate,
+            units=units,
         )
     for name, given in (("channels", channels), ("order", order), ("time", time), ("rate", rate)):
         if given is not None:
@@ -142,12 +147,24 @@ def read_records(
         return replace(records, source=Path(path).name)
 
 
-def _plain(members: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the members of a group, those of its groups nested."""
-    out: dict[str, Any] = {}
-    for name, item in members.items():
-        out[name] = _plain(item["members"]) if isinstance(item, Mapping) else item
-    return out
+def _datasets(
+    group: Mapping[str, Any], path: str | Path, before: str = ""
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the datasets of a group and its groups by dotted name, unpacked, and their units."""
+    arrays: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for key, item in group["members"].items():
+        name = before + key
+        if isinstance(item, Mapping):
+            inner = _datasets(item, path, f"{name}.")
+            arrays |= inner[0]
+            units |= inner[1]
+            continue
+        meaning = group["meanings"].get(key, {})
+        is_array = isinstance(item, np.ndarray)
+        arrays[name] = unpack(item, meaning, name, path) if is_array else item
+        units[name] = read_unit(meaning, name, path)
+    return arrays, units
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,24 +177,37 @@ class Loaded:
         Attributes and names of its root; the groups that were asked for are folders.
     variables : mapping of str to list
         By name dimensions, values and attributes of each variable of the root.
+    path : path
+        The file, for messages.
     """
 
     root: Folder
     variables: Mapping[str, Any]
+    path: str | Path
 
     def data(self) -> xr.Dataset:
-        """Return the root as a dataset.
+        """Return the root as a dataset, its packed numbers unpacked.
 
         Returns
         -------
         xarray.Dataset
+
+        Raises
+        ------
+        FormatError
+            If an attribute that says how numbers are packed is not a number.
         """
         import xarray as xr
 
         variables = {}
         for name, (dimensions, values, attributes) in self.variables.items():
             if not isinstance(values, Other):
-                variables[name] = (dimensions, values, attributes)
+                unpacked = unpack(values, attributes, name, self.path)
+                rest = {key: attributes[key] for key in attributes if key not in PACKING}
+                label = read_unit(attributes, name, self.path)
+                if label:
+                    rest["units"] = label
+                variables[name] = (dimensions, unpacked, rest)
         return xr.Dataset(variables, attrs=self.root.attributes)
 
 
@@ -220,7 +250,7 @@ def load_netcdf(
     members: dict[str, Any] = dict.fromkeys(found["names"])
     for name, group in found["groups"].items():
         members[name] = Folder.of(f"/{name}", group)
-    return Loaded(Folder("/", found["attributes"], members), found["variables"])
+    return Loaded(Folder("/", found["attributes"], members), found["variables"], path)
 
 
 def _joined(data: xr.Dataset, path: str | Path) -> xr.Dataset:
@@ -236,8 +266,14 @@ def _joined(data: xr.Dataset, path: str | Path) -> xr.Dataset:
         )
     if data["frf_real"].dims != data["frf_imag"].dims:
         raise FormatError("'frf_real' and 'frf_imag' differ in their dimensions", path)
+    units = [data[name].attrs.get("units", "") for name in parts]
+    if units[0] != units[1]:
+        raise FormatError(
+            f"'frf_real' and 'frf_imag' differ in their units: {units[0]!r} and {units[1]!r}", path
+        )
     values = data["frf_real"].values + 1j * data["frf_imag"].values
-    return data.assign(frf=(data["frf_real"].dims, values)).drop_vars(parts)
+    frf = (data["frf_real"].dims, values, {"units": units[0]})
+    return data.assign(frf=frf).drop_vars(parts)
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:

@@ -7,8 +7,10 @@ The user says which arrays are what::
     channels  ["hammer", "1:Z"]                     names of the channels in one array
     order     ["time", "record"]                    what the axes of the arrays are; in one row or
                                                     column they are times
-    time      "t"                                   times in s, evenly spaced; or
+    time      "t"                                   times, evenly spaced; or
     rate      51200, or "fs"                        samples a second, or the number that says it
+
+Times are in s unless the file states another unit.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import kind_of, number, placed, real, vector
-from updyn.signals.records import Records, step_of
+from updyn.signals.records import Records, seconds, step_of
+from updyn.units import Unit, find_unit, suggest_unit
 
 __all__ = ["build_records"]
 
@@ -39,6 +42,7 @@ def build_records(
     order: Sequence[str] | None,
     time: str | None,
     rate: float | str | None,
+    units: Mapping[str, str] | None = None,
 ) -> Records:
     """Return the records that arrays hold.
 
@@ -50,6 +54,8 @@ def build_records(
         The file, for messages.
     values, channels, order, time, rate
         See the module.
+    units : mapping of str to str, optional
+        Unit by array, where the file states it; times are in s otherwise, rates in Hz.
 
     Returns
     -------
@@ -69,13 +75,25 @@ def build_records(
             f" holds {_held(arrays)}",
             key=("values",),
         )
+    units = units or {}
     if isinstance(values, str):
         names, array = _one_array(arrays, values, channels, order, path)
+        labels = [units.get(values, "")] * len(names)
     else:
-        names, array = _by_channel(arrays, values, channels, order, path)
-    step = _step(arrays, time, rate, array.shape[2], path)
+        named = _named(values)
+        names, array = _by_channel(arrays, named, channels, order, path)
+        labels = [units.get(name, "") for name in named.values()]
+    step = _step(arrays, time, rate, units, array.shape[2], path)
     with placed(path):
-        return Records.of(array, step, names, [""] * len(names), Path(path).name)
+        return Records.of(array, step, names, labels, Path(path).name)
+
+
+def _named(values: Sequence[str] | Mapping[str, str]) -> dict[str, str]:
+    """Return the array of each channel."""
+    named = dict(values) if isinstance(values, Mapping) else {name: name for name in values}
+    if not named:
+        raise OptionError("values: no channel", key=("values",))
+    return named
 
 
 def _one_array(
@@ -101,7 +119,7 @@ def _one_array(
 
 def _by_channel(
     arrays: Mapping[str, Any],
-    values: Sequence[str] | Mapping[str, str],
+    named: Mapping[str, str],
     channels: Sequence[str] | None,
     order: Sequence[str] | None,
     path: str | Path,
@@ -114,9 +132,6 @@ def _by_channel(
         )
     if order is not None and "channel" in order:
         raise OptionError("order: each channel has an array of its own", key=("order",))
-    named = dict(values) if isinstance(values, Mapping) else {name: name for name in values}
-    if not named:
-        raise OptionError("values: no channel", key=("values",))
     parts = {}
     for channel, name in named.items():
         parts[channel] = _arranged(_array(arrays, name, path), name, order, path)
@@ -183,6 +198,7 @@ def _step(
     arrays: Mapping[str, Any],
     time: str | None,
     rate: float | str | None,
+    units: Mapping[str, str],
     n_samples: int,
     path: str | Path,
 ) -> float:
@@ -198,15 +214,25 @@ def _step(
         times = vector(arrays[time], time, path)
         if len(times) != n_samples:
             raise FormatError(f"{time!r}: {len(times)} times for {n_samples} samples", path)
+        with placed(path):
+            passed = seconds(times, units.get(time, ""), time)
         with placed(path, time):
-            return step_of(np.asarray(times, dtype=np.float64))
+            return step_of(passed)
     if isinstance(rate, str):
         if rate not in arrays:
             raise FormatError(f"no number {rate!r}; {suggest(rate, sorted(arrays))}", path)
-        rate = number(arrays[rate], rate, path)
+        rate = number(arrays[rate], rate, path) * _hertz(units.get(rate, ""), rate, path)
     if not (isinstance(rate, int | float) and np.isfinite(rate) and rate > 0.0):
         raise OptionError(f"rate {rate!r}: expected samples a second, above 0", key=("rate",))
     return 1.0 / float(rate)
+
+
+def _hertz(label: str, name: str, path: str | Path) -> float:
+    """Return the unit of a rate in Hz; 1 where the file does not state it."""
+    unit = find_unit(label, "frequency") if label else Unit("frequency", 1.0)
+    if unit is None:
+        raise FormatError(f"{name}: unit {label!r}; {suggest_unit(label, 'frequency')}", path)
+    return unit.factor
 
 
 def _flat(items: Mapping[str, Any], before: str = "") -> dict[str, Any]:

@@ -1,0 +1,168 @@
+"""Attributes of netCDF variables and HDF5 datasets that say what their numbers mean.
+
+Packed numbers and missing values follow the NetCDF Climate and Forecast conventions 1.11, sections
+2.5.1 (missing data) and 8.1 (packed data); ``_Unsigned``, the NetCDF Users Guide, appendix A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError
+
+__all__ = ["PACKING", "read_unit", "unpack"]
+
+#: Attributes without which stored numbers are not the numbers that they stand for.
+PACKING = (
+    "scale_factor",
+    "add_offset",
+    "_FillValue",
+    "missing_value",
+    "valid_min",
+    "valid_max",
+    "valid_range",
+    "_Unsigned",
+)
+_LINEAR = PACKING[:2]
+_UNITS = ("units", "unit")
+
+
+def unpack(
+    values: NDArray[Any], attributes: Mapping[str, Any], name: str, path: str | Path
+) -> NDArray[Any]:
+    """Return the numbers that stored numbers stand for; missing ones are NaN.
+
+    Parameters
+    ----------
+    values : ndarray
+        As stored. Texts are returned as they are.
+    attributes : mapping of str to object
+        Attributes of the variable.
+    name : str
+        The variable, for messages.
+    path : path
+        The file, for messages.
+
+    Raises
+    ------
+    FormatError
+        If an attribute is not a number.
+    """
+    if values.dtype.kind not in "iufc" or not any(key in attributes for key in PACKING):
+        return values
+    stated = {}
+    for key in PACKING[:-1]:
+        if key in attributes:
+            stated[key] = _numbers(attributes[key], f"{name}: attribute {key!r}", path)
+    if str(attributes.get("_Unsigned", "")).lower() == "true":
+        values = _unsigned(values)
+        stated |= {key: _unsigned(stated[key]) for key in stated if key not in _LINEAR}
+    out = values
+    if any(key in stated for key in _LINEAR):
+        scale, offset = (_one(stated, key, name, path) for key in _LINEAR)
+        out = values * (1.0 if scale is None else scale) + (0.0 if offset is None else offset)
+    missing = _is_missing(values, stated) | _is_outside(values, out, stated)
+    if missing.any():
+        out = np.where(missing, np.nan, out)
+    return out
+
+
+def _numbers(given: Any, where: str, path: str | Path) -> NDArray[Any]:
+    """Return an attribute as a row of numbers."""
+    found = np.atleast_1d(np.asarray(given)).ravel()
+    if found.dtype.kind not in "iufc":
+        raise FormatError(f"{where} is {_shown(given)!r}; expected numbers", path)
+    return found
+
+
+def _unsigned(values: NDArray[Any]) -> NDArray[Any]:
+    """Return signed integers as the unsigned ones of the same bits."""
+    if values.dtype.kind != "i":
+        return values
+    return values.astype(f"u{values.dtype.itemsize}")
+
+
+def _one(stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Path) -> float | None:
+    """Return an attribute that has to be one finite real number; None if it is absent."""
+    if key not in stated:
+        return None
+    found = stated[key]
+    if found.size != 1 or found.dtype.kind == "c" or not np.isfinite(found).all():
+        raise FormatError(
+            f"{name}: attribute {key!r} is {_shown(found)!r}; expected one number", path
+        )
+    return float(found[0])
+
+
+def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Return which of the stored numbers are those of a missing value."""
+    out = np.zeros(values.shape, dtype=bool)
+    for key in ("_FillValue", "missing_value"):
+        for mark in stated.get(key, ()):
+            with np.errstate(over="ignore"):
+                # 1e20 in double precision marks numbers in single precision, too.
+                is_float = values.dtype.kind == "f" and mark.dtype.kind != "c"
+                out |= values == (values.dtype.type(mark) if is_float else mark)
+    return out
+
+
+def _is_outside(
+    packed: NDArray[Any], unpacked: NDArray[Any], stated: Mapping[str, NDArray[Any]]
+) -> NDArray[np.bool_]:
+    """Return which numbers are outside of the valid range."""
+    out = np.zeros(packed.shape, dtype=bool)
+    for key, side in (("valid_min", 0), ("valid_max", 1), ("valid_range", 0), ("valid_range", 1)):
+        bounds = stated.get(key, np.empty(0))
+        if not bounds.size or packed.dtype.kind == "c":
+            continue
+        # Bounds of the type of the packed numbers are for these.
+        values = unpacked if bounds.dtype.kind == "f" else packed
+        out |= values > bounds[-1] if side else values < bounds[0]
+    return out
+
+
+def _shown(given: Any) -> Any:
+    return given.tolist() if isinstance(given, np.ndarray) else given
+
+
+def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str:
+    """Return the unit that the attributes ``units`` or ``unit`` state, in any case; else "".
+
+    Parameters
+    ----------
+    attributes : mapping of str to object
+        Attributes of the dataset.
+    name : str
+        The dataset, for messages.
+    path : path
+        The file, for messages.
+
+    Raises
+    ------
+    FormatError
+        If one is not a text, or two differ.
+    """
+    labels: dict[str, str] = {}
+    for key, given in attributes.items():
+        if key.lower() in _UNITS:
+            labels[key] = _label(given, key, name, path)
+    if len(set(labels.values())) > 1:
+        keys = " and ".join(sorted(map(repr, labels)))
+        raise FormatError(f"{name}: attributes {keys} differ: {labels}", path)
+    return next(iter(labels.values()), "")
+
+
+def _label(given: Any, key: str, name: str, path: str | Path) -> str:
+    """Return the text of an attribute, also of an array of one text."""
+    if isinstance(given, np.ndarray) and given.size == 1:
+        given = given.ravel().tolist()[0]
+    if isinstance(given, bytes):
+        given = given.decode("utf-8", "replace")
+    if not isinstance(given, str):
+        raise FormatError(f"{name}: attribute {key!r} is {_shown(given)!r}; expected a text", path)
+    return given.strip()
