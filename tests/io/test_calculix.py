@@ -462,8 +462,13 @@ def stand_in(folder, script):
         ),
         (
             "echo last words; exit 3",
-            r"ccx ended with code 3 and wrote no matrices; its last words: last words",
+            r"ccx ended by exit code 3 and wrote no matrices; its last words: last words",
         ),
+        (
+            "kill -SEGV $$",
+            r"ccx ended by signal SIGSEGV and wrote no matrices; its last words: none",
+        ),
+        ("kill -KILL $$", r"ccx ended by signal SIGKILL \(out of memory\?\)"),
         (
             "echo 7.1 > job.dof; echo x > job.sti; touch job.mas",
             r"what ccx wrote cannot be read: .*job.sti:1: found 'x'; expected row, column, entry",

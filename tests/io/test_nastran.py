@@ -387,6 +387,27 @@ def test_a_run_that_takes_too_long_is_stopped(deck):
         read_model(deck(plate()), timeout=0.001)
 
 
+@pytest.mark.parametrize(
+    ("script", "message"),
+    [
+        (
+            "kill -SEGV $$",
+            r"MYSTRAN ended by signal SIGSEGV before it had made the matrices; .*none",
+        ),
+        ("sh -c 'kill -ABRT $$'; exit $?", r"MYSTRAN ended by signal SIGABRT before"),
+        ("kill -KILL $$", r"MYSTRAN ended by signal SIGKILL \(out of memory\?\) before"),
+        ("echo a line > run.F06; exit 3", r"ended by exit code 3 before .* is: a line"),
+        ("exec >&- 2>&-; sleep 1; kill -SEGV $$", r"MYSTRAN ended by signal SIGSEGV"),
+    ],
+)
+def test_the_signal_that_ended_mystran_is_named(deck, tmp_path, script, message):
+    program = tmp_path / "mystran-like"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    with pytest.raises(FormatError, match=message):
+        read_model(deck(plate()), executable=program)
+
+
 def test_units_that_do_not_fit_are_said(deck):
     with (
         pytest.warns(UpdynWarning, match=r"modulus 70000 .* fit unit = 'mm'"),

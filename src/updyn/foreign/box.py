@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import threading
 from collections.abc import Iterable, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 from updyn import errors
 from updyn.errors import FormatError, InputError, damaged, reason_of
 from updyn.foreign.child import OUT_OF_MEMORY, READY
+from updyn.foreign.exits import describe_exit, signal_name
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import decode
 from updyn.foreign.processes import START, start
@@ -132,7 +132,7 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
             process.kill()
             receiver.join()
     if status != 0:
-        raise FormatError(f"{blame} crashed ({_how(status)})", path)
+        raise FormatError(f"{blame} crashed ({signal_name(status) or describe_exit(status)})", path)
     try:
         found: Mapping[str, Any] = decode(memoryview(received)[len(READY) :])
     except UNSOUND as error:
@@ -141,13 +141,6 @@ def _ask(request: Mapping[str, Any], limits: Limits, blame: str) -> Mapping[str,
         memory = limits.memory / 1e6
         raise FormatError(f"{blame} needed over {memory:,.0f} MB of memory", path)
     return found
-
-
-def _how(status: int) -> str:
-    """Say how a process ended."""
-    if -status in set(signal.Signals):
-        return signal.Signals(-status).name
-    return f"exit code {status}"
 
 
 def _error(found: Mapping[str, Any]) -> InputError:

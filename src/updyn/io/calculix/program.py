@@ -16,6 +16,7 @@ import scipy.sparse as sp
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
+from updyn.foreign.exits import describe_exit
 from updyn.io.keyword_deck.cards import Card, number
 from updyn.io.keyword_deck.structure import LINEAR, NONLINEAR, split_steps
 from updyn.io.text_numbers import number_rows
@@ -146,7 +147,8 @@ class Program:
         if code or not {f"{_JOB}.sti", f"{_JOB}.mas", f"{_JOB}.dof"} <= written:
             last = " / ".join(line.strip() for line in said.splitlines() if line.strip())
             raise FormatError(
-                f"ccx ended with code {code} and wrote no matrices; its last words: {last[-300:]}",
+                f"ccx ended by {describe_exit(code)} and wrote no matrices; its last words:"
+                f" {last[-300:] or 'none'}",
                 self.path,
             )
         return list(dict.fromkeys(remarks))

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import DofSet
 from updyn.errors import FormatError
+from updyn.foreign.exits import describe_exit
 from updyn.io.nastran.cards import Card
 from updyn.io.nastran.deck import NastranDeck
 
@@ -279,11 +280,11 @@ def run(
         f" BULK\nEIGRL,1,,,1\n{bulk}PARAM,GRIDSEQ,GRID\nENDDATA\n",
         encoding="latin-1",
     )
-    reached, late = _execute(program, deck, links)
+    reached, late, status = _execute(program, deck, links)
     if late and not reached:
         raise FormatError(f"MYSTRAN was stopped after {program.timeout:g} s", path)
     if not reached:
-        raise FormatError(_said(deck), path)
+        raise FormatError(_said(deck, status), path)
     dofs, table = _dofs(deck.with_suffix(".L1C"), path)
     n = len(dofs)
     dependent = np.flatnonzero(table[:, _M])
@@ -296,10 +297,10 @@ def run(
     return Matrices(stiffness, mass, dofs, ties, tied, np.flatnonzero(table[:, _S]))
 
 
-def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool]:
+def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool, int]:
     """Run until the last link that is needed has ended, not the solution that follows.
 
-    Returns whether that link ended, and whether the time ran out.
+    Returns whether that link ended, whether the time ran out, and the status of the program.
     """
     # What it prints reaches a pipe line by line only if its libgfortran is told so.
     environment = {**os.environ, "GFORTRAN_UNBUFFERED_PRECONNECTED": "1"}
@@ -322,13 +323,15 @@ def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool]:
         timer = threading.Timer(program.timeout, stop)
         timer.start()
         reached = any(wanted.search(line) for line in process.stdout)
+        if not reached:  # it has closed its output and is about to end, unless the time runs out
+            process.wait()
         timer.cancel()
         process.kill()
-    return reached, late.is_set()
+    return reached, late.is_set(), process.returncode
 
 
-def _said(deck: Path) -> str:
-    """Return the first error that MYSTRAN wrote, in its own words."""
+def _said(deck: Path, status: int) -> str:
+    """Return the first error that MYSTRAN wrote, in its own words; else how it ended."""
     report = deck.with_suffix(".F06")
     text = report.read_text(encoding="latin-1") if report.is_file() else ""
     lines = text.splitlines()
@@ -351,7 +354,10 @@ def _said(deck: Path) -> str:
             where = f" (at or before the card {echoed!r})"
         return f"MYSTRAN error{number}: {' '.join(message.split())}{where}"
     last = " ".join(text.rstrip().rpartition("\n")[2].split())
-    return f"MYSTRAN ended before it had made the matrices; its last line is: {last}"
+    return (
+        f"MYSTRAN ended by {describe_exit(status)} before it had made the matrices; the last line"
+        f" of its report is: {last or 'none'}"
+    )
 
 
 def _records(path: Path, user: Path) -> bytes:
