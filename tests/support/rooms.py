@@ -28,6 +28,7 @@ ORDER = (
     ("frf",),
     ("group",),
     ("model",),
+    ("positions",),
     ("engines",),
     ("linalg",),
     ("dynamics",),

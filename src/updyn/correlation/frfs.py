@@ -14,6 +14,7 @@ from updyn.dofs import DofSet
 from updyn.errors import DataError
 from updyn.frf import FRF, ROUNDING
 from updyn.model import Model
+from updyn.positions import warn_of_labels
 
 __all__ = [
     "Correlation",
@@ -175,12 +176,18 @@ def correlate_frfs(model_or_frf: Model | FRF, frf: FRF) -> Correlation:
         or dropped.
     DofError
         If a DOF of `frf` is not in the model.
+
+    Warns
+    -----
+    UpdynWarning
+        If model and FRF have positions, and nodes with equal numbers are far from each other.
     """
     if not isinstance(frf, FRF):
         raise DataError(f"correlate: expected a measured FRF, found {type(frf).__name__}")
     if isinstance(model_or_frf, Model):
         from updyn.dynamics.response import response
 
+        warn_of_labels(model_or_frf, frf)
         computed = response(
             model_or_frf, frf.freq, frf.responses, frf.references, frf.quantity, decay=frf.decay
         )

@@ -51,6 +51,11 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     ModelError, SolverError
         If the model cannot be solved.
 
+    Warns
+    -----
+    UpdynWarning
+        If model and FRF have positions, and nodes with equal numbers are far from each other.
+
     Examples
     --------
     >>> from updyn.demos import chain

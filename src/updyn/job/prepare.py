@@ -460,9 +460,13 @@ def _in_terms_of_the_job(job: Job, error: MatchError) -> JobError:
     """Return an error of `match` with the words and the key of the job."""
     text = str(error).replace("the measurement", job.test.measured)
     text = text.replace(" in table", " in [match.table]")
+    if error.key == ("by",):
+        text = text.replace("coordinates (by = ", "coordinates ([match] by = ")
+        text = text.replace('tolerance = "any"', '[match] tolerance = "any"')
     if error.lost:
         text += (
             f'\nGive each its label in the model under [match.table] ("{error.lost[0]}" = "..."),'
             " or keep only those that are, with responses and references in [test]"
         )
-    return JobError(text, key=("match", *error.key) if error.key else ("test", "file"))
+    own = error.key and job.place("match") is not None
+    return JobError(text, key=("match", *error.key) if own else ("test", "file"))

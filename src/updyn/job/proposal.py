@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shlex
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +66,9 @@ class Inputs:
     lost : tuple of str
         These, as the test labels them.
     trouble : str
-        Why they could not be matched; empty where they were.
+        Why they could not be matched by label; empty where they were.
+    match_options : dict of str to object
+        Options of `match` besides ``by``, with which they were matched.
     """
 
     model_file: Path
@@ -78,6 +80,7 @@ class Inputs:
     matching: Matching | None
     lost: tuple[str, ...] = ()
     trouble: str = ""
+    match_options: dict[str, Any] = field(default_factory=dict)
 
     @property
     def sensors(self) -> list[str]:
@@ -136,13 +139,28 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
     try:
         return Inputs(*inputs, match(model, frf))
     except MatchError as error:
-        lost, trouble = tuple(error.lost), str(error)
+        lost, trouble, options = tuple(error.lost), str(error), error.proposal
     if model.geometry is not None and frf.geometry is not None:
         try:
-            return Inputs(*inputs, match(model, frf, by="coordinates"))
+            matching, options = _by_coordinates(model, frf, options)
+            return Inputs(*inputs, matching, (), trouble, options)
         except InputError as error:
             trouble += f"\nBy coordinates: {error}"
     return Inputs(*inputs, None, lost, trouble)
+
+
+def _by_coordinates(
+    model: Model, frf: FRF, options: dict[str, Any]
+) -> tuple[Matching, dict[str, Any]]:
+    """Match by coordinates, in another unit where they fit in that; return the options, too."""
+    options = {name: value for name, value in options.items() if name != "by"}
+    try:
+        return match(model, frf, by="coordinates", **options), options
+    except MatchError as error:
+        if not error.proposal:
+            raise
+        options |= error.proposal
+    return match(model, frf, by="coordinates", **options), options
 
 
 def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:
@@ -170,10 +188,16 @@ def describe_inputs(inputs: Inputs) -> str:
         From `look_at`.
     """
     model, of = inputs.model, len(inputs.sensors)
-    how = "" if inputs.matching is None else f", by {inputs.matching.by}"
+    how = "" if inputs.matching is None else f", by {_way(inputs)}"
     matched = f"{of - len(inputs.lost)} of {of} sensors and forces are DOFs of the model{how}"
-    if inputs.trouble and not inputs.lost:
+    if inputs.trouble and inputs.matching is None and not inputs.lost:
         matched = inputs.trouble
+    elif inputs.trouble and inputs.matching is not None:
+        matched += (
+            f"\nNot by label: {inputs.trouble}\nThe distances in the job show whether that is right"
+        )
+    elif inputs.matching is not None:
+        matched = "\n".join([matched, *inputs.matching.notes])
     texts = [
         f"model: {model.n_dofs} DOFs, {len(model.groups)} groups",
         f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
@@ -183,6 +207,13 @@ def describe_inputs(inputs: Inputs) -> str:
     ]
     texts += [f"Before it can run, state {text}" for text in inputs.open]
     return "\n".join(texts)
+
+
+def _way(inputs: Inputs) -> str:
+    """Return how sensors were matched, with the options that are stated."""
+    assert inputs.matching is not None
+    stated = ", ".join(f"{name} = {_value(value)}" for name, value in inputs.match_options.items())
+    return f"{inputs.matching.by} ({stated})" if stated else inputs.matching.by
 
 
 # -- writing ---------------------------------------------------------------------------------------
@@ -259,10 +290,13 @@ def _match(inputs: Inputs, out: Path) -> list[str]:
         rows = str(matching).splitlines()
         shown = rows[: _SENSORS + 3]
         lines = _comments("Sensors and forces", "\n".join(shown))
+        if inputs.trouble:
+            lines += _comments("Not by label", inputs.trouble)
         if len(rows) > len(shown):
             lines.append(f"#   ... and {len(rows) - len(shown)} more: see updyn check")
         lines += ["[match]", _key(MatchTable, "by", matching.by)]
-        if matching.by == "coordinates":
+        lines += [_key(MatchTable, name, value) for name, value in inputs.match_options.items()]
+        if matching.by == "coordinates" and "tolerance" not in inputs.match_options:
             lines.append(_key(MatchTable, "tolerance", "1 %", off=True))
         return lines
     lines = _comments("Sensors and forces", inputs.trouble)
@@ -314,8 +348,20 @@ def _method(inputs: Inputs) -> list[str]:
     lines.append(f"# The noise is {known}.")
     lines.append(_key(MethodTable, "noise", {"relative": 0.02, "floor": 0.001}, off=True))
     held = _held_out(inputs)
-    lines.append(_key(MethodTable, "validation", held or [str(frf.responses[0])], off=not held))
+    if held:
+        lines.append(_key(MethodTable, "validation", held))
+    else:
+        example = _responses_of_model(inputs)[:1]
+        lines += [_key(MethodTable, "validation", example, off=True)] if example else []
     return lines
+
+
+def _responses_of_model(inputs: Inputs) -> list[str]:
+    """Return the responses as the model labels them, as far as they are known."""
+    if inputs.matching is not None:
+        return inputs.matching.frf.responses.labels
+    labels = inputs.frf.responses.labels if inputs.lost else []
+    return [label for label in labels if label.replace("-", "") not in inputs.lost]
 
 
 def _held_out(inputs: Inputs) -> list[str]:

@@ -270,9 +270,10 @@ OUTPUTS = (
 
 def _tolerance(given: Any) -> Any:
     share = isinstance(given, str) and given.strip().endswith("%")
-    if not share and (not is_number(given) or given <= 0):
+    if given != "any" and not share and (not is_number(given) or given <= 0):
         raise ValueError(
-            "expected a distance in m above 0, or a share of the model's size, such as '0.5 %'"
+            "expected a distance in m above 0, or a share of the model's size, such as '0.5 %'; by"
+            " label also 'any'"
         )
     return given
 
@@ -410,9 +411,11 @@ class MatchTable(Table):
     )
     geometry: str | None = None
     tolerance: Annotated[float | str | None, BeforeValidator(_tolerance)] = Field(
-        default=None, description="by coordinates: largest distance between a sensor and its node"
+        default=None, description="largest distance between a sensor and its node"
     )
-    unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
+    unit: Literal["m", "cm", "mm", "in", "ft"] | None = Field(
+        default=None, description="unit of length of the positions of the test"
+    )
     alignment: Annotated[Any, BeforeValidator(_alignment)] = None
     angle: float | None = Field(default=None, ge=0, le=45)
     table: dict[str, str] = Field(

@@ -13,17 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
 from updyn.errors import InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.matching.result import SHOWN, Alignment, MatchError, listed, vector_text
 from updyn.model import Model
+from updyn.positions import UNITS, rigid_motion
 
-__all__ = ["UNITS", "NodeMatch", "fit_rigid", "match_nodes"]
-
-#: Metres of each unit of length.
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+__all__ = ["NodeMatch", "fit_rigid", "match_nodes", "read_tolerance"]
 
 _MAX_ITERATIONS = 200  # of the fit to nearest nodes
 _IN_LINE = 1e-6  # width of a set of points over its length
@@ -60,20 +57,17 @@ def fit_rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
         If there are fewer than three points, or they lie in a line, which leaves the rotation about
         it undetermined.
 
-    Notes
-    -----
-    Kabsch (1976), Horn (1987), by `scipy.spatial.transform.Rotation.align_vectors`.
+    See Also
+    --------
+    updyn.positions.rigid_motion
     """
     if len(x) < 3:
         raise MatchError(
             f"an alignment needs three points that are not in a line, found {len(x)}", _ALIGNMENT
         )
-    x0 = x.mean(axis=0)
-    y0 = y.mean(axis=0)
-    _check_not_in_line(x - x0, "of the test")
-    _check_not_in_line(y - y0, "of the model")
-    R = Rotation.align_vectors(y - y0, x - x0)[0].as_matrix()
-    shift = y0 - R @ x0
+    _check_not_in_line(x - x.mean(axis=0), "of the test")
+    _check_not_in_line(y - y.mean(axis=0), "of the model")
+    R, shift = rigid_motion(x, y)
     residual = np.sqrt(np.mean(np.sum((x @ R.T + shift - y) ** 2, axis=1)))
     return R, shift, float(residual)
 
@@ -444,8 +438,11 @@ def _some(numbers: Sequence[int]) -> str:
     return text + ", ..." if len(numbers) > SHOWN else text
 
 
-def read_tolerance(given: float | str | None, size: float) -> float:
-    """Return a tolerance in m; a share such as "1 %" is of `size` in m."""
+def read_tolerance(given: float | str | None, size: float, *others: str) -> float:
+    """Return a tolerance in m; a share such as "1 %" is of `size` in m.
+
+    A message lists the other values that are valid.
+    """
     if given is None:
         return _DEFAULT_TOLERANCE * size
     number: Any = given
@@ -459,7 +456,7 @@ def read_tolerance(given: float | str | None, size: float) -> float:
     if not (is_number and 0 < number < np.inf):
         raise MatchError(
             f"tolerance {given!r}: expected a distance in m, or a share of the model's size such as"
-            " '1 %'",
+            f" '1 %'{''.join(f', or {other!r}' for other in others)}",
             ("tolerance",),
         )
     return float(number) * size / 100.0 if is_share else float(number)
@@ -492,6 +489,7 @@ def _check_unit(placement: _Placement, attempt: _Attempt, unit: str | None) -> N
         f" model (largest distance {other.distance.max():.3g} m), {stated} {bad}. Nothing is"
         f" converted unless it is stated; {advice}",
         ("unit",),
+        proposal={} if name is None else {"unit": name},
     )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,11 +43,21 @@ class MatchError(DofError):
         Argument of `match`, and key in it, that the error is about; empty: the measurement.
     lost : sequence of str
         The sensors, as the test labels them, that are no DOFs of the model.
+    proposal : mapping of str to object
+        Options of `match` with which nodes are found by their positions; empty where none are
+        known.
     """
 
-    def __init__(self, message: str, key: tuple[str, ...] = (), lost: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        message: str,
+        key: tuple[str, ...] = (),
+        lost: Sequence[str] = (),
+        proposal: Mapping[str, Any] | None = None,
+    ) -> None:
         super().__init__(message, key=key)
         self.lost = tuple(lost)
+        self.proposal = dict(proposal or {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +170,8 @@ class Matching:
     by : {"label", "coordinates"}
         How nodes were found.
     alignment : Alignment or None
-        How positions were moved onto the model; None by label.
+        How positions were moved onto the model; by label None, unless the positions of equal labels
+        agree only in another unit or after a motion.
     notes : tuple of str
         Remarks on the matching as a whole.
     """

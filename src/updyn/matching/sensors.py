@@ -20,14 +20,16 @@ from updyn.errors import DofError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.matching.directions import AssignedDof, Target, assign_dofs
-from updyn.matching.placement import NodeMatch, match_nodes
+from updyn.matching.placement import NodeMatch, match_nodes, read_tolerance
 from updyn.matching.result import EXACT, Alignment, MatchError, Matching, SensorMatch
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.positions import System, check_labels, model_size
 
 __all__ = ["match"]
 
 _WAYS = ("label", "coordinates")
+_ANY = "any"  # the tolerance with which positions are not compared
 _NODE = re.compile(r"-?[0-9]{1,18}")  # what has more digits is no number of a node
 _FITTED = 1.0  # degrees: the accuracy of a rotation that was fitted to positions
 _SAME_AXES = 1e-9
@@ -63,11 +65,14 @@ def match(
         says. Where both know the directions of a node, those of the FRFs hold: their labels refer
         to them.
     by : {"label", "coordinates"}
-        By label, test and model have the same labels. By coordinates, each sensor belongs to the
-        nearest node of the model that has translations, or rotations, as it measures them.
+        By label, test and model have the same labels; where both have positions, these are
+        compared. By coordinates, each sensor belongs to the nearest node of the model that has
+        translations, or rotations, as it measures them.
     tolerance : float or str, optional
-        Largest distance in m, or a share of the diagonal of the box around the model, such as "0.5
-        %". By default 1 %.
+        Largest distance between a sensor and its node in m, or a share of the diagonal of the box
+        around the model, such as "0.5 %". By coordinates 1 % by default. By label 5 %, and 25 %
+        to a node that is the nearest of the model; the positions may be in another unit or, as a
+        whole, moved and turned. "any": labels count whatever the positions are.
     unit : {"m", "cm", "mm", "in", "ft"}, optional
         Of the positions of the test. By default m is assumed, and it is an error if they fit only
         in another unit; a stated unit is used as it is.
@@ -82,7 +87,8 @@ def match(
         says which. By default 0.1, and 1 where the alignment was fitted.
     table : mapping of str to str, optional
         Label in the test = label in the model, whatever `by` is; signs multiply: ``{"3:Z":
-        "17:-Z"}``. A node alone, ``{"3": "17"}``, stands for all sensors at it.
+        "17:-Z"}``. A node alone, ``{"3": "17"}``, stands for all sensors at it. The positions of
+        these are not compared.
     directions : mapping of str to array_like of float, shape (3,), optional
         By label in the test, where a sensor or force points, in the axes of the test; any length.
         For rotations the axis of rotation. It replaces what the label and the geometry say.
@@ -96,15 +102,16 @@ def match(
     ------
     MatchError
         If a sensor is not matched (the nearest candidates are listed), two are one DOF, positions
-        fit in another unit only, or directions at a node cannot all be DOFs.
+        fit in another unit only, labels and positions contradict each other, or directions at a
+        node cannot all be DOFs.
     OptionError
         If an option is not known or does not belong to this way of matching.
 
     Warns
     -----
     UpdynWarning
-        If sensors are taken along DOFs that they are up to `angle` off, or a fit to nearest nodes
-        moved the sensors far.
+        If sensors are taken along DOFs that they are up to `angle` off, a fit to nearest nodes
+        moved the sensors far, or positions of equal labels agree in other axes only.
 
     Examples
     --------
@@ -126,7 +133,7 @@ def match(
     aligned: Alignment | None = None
     notes: list[str] = []
     if by == "label":
-        nodes = test.nodes_by_label(model)
+        nodes = test.nodes_by_label(model, None)
     else:
         nodes, aligned, notes = test.nodes_by_coordinates(model, tolerance, unit, alignment)
     notes += test.warn_of_unused(model, by)
@@ -143,11 +150,16 @@ def match(
         wrong = test.table.places(map(Dof.parse, error.lost))
         error.key = error.key or (wrong[0] if wrong else ())
         raise
+    moved = by != "label" or changed is not model
+    if by == "label":
+        aligned, remarks = test.compare_labels(model, tolerance)
+        notes += remarks
+        moved = moved or aligned is not None or tolerance is not None
+        nodes = test.nodes_by_label(model, aligned)
     _warn_of_angles(targets, assigned)
     rows = []
     for target, dof in zip(targets, assigned, strict=True):
         rows.append(_sensor_match(target, dof, test.node_of(target, nodes, model, aligned)))
-    moved = by != "label" or changed is not model
     new = {t.sensor: found.dof for t, found in zip(targets, assigned, strict=True)}
     named: FRF | ModeSet
     if isinstance(data, FRF):
@@ -166,12 +178,18 @@ def _check_options(by: str, tolerance: Any, unit: Any, alignment: Any, angle: An
     if by not in _WAYS:
         raise OptionError(f"by = {by!r}: {suggest(str(by), _WAYS)}")
     if by == "label":
-        for name, value in (("tolerance", tolerance), ("unit", unit), ("alignment", alignment)):
+        for name, value in (("unit", unit), ("alignment", alignment)):
             if value is not None:
                 raise MatchError(
-                    f"{name} belongs to by = 'coordinates'; by label no positions are compared",
+                    f"{name} belongs to by = 'coordinates'; by label positions are only compared",
                     (name,),
                 )
+    elif tolerance == _ANY:
+        raise MatchError(
+            "tolerance 'any' belongs to by = 'label'; expected a distance in m, or a share such as"
+            " '1 %'",
+            ("tolerance",),
+        )
     if isinstance(alignment, str) and alignment != "fit":
         raise MatchError(
             f"alignment {alignment!r}: expected 'fit', pairs of nodes, or a 4 x 4 matrix",
@@ -354,13 +372,50 @@ class _UserInput:
             return np.eye(3)
         return np.asarray(source.axes[int(np.argmax(source.nodes == node))])
 
-    def nodes_by_label(self, model: Model) -> dict[int, NodeMatch]:
+    def nodes_by_label(self, model: Model, aligned: Alignment | None) -> dict[int, NodeMatch]:
         """Return the node of the model for each node of the test: as numbered, or by table."""
         out = {}
         for node in {sensor.node for sensor in self.sensors}:
             new = self.table.nodes.get(node, node)
-            out[node] = NodeMatch(new, _distance(self.geometry, node, model.geometry, new))
+            distance = _distance(self.geometry, node, model.geometry, new, aligned)
+            out[node] = NodeMatch(new, distance)
         return out
+
+    def compare_labels(
+        self, model: Model, tolerance: float | str | None
+    ) -> tuple[Alignment | None, list[str]]:
+        """Compare the positions of nodes that are not in the table, and warn of other axes.
+
+        Returns
+        -------
+        alignment : Alignment or None
+            In which labels and positions agree; None where they do as they are.
+        notes : list of str
+        """
+        if tolerance == _ANY:
+            return None, ["By label whatever the positions are (tolerance = any)"]
+        if self.geometry is None or model.geometry is None:
+            if tolerance is None:
+                return None, []
+            whose = "the measurement" if self.geometry is None else "the model"
+            raise MatchError(
+                f"tolerance: {whose} has no positions that could be compared; leave it out",
+                ("tolerance",),
+            )
+        limit = None
+        if tolerance is not None:
+            limit = read_tolerance(tolerance, model_size(model), _ANY)
+        table = self.table
+        nodes = [s.node for s in self.sensors if s not in table.dofs and s.node not in table.nodes]
+        found = check_labels(model, self.geometry, nodes, limit)
+        if found is None:
+            return None, []
+        if found.contradiction:
+            insist = 'tolerance = "any" matches by label nevertheless'
+            raise MatchError(f"{found.contradiction}\n{insist}", ("by",), proposal=found.proposal)
+        for text in filter(None, [found.warning]):
+            warnings.warn(text, UpdynWarning, stacklevel=3)
+        return _alignment_of(found.system), [*filter(None, [found.note, found.warning])]
 
     def nodes_by_coordinates(
         self, model: Model, tolerance: float | str | None, unit: str | None, alignment: Any
@@ -478,6 +533,16 @@ def _distance(
     if aligned is not None:
         at = aligned.apply(at)
     return float(np.linalg.norm(at - model.position([new])))
+
+
+def _alignment_of(system: System) -> Alignment | None:
+    """Return the system in which labels and positions agree; None where it is the model's."""
+    if system.factor == 1.0 and system.residual is None:
+        return None
+    how = "not moved" if system.residual is None else "moved onto the nodes of the same labels"
+    return Alignment(
+        how, system.rotation, system.shift, system.factor, system.unit, system.residual
+    )
 
 
 # -- results

@@ -22,6 +22,7 @@ from updyn.frf import FRF, ROUNDING
 from updyn.group import is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.positions import warn_of_labels
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
@@ -140,6 +141,9 @@ def run(
     unknowns = selection.parameters
     tests = [replace(test, model=selection.start_of(test.model)) for test in tests]
     check(tests, unknowns)
+    for test in tests:
+        if isinstance(test.data, FRF):
+            warn_of_labels(test.model, test.data)
     check_channels(unknowns, strategy)
     for i, test in enumerate(tests):
         if test.validation is not None:  # read once, for the fit and for the fingerprint

@@ -141,6 +141,12 @@ def update(
     SolverError
         If the model cannot be solved at a line where it starts.
 
+    Warns
+    -----
+    UpdynWarning
+        If model and FRF have positions, and nodes with equal numbers are far from each other;
+        `updyn.match` matches them by position.
+
     Examples
     --------
     >>> from updyn.demos import chain

@@ -296,3 +296,129 @@ def test_nothing_is_left_of_a_look_that_was_interrupted(
     monkeypatch.setattr("updyn.cli.commands.describe_model", interrupted)
     assert main(["new", "chain.h5", "chain.npz"]) == 130
     assert not Path("job.toml").exists()
+
+
+# -- labels and positions ----------------------------------------------------------------------------
+#: Nodes of the beam at which sensors 1 to 5 of the test are, from its other end.
+PLACES = [21, 17, 13, 9, 5]
+
+
+def beam_with_wrong_numbers(factor: float = 1.0, n: int = 5, at: int = 0) -> None:
+    """Write a model, and a test whose numbers 1 to n are those of other nodes of the model."""
+    model = beam(
+        length=1.0,
+        E=2e11,
+        rho=7850.0,
+        width=0.05,
+        height=0.01,
+        n_elements=20,
+        supports=[("foot", 0.0, 1e6, 1e4)],
+        loss_factor=0.01,
+    )
+    write_model(model, "beam.h5")
+    assert model.geometry is not None
+    of_model = [f"{node}:-Z" for node in PLACES[:n]]
+    freq = np.linspace(5.0, 300.0, 40)
+    data = updyn.response(model, freq, of_model, of_model[-1:], quantity="accelerance")
+    named = [f"{at + k + 1}:-Z" for k in range(n)]
+    xyz = factor * model.geometry.position(PLACES[:n])
+    moved = replace(
+        data,
+        responses=DofSet(named),
+        references=DofSet(named[-1:]),
+        geometry=Geometry(np.arange(at + 1, at + n + 1), xyz),
+    )
+    write_frf(moved, "beam.uff")
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1.0, None), (1000.0, "mm"), (1.0 / 0.0254, "in")], ids=["m", "mm", "in"]
+)
+@pytest.mark.parametrize("at", [0, 900], ids=["contradictory", "unknown"])
+def test_coordinates_are_proposed_where_labels_are_not_those_of_the_model(
+    factor: float,
+    unit: str | None,
+    at: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    beam_with_wrong_numbers(factor, at=at)
+    assert main(["new", "beam.h5", "beam.uff"]) == 0
+    said = capsys.readouterr().out
+    assert "5 of 5 sensors and forces are DOFs of the model, by coordinates" in said
+    reason = "are not DOFs of the model:" if at else "labels and positions contradict each other"
+    assert reason in said
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert reason in text.replace("\n#   ", " ")
+    job = load_job(Path("job.toml"))
+    assert (job.match.by, job.match.unit) == ("coordinates", unit)
+    if unit is not None:
+        assert f'unit = "{unit}"' in said
+    assert prepare(job).tests[0].frf.responses.labels == [f"{node}:-Z" for node in PLACES]
+    assert main(["check", "job.toml"]) in (0, 3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("at", [0, 900])
+def test_the_response_that_is_proposed_for_validation_is_one_of_the_job(
+    n: int, at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    beam_with_wrong_numbers(n=n, at=at)
+    assert main(["new", "beam.h5", "beam.uff"]) == 0
+    lines = Path("job.toml").read_text(encoding="utf-8").splitlines()
+    (number,) = (k for k, line in enumerate(lines) if "validation = [" in line)
+    lines[number] = lines[number].removeprefix("# ")
+    Path("job.toml").write_text("\n".join(lines), encoding="utf-8")
+    job = load_job(Path("job.toml"))
+    (held,) = job.validation or ()
+    if n == 1:
+        with pytest.raises(updyn.UpdynError, match="holds out everything"):
+            prepare(job)
+        return
+    ready = prepare(job)
+    assert held in ready.frf.responses.labels
+    assert len(ready.tests[0].fitted.responses) == n - 1
+
+
+def test_positions_in_another_system_are_left_to_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    beam_with_wrong_numbers()
+    frf = updyn.read_frf("beam.uff")
+    assert frf.geometry is not None
+    turned = frf.geometry.xyz @ np.array([[0.0, 1.0, 0], [-1, 0, 0], [0, 0, 1]]) + [0, 3.0, 0]
+    write_frf(replace(frf, geometry=Geometry(frf.geometry.nodes, turned)), "turned.uff")
+    assert main(["new", "beam.h5", "turned.uff"]) == 0
+    said = capsys.readouterr().out
+    assert "labels and positions contradict each other" in said
+    assert "Before it can run, state how the sensors lie on the model: [match]" in said
+    text = Path("job.toml").read_text(encoding="utf-8")
+    assert "validation" not in text
+    assert main(["check", "job.toml"]) == 2
+    assert "labels and positions contradict each other" in capsys.readouterr().err
+
+
+def test_equal_labels_in_millimetres_are_kept_and_it_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    beam_with_wrong_numbers(1000.0)
+    frf = updyn.read_frf("beam.uff")
+    assert frf.geometry is not None
+    same = {k + 1: node for k, node in enumerate(PLACES)}
+    responses, references = (
+        DofSet([f"{same[dof.node]}:-Z" for dof in dofs]) for dofs in (frf.responses, frf.references)
+    )
+    geometry = Geometry(PLACES, frf.geometry.position(list(same)))
+    write_frf(replace(frf, responses=responses, references=references, geometry=geometry), "b.uff")
+    assert main(["new", "beam.h5", "b.uff"]) == 0
+    said = capsys.readouterr().out
+    assert "5 of 5 sensors and forces are DOFs of the model, by label" in said
+    assert "The positions of the test look like mm" in said
+    assert load_job(Path("job.toml")).match.by == "label"
+    assert main(["check", "job.toml"]) in (0, 3)
+    assert "look like mm" in capsys.readouterr().out

@@ -195,7 +195,8 @@ BAD = [
     ),
     (('"0.5 %"', '"half"'), 17, "expected a distance in m above 0, or a share"),
     (('"0.5 %"', "0"), 17, "match.tolerance = 0: expected a distance in m above 0"),
-    (('by = "coordinates"\n', ""), 16, "tolerance belongs to by = 'coordinates'"),
+    (('by = "coordinates"\n', ""), 15, "unit belongs to by = 'coordinates'"),
+    (('"0.5 %"', '"any"'), 17, "tolerance 'any' belongs to by = 'label'"),
     (("2 = 12", "2 = 99"), 18, "alignment: geometry: node 99 has no position; nearest: 14, 13, 12"),
     (("2 = 12", "2 = 14"), 18, "the pairs do not lie on each other within 0.0"),
     (("2 = 12", 'two = "12"'), 18, "'4': 14}: expected 'fit', a table of nodes of the test"),
@@ -318,3 +319,66 @@ def test_local_axes_in_the_universal_file_of_the_test(folder: Path) -> None:
         {"left.stiffness": 1.15, "right.stiffness": 0.9}, rel=1e-7
     )
     assert "local_axes = true" in (folder / "out" / "job.toml").read_text(encoding="utf-8")
+
+
+# -- labels and positions ---------------------------------------------------------------------------
+#: Sensors 11, 12, 13 and forces 11, 14 of the test are at nodes 13, 14, 11 and 13, 12 of the model.
+SWAPPED = Geometry([11, 12, 13, 14], XYZ[[2, 3, 0, 1]])
+
+
+@pytest.fixture
+def contradictory(folder: Path) -> Path:
+    frf = measured()
+    numbered = FRF(
+        frf.freq,
+        frf.values,
+        ["11:X", "12:Y", "13:Z"],
+        ["11:X", "14:Z"],
+        frf.quantity,
+        geometry=SWAPPED,
+    )
+    updyn.write_frf(numbered, folder / "test.npz")
+    return folder
+
+
+@pytest.mark.parametrize("command", ["check", "run", "correlate", "compare"])
+@pytest.mark.parametrize(("match", "line"), [('by = "label"', 14), ("angle = 0.2", 13)])
+def test_positions_that_contradict_labels_are_an_error_of_every_command(
+    command: str, match: str, line: int, contradictory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = contradictory / "job.toml"
+    path.write_text(BASE.format(test="", match=match), encoding="utf-8")
+    before = sorted(contradictory.rglob("*"))
+    assert main([command, str(path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"error: {path}:{line}: labels and positions contradict each other")
+    for node, distance in ((11, 1.36), (12, 1.28), (13, 1.36), (14, 1.28)):
+        assert f"\n  {node}: {distance} m from node {node} of the model" in err
+    assert '[match] by = "coordinates"' in err
+    assert '[match] tolerance = "any"' in err
+    assert sorted(contradictory.rglob("*")) == before
+
+
+def test_positions_that_contradict_labels_without_a_table_for_the_match(
+    contradictory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = contradictory / "job.toml"
+    text = BASE.format(test="", match="").replace("[match]\n", "")
+    path.write_text(text, encoding="utf-8")
+    assert main(["check", str(path)]) == 2
+    line = text.splitlines().index('file = "test.npz"') + 1
+    assert capsys.readouterr().err.startswith(f"error: {path}:{line}: labels and positions")
+
+
+@pytest.mark.parametrize("tolerance", ['"any"', "2.0", '"99 %"'])
+def test_a_job_may_insist_on_labels(
+    tolerance: str, contradictory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = contradictory / "job.toml"
+    path.write_text(BASE.format(test="", match=f"tolerance = {tolerance}"), encoding="utf-8")
+    assert main(["check", str(path)]) in (0, 3)
+    out, err = capsys.readouterr()
+    assert "Distances: rms 1.32 m, largest 1.36 m" in out
+    assert "contradict" not in err
+    found = prepare(load_job(path))
+    assert found.frf.responses.labels == ["11:X", "12:Y", "13:Z"]

@@ -220,7 +220,7 @@ def test_sensors_that_are_no_dofs_are_listed_with_the_nearest() -> None:
     ("options", "message"),
     [
         ({"by": "labels"}, "did you mean 'label'"),
-        ({"tolerance": 0.1}, "tolerance belongs to by = 'coordinates'"),
+        ({"tolerance": 0.1}, "tolerance: the measurement has no positions that could be"),
         ({"unit": "mm"}, "unit belongs to by = 'coordinates'"),
         ({"by": "coordinates", "alignment": "best"}, "alignment 'best': expected 'fit'"),
         ({"angle": 60}, "angle 60: expected degrees between 0 and 45"),

@@ -1,0 +1,471 @@
+"""Whether nodes of a test and of a model that have the same number are at the same place.
+
+Numbers of a test and of a mesh are independent in most projects, and both begin with 1. Where both
+have positions, nodes with equal numbers are compared. A distance is gross above `GROSS` of the
+model's size: the fifth mode of a beam has a wavelength of about 0.4 of its length, so that a sensor
+is an eighth of a wavelength from where it was measured. Up to `_COARSE` it is not gross where the
+node is the nearest one: the model is coarse. The systems of the two geometries may differ in unit,
+origin and axes: numbers are right where one unit, or one rigid motion, brings all pairs together.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from updyn.errors import UpdynWarning
+from updyn.frf import FRF
+from updyn.geometry import Geometry
+from updyn.model import Model
+
+__all__ = [
+    "GROSS",
+    "UNITS",
+    "LabelCheck",
+    "System",
+    "check_labels",
+    "model_size",
+    "rigid_motion",
+    "warn_of_labels",
+]
+
+#: Metres of each unit of length.
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+#: Distance of a pair from which it is gross, as a share of the model's size (diagonal of its box).
+GROSS = 0.05
+
+_COORDINATES = 0.01  # tolerance of a match by coordinates, as a share of the model's size
+_SAME_SHAPE = 0.2  # rms distance of pairs in another unit over the rms radius of the nodes
+_RIGID_SHAPE = 0.1  # the same after a rigid motion, which has more freedom
+_BETTER = 0.25  # rms distance over that of the pairs as they are, below which another answer counts
+_COARSE = 0.25  # largest distance to a nearest node that is not gross, as a share of the size
+_IN_LINE = 1e-6  # width of a set of points over its length
+_TURNED = 1.0  # degrees from which directions of the test are those of other axes
+_SHOWN = 6  # pairs that a message lists
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class System:
+    """Unit, axes and origin of the test's positions: x_model = rotation @ (factor x_test) + shift.
+
+    Attributes
+    ----------
+    factor : float
+        Metres of the unit of the test's positions.
+    unit : str or None
+        Its name; None: m, or the model is in another unit.
+    rotation : ndarray of float, shape (3, 3)
+    shift : ndarray of float, shape (3,)
+        In m.
+    residual : float or None
+        Root mean square distance in m after a rigid motion; None where nothing was moved.
+    """
+
+    factor: float = 1.0
+    unit: str | None = None
+    rotation: Points = field(default_factory=lambda: np.eye(3))
+    shift: Points = field(default_factory=lambda: np.zeros(3))
+    residual: float | None = None
+
+    def apply(self, xyz: Points) -> Points:
+        """Return positions of the test in the system of the model.
+
+        Parameters
+        ----------
+        xyz : ndarray of float, shape (n, 3)
+            Positions in the unit and the system of the test.
+
+        Returns
+        -------
+        ndarray of float, shape (n, 3)
+            In m.
+        """
+        return np.asarray(self.factor * xyz @ self.rotation.T + self.shift)
+
+    @property
+    def turn(self) -> float:
+        """Angle of the rotation in degrees."""
+        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelCheck:
+    """Comparison of the positions of nodes with equal numbers.
+
+    Attributes
+    ----------
+    system : System
+        In which the positions of the test are compared.
+    contradiction : str
+        What contradicts what, and a remedy; empty where numbers and positions agree.
+    proposal : mapping of str to object
+        Options of `updyn.match` that fit the positions; empty where none do.
+    note, warning : str
+        Remarks on the system; empty where it is that of the model.
+    """
+
+    system: System = field(default_factory=System)
+    contradiction: str = ""
+    proposal: Mapping[str, Any] = field(default_factory=dict)
+    note: str = ""
+    warning: str = ""
+
+
+def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
+    """Return rotation and shift that bring points onto others, by least squares.
+
+    Points in a line are turned by the smallest angle.
+
+    Parameters
+    ----------
+    x, y : ndarray of float, shape (n, 3)
+        Points, and their targets.
+
+    Returns
+    -------
+    rotation : ndarray of float, shape (3, 3)
+    shift : ndarray of float, shape (3,)
+        y is about ``x @ rotation.T + shift``.
+
+    Notes
+    -----
+    Kabsch (1976), Horn (1987), by `scipy.spatial.transform.Rotation.align_vectors`.
+    """
+    x0, y0 = x.mean(axis=0), y.mean(axis=0)
+    a, b = x - x0, y - y0
+    for points in (a, b):
+        sizes = np.linalg.svd(points, compute_uv=False)
+        if len(x) < 3 or sizes[1] <= _IN_LINE * sizes[0]:
+            a, b = _along_line(a, b)
+            break
+    if not a.any() or not b.any():
+        return np.eye(3), y0 - x0
+    R = Rotation.align_vectors(b, a)[0].as_matrix()
+    return R, y0 - R @ x0
+
+
+def _along_line(a: Points, b: Points) -> tuple[Points, Points]:
+    """Return the directions of two sets of points around 0 in one sense, each of shape (1, 3)."""
+    along = np.linalg.svd(a, full_matrices=False)[2][:1]
+    other = np.linalg.svd(b, full_matrices=False)[2][:1]
+    sense = float(np.sum((a @ along.T) * (b @ other.T)))
+    return along * bool(a.any()), (other if sense >= 0 else -other) * bool(b.any())
+
+
+def model_size(model: Model) -> float:
+    """Return the diagonal of the box around the nodes of a model that have a DOF.
+
+    Parameters
+    ----------
+    model : Model
+        With a geometry.
+
+    Returns
+    -------
+    float
+        In m.
+    """
+    assert model.geometry is not None
+    used = np.isin(model.geometry.nodes, model.dofs.nodes)
+    return float(np.linalg.norm(np.ptp(model.geometry.xyz[used], axis=0))) if used.any() else 0.0
+
+
+def warn_of_labels(model: Model, frf: FRF) -> None:
+    """Warn where a measurement is used by its labels and its positions contradict them.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    frf : FRF
+        The measurement, labelled as the model.
+
+    Warns
+    -----
+    UpdynWarning
+        If both have positions, and nodes with equal numbers are far from each other.
+    """
+    if model.geometry is None or frf.geometry is None:
+        return
+    nodes = [dof.node for dof in (*frf.responses, *frf.references)]
+    found = check_labels(model, frf.geometry, nodes)
+    if found is not None and found.contradiction:
+        warnings.warn(
+            f"{found.contradiction}\nupdyn.match matches them by position; without geometry"
+            " (geometry=None) the labels count",
+            UpdynWarning,
+            stacklevel=4,
+        )
+
+
+def check_labels(
+    model: Model, test: Geometry, nodes: Sequence[int], limit: float | None = None
+) -> LabelCheck | None:
+    """Compare the positions of nodes that have the same number in test and model.
+
+    Parameters
+    ----------
+    model : Model
+        With a geometry.
+    test : Geometry
+        Of the test.
+    nodes : sequence of int
+        Nodes matched by number.
+    limit : float, optional
+        Largest distance in m; by default `GROSS` of the model's size, and more where the node is
+        the nearest one of the model.
+
+    Returns
+    -------
+    LabelCheck or None
+        None where there is nothing to compare.
+    """
+    assert model.geometry is not None
+    known = set(test.nodes.tolist()) & set(model.geometry.nodes.tolist())
+    both = [node for node in dict.fromkeys(nodes) if node in known]
+    if not both or model_size(model) == 0.0:
+        return None
+    return _Comparison(both, test, model, limit).result()
+
+
+class _Comparison:
+    """Nodes in test and model, and the systems in which they are compared."""
+
+    def __init__(
+        self,
+        nodes: Sequence[int],
+        test: Geometry,
+        model: Model,
+        limit: float | None,
+    ) -> None:
+        assert model.geometry is not None
+        used = np.isin(model.geometry.nodes, model.dofs.nodes)
+        self.nodes = np.array(nodes)
+        self.x = test.position(nodes)
+        self.y = model.geometry.position(nodes)
+        self.names = model.geometry.nodes[used]
+        self.tree = KDTree(model.geometry.xyz[used])
+        self.size = model_size(model)
+        self.stated = limit is not None
+        self.limit = GROSS * self.size if limit is None else limit
+        self.radius = _rms(self.y - self.y.mean(axis=0))
+        span = float(np.ptp(self.x, axis=0).max())
+        places = np.round(self.x / (span or 1.0), 9)
+        self.n_places = len(np.unique(places, axis=0))
+
+    def result(self) -> LabelCheck:
+        """Return the first system in which the pairs agree, or the contradiction."""
+        here = System()
+        if not self.gross(here).any():
+            return LabelCheck()
+        if len(self.nodes) > 1 and self.n_places == 1:
+            return LabelCheck(
+                warning=f"all {len(self.nodes)} nodes of the test have one position,"
+                " so that labels and positions were not compared"
+            )
+        if self.fits_coordinates(here):
+            return self.contradiction(here, {"by": "coordinates"})
+        agreeing = [unit for unit in _other_units() if self.fits_labels(unit)]
+        if agreeing:
+            return _in_unit(min(agreeing, key=lambda unit: _rms(self.apart(unit))))
+        elsewhere = [unit for unit in _other_units() if unit.unit and self.fits_coordinates(unit)]
+        if elsewhere:
+            best = min(elsewhere, key=lambda unit: _rms(self.nearest(unit)[0]))
+            return self.contradiction(best, {"by": "coordinates", "unit": best.unit})
+        moved = [self.moved(unit) for unit in (here, *_other_units())]
+        agreeing = [system for system in moved if self.fits_moved(system)]
+        if agreeing:
+            return self.in_system(min(agreeing, key=lambda one: one.residual or 0.0))
+        if _rms(self.apart(here)) > self.size:  # another system: its distances tell nothing
+            here = min(moved, key=lambda one: abs(math.log(self.stretch(one))))
+        return self.contradiction(here, {})
+
+    # -- distances
+    def apart(self, system: System) -> Points:
+        """Return the vectors between the nodes of each pair, shape (n, 3)."""
+        return system.apply(self.x) - self.y
+
+    def nearest(self, system: System) -> tuple[Points, NDArray[np.int64]]:
+        """Return the distance to the nearest node of the model, and that node."""
+        distance, at = self.tree.query(system.apply(self.x))
+        return distance, self.names[at]
+
+    def gross(self, system: System) -> NDArray[np.bool_]:
+        """Return which pairs are too far apart."""
+        distance = np.linalg.norm(self.apart(system), axis=1)
+        far = distance > self.limit
+        if self.stated:
+            return np.asarray(far)
+        is_nearest = distance <= (1.0 + 1e-9) * self.nearest(system)[0]
+        return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
+
+    def stretch(self, system: System) -> float:
+        """Return the size of the test over that of the nodes of the model."""
+        points = system.apply(self.x)
+        own = _rms(points - points.mean(axis=0))
+        return own / self.radius if own > 0 and self.radius > 0 else math.inf
+
+    # -- systems
+    def fits_labels(self, unit: System) -> bool:
+        """Return whether the pairs agree in another unit."""
+        shape = _rms(self.apart(unit)) <= _SAME_SHAPE * self.radius
+        return shape and not self.gross(unit).any()
+
+    def fits_coordinates(self, unit: System) -> bool:
+        """Return whether most pairs are wrong, and all nodes of the test lie on other nodes."""
+        gross = self.gross(unit)
+        if 2 * np.sum(gross) <= len(gross):
+            return False
+        distance, names = self.nearest(unit)
+        if unit.factor != 1.0 and self.n_places < 3:
+            return False  # in some unit one or two nodes lie on others by chance
+        near = bool((distance <= GROSS * self.size).all())
+        distinct = len(np.unique(names)) >= self.n_places
+        return near and distinct and _rms(distance) < _BETTER * _rms(self.apart(unit))
+
+    def moved(self, unit: System) -> System:
+        """Return the system with the rigid motion that brings the pairs closest together."""
+        R, shift = rigid_motion(unit.factor * self.x, self.y)
+        system = System(unit.factor, unit.unit, R, shift)
+        return System(unit.factor, unit.unit, R, shift, _rms(self.apart(system)))
+
+    def fits_moved(self, system: System) -> bool:
+        """Return whether the pairs agree after a rigid motion."""
+        assert system.residual is not None
+        most = min(_RIGID_SHAPE * self.radius, _BETTER * _rms(self.apart(System())))
+        if system.factor != 1.0 and self.n_places < 3:
+            most *= 0.1  # some unit brings any two distances near each other
+        shape = system.residual <= max(most, 1e-12 * self.size)
+        return shape and not self.gross(system).any()
+
+    # -- results
+    def in_system(self, system: System) -> LabelCheck:
+        """Return the remarks on pairs that agree after a rigid motion."""
+        n = len(self.nodes)
+        x, y, z = (f"{v:.4g}" for v in np.where(abs(system.shift) < 1e-12, 0.0, system.shift))
+        motion = f"moved by ({x}, {y}, {z}) m"
+        if system.unit is not None:
+            motion = f"read in {system.unit} and {motion}"
+        elif system.factor != 1.0:
+            motion = f"{motion}, and the model is in {_model_unit(system)}, not in m"
+        if n < 3:
+            warning = (
+                f"{_count(n)} of the test with a position in another system (nearest if"
+                f" {motion}): whether labels and positions agree cannot be compared"
+            )
+            return LabelCheck(system, warning=warning)
+        text = f"The positions of the test are those of the same labels in the model if {motion}"
+        if system.turn <= _TURNED and system.factor <= 1.0:
+            return LabelCheck(system, note=text)
+        if system.turn <= _TURNED:
+            return LabelCheck(system, warning=f"{text}; models are in SI")
+        pairs = ", ".join(f"{node} = {node}" for node in self.spread_out())
+        warning = (
+            f"{text.replace('moved', f'turned by {system.turn:.3g} degrees and moved', 1)};"
+            " directions are taken as the labels name them. If those of the test are along its own"
+            f" axes, match by coordinates with alignment = {{ {pairs} }}"
+        )
+        return LabelCheck(system, warning=warning)
+
+    def spread_out(self) -> list[int]:
+        """Return three nodes that determine a motion well, of more than three."""
+        y = self.y
+        first = int(np.argmax(np.linalg.norm(y - y.mean(axis=0), axis=1)))
+        second = int(np.argmax(np.linalg.norm(y - y[first], axis=1)))
+        off = np.linalg.norm(np.cross(y - y[first], y[second] - y[first]), axis=1)
+        return [int(self.nodes[i]) for i in sorted({first, second, int(np.argmax(off))})]
+
+    def contradiction(self, system: System, proposal: dict[str, Any]) -> LabelCheck:
+        """Return what contradicts what, the worst pairs, and what fits."""
+        gross = np.flatnonzero(self.gross(system))
+        distance = np.linalg.norm(self.apart(system), axis=1)
+        near, names = self.nearest(system)
+        rows = []
+        for i in sorted(gross, key=lambda i: -distance[i])[:_SHOWN]:
+            row = f"  {self.nodes[i]}: {distance[i]:.3g} m from node {self.nodes[i]} of the model"
+            if names[i] != self.nodes[i]:
+                row += f"; node {names[i]} is nearer: {_metres(near[i])} m"
+            rows.append(row)
+        limit = f"{self.limit:.3g} m"
+        if not self.stated:
+            limit += f" ({100 * GROSS:g} % of the model's size)"
+        read = f" read in {system.unit}" if system.unit is not None else ""
+        if system.residual is not None:
+            read += " turned and moved onto the model as closely as possible"
+        head = (
+            "labels and positions contradict each other: the node of the model with the same number"
+            f" is farther than {limit} from {len(gross)} of {_count(len(self.nodes))} of the"
+            f" test{read}. Largest distances:"
+        )
+        if proposal and (worst := float(near.max())) > _COORDINATES * self.size:
+            proposal["tolerance"] = f"{math.ceil(100 * worst / self.size)} %"
+        return LabelCheck(
+            system, "\n".join([head, *rows, self.finding(near, len(gross), proposal)]), proposal
+        )
+
+    def finding(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
+        """Return what fits instead, as a sentence."""
+        if proposal:
+            options = ", ".join(f'{key} = "{value}"' for key, value in proposal.items())
+            return (
+                f"All of them lie within {_metres(float(near.max()))} m of other nodes: match by"
+                f" coordinates ({options})"
+            )
+        if 2 * n_gross <= len(self.nodes):
+            return "The others agree: correct the number or the position of these"
+        return (
+            "They agree in no unit of length and after no rigid motion, and do not lie on other"
+            " nodes: correct numbers or positions, or match by coordinates with an alignment"
+        )
+
+
+def _other_units() -> Iterator[System]:
+    """Yield the test in other units, then the model."""
+    for name, factor in UNITS.items():
+        if name != "m":
+            yield System(factor, name)
+    for name, factor in UNITS.items():
+        if name != "m":
+            yield System(1.0 / factor)
+
+
+def _in_unit(system: System) -> LabelCheck:
+    """Return the remark on pairs that agree in another unit."""
+    if system.unit is not None:
+        text = f"The positions of the test look like {system.unit}: read so, they are those of"
+        return LabelCheck(system, note=f"{text} the same labels in the model")
+    return LabelCheck(
+        system,
+        warning=(
+            "labels and positions agree if the positions of the test are in m and those of the"
+            f" model look like {_model_unit(system)}; models are in SI: read or scale it in m"
+        ),
+    )
+
+
+def _model_unit(system: System) -> str:
+    """Return the unit in which the model must be for its nodes to be those of the test."""
+    return next(name for name, factor in UNITS.items() if 1.0 / factor == system.factor)
+
+
+def _rms(vectors: Points) -> float:
+    """Return the root mean square length of vectors, or of distances."""
+    return float(np.sqrt(np.sum(vectors**2) / len(vectors)))
+
+
+def _count(n: int) -> str:
+    return f"{n} node" if n == 1 else f"{n} nodes"
+
+
+def _metres(distance: float) -> str:
+    return "0" if distance < 1e-9 else f"{distance:.3g}"
