@@ -64,7 +64,8 @@ class Records:
         Parameters
         ----------
         values : array_like of float, shape (n_records, n_channels, n_samples)
-            In the units of the channels.
+            In the units of the channels. They are copied unless the array is immutable and owns
+            its memory.
         step : float
             Time between two samples, in s.
         channels, units : sequence of str
@@ -77,7 +78,9 @@ class Records:
         DataError
             If shapes disagree, a value is not finite, or a name stands twice.
         """
-        array = np.array(values, dtype=np.float64)
+        array = np.asarray(values)
+        is_shared = array.flags.writeable or array.base is not None
+        array = array.astype(np.float64, copy=is_shared)
         if array.ndim != 3 or array.shape[1] != len(channels) or len(units) != len(channels):
             raise DataError(
                 f"records of shape {array.shape} with {len(channels)} channels and {len(units)}"

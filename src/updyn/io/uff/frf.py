@@ -596,6 +596,9 @@ def assemble(
             values[:, i, j] = _mean([item.signed * sense for item in frfs[key]], gamma)
             if coherence is not None:
                 coherence[:, i, j] = np.mean(gamma, axis=0)
+    for array in (values, coherence):
+        if array is not None:
+            array.flags.writeable = False  # so that FRF does not copy it
     return Parts(freq, values, coherence, rows.kept, columns.kept)
 
 

@@ -85,23 +85,20 @@ def read_records(path: str | Path) -> Records:
     for function in chosen:
         channels.setdefault(_name(function, path), []).append(function)
     _check_complete(channels, path)
-    values, units = [], []
-    for name, records in channels.items():
+    values = np.empty((len(next(iter(channels.values()))), len(channels), chosen[0].points))
+    units = []
+    for at, (name, records) in enumerate(channels.items()):
         said = {channel_unit(function, collector.units, path) for function in records}
         if len(said) > 1:
             texts = " and ".join(repr(unit) for unit, _ in sorted(said))
             raise FormatError(f"channel {name!r}: records in {texts}; expected one unit", path)
         unit, factor = said.pop()
         units.append(unit)
-        values.append([factor * function.y for function in records])
+        for record, function in enumerate(records):
+            values[record, at] = factor * function.y
+    values.flags.writeable = False  # so that Records does not copy it
     with placed(path):
-        return Records.of(
-            np.array(values).transpose(1, 0, 2),
-            _step(chosen[0].x),
-            list(channels),
-            units,
-            Path(path).name,
-        )
+        return Records.of(values, _step(chosen[0].x), list(channels), units, Path(path).name)
 
 
 def _in_seconds(function: Function, path: str | Path) -> Function:
