@@ -9,7 +9,7 @@ import pytest
 
 import updyn
 from places import DATA
-from updyn.errors import FormatError
+from updyn.errors import FormatError, UpdynWarning
 
 FORCE, MOTION = "Force (Trigger)", "Acceleration (Trigger)"
 
@@ -169,6 +169,91 @@ def test_what_is_damaged_is_refused_with_its_line(tmp_path, old, new, message):
     assert old in text
     with pytest.raises(FormatError, match=message):
         read(tmp_path, text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("Delta_X\t", "X_Unit_Label\tms\tms\nDelta_X\t", ":7: X_Unit_Label 'ms'; expected s"),
+        ("Delta_X\t", "X_Unit_Label\tHz\tHz\nDelta_X\t", ":7: X_Unit_Label 'Hz': a spectrum"),
+        ("Delta_X\t", "X0\t0.0\t0.1\nDelta_X\t", r":7: channels .* start at 0 to 0.1 \(X0\)"),
+        ("Delta_X\t", "Y_Scale\t2\t2\nDelta_X\t", ":11: tag 'Y_Scale' is not known and may"),
+        ("Delta_X\t", "Gain factor\t2\t2\nDelta_X\t", ":11: tag 'Gain factor' is not known"),
+        ("N\tg", "dB\tdB", ":7: Y_Unit_Label 'dB': a spectrum, no time record"),
+        ("N\tg", "V^2/Hz\tV", r":7: Y_Unit_Label 'V\^2/Hz': a spectrum, no time record"),
+        ("force\ttop", "force\ttop (FFT - (RMS))", r":13: channel 'top .*': a spectrum by its name"),
+        ("0.25\t0.25", "1.0\t1.0", ":15: a time of 0.25; expected 1 by Delta_X"),
+        ("0.25\t0.25", "0.000250\t0.000250", ":15: a time of 0.25; expected 0.00025 by Delta_X"),
+        ("Channels\t2", "Channels\t0", "Samples of this record: expected 0 values"),
+        ("Channels\t2", "Channels\t999999999999", "expected 999999999999 values, found 2"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("x", ["One", "Multi"])
+def test_what_would_be_read_wrongly_is_refused(tmp_path, old, new, message, x):
+    text = written(x=x)
+    assert old in text
+    with pytest.raises(FormatError, match=message):
+        read(tmp_path, text.replace(old, new, 1))
+
+
+def test_a_step_of_one_second_is_questioned(tmp_path):
+    with pytest.warns(UpdynWarning, match=":7: Delta_X is 1 s, which LabVIEW also writes for data"):
+        found = read(tmp_path, written().replace("0.25\t0.25", "1.0\t1.0"))
+    assert found["time"].values.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_text_in_windows_1252(tmp_path):
+    text = written().replace("N\tg", "N\tm/s²").replace("top", "Türblatt")
+    path = tmp_path / "a.lvm"
+    path.write_bytes(text.encode("cp1252"))
+    found = updyn.read_records(path)
+    assert found["unit"].values.tolist() == ["N", "m/s²"]
+    assert found["channel"].values.tolist() == ["force", "Türblatt"]
+
+
+@pytest.mark.parametrize("x", ["No", "One", "Multi"])
+def test_channels_without_samples_are_left_out(tmp_path, x):
+    """As LabVIEW fills up its rows; the tags with a column of times each are those of lvm_read."""
+    text = written(x=x).replace("Channels\t2", "Channels\t4").replace("g\n", "\tg\t\n")
+    text = text.replace("3\t3\n", "3\t0\t3\t0\n").replace("Time\n", "Time\tTime\tTime\n")
+    text = text.replace("0.25\t0.25\n", "0.25\t1.0\t0.25\t1.0\n", 1)
+    text = text.replace("force\ttop", "force\tUntitled\ttop\tUntitled 1")
+    head, _, rows = text.partition("Comment\n")
+    lines = []
+    for row in rows.splitlines():
+        cells = row.split("\t")
+        middle = len(cells) - (2 if x == "Multi" else 1)
+        gap = ["", ""] if x == "Multi" else [""]
+        lines.append("\t".join([*cells[:middle], *gap, *cells[middle:], *gap]))
+    text = head + "Comment\n" + "\n".join(lines) + "\n"
+    message = "channels without samples are left out: 'Untitled', 'Untitled 1'"
+    with pytest.warns(UpdynWarning, match=message):
+        found = read(tmp_path, text)
+    assert found["channel"].values.tolist() == ["force", "top"]
+    assert found["unit"].values.tolist() == ["N", "g"]
+    assert found.values.tolist() == [[[1.5, 0.0, 2.5], [-0.2, 3.0, 4.0]]]
+    wrong = text.replace("\t3.0", "7.0\t3.0" if x != "Multi" else "\t3.0\t\t7.0")
+    with pytest.raises(FormatError, match=":15: a value of channel 'Untitled"):
+        read(tmp_path, wrong)
+
+
+def test_blank_tags_of_columns_of_times(tmp_path):
+    """As LabVIEW writes them: the head of multi_time_column.lvm, sample data of lvm_read 1.21."""
+    text = written(x="Multi", segments=2)
+    for tag in ("3", "Time", "0.25"):
+        text = text.replace(f"\t{tag}\t{tag}\n", f"\t{tag}\t\t{tag}\t\n")
+    text = text.replace("N\tg", "N\t\tg\t").replace("force\ttop", "force\tX_Value\ttop")
+    found = read(tmp_path, text)
+    assert found.values[1].tolist() == [[1.5, 0.0, 2.5], [-0.2, 3.0, 4.0]]
+    assert found["unit"].values.tolist() == ["N", "g"]
+
+
+def test_times_tell_a_step_that_is_rounded(tmp_path):
+    """3 kHz for 1 s: by Delta_X, 0.000333, the last sample would be 3 samples too early."""
+    rows = [f"{k / 3000:.6f}\t{k}\t1" for k in range(3000)]
+    text = appended("One", rows).replace("Samples\t3\t3", "Samples\t3000\t3000")
+    found = read(tmp_path, text.replace("0.25\t0.25", "0.000333\t0.000333"))
+    assert found["time"].values[-1] == pytest.approx(2999 / 3000, rel=1e-6)
 
 
 def test_records_that_differ_are_refused(tmp_path):

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError, OptionError, suggest
-from updyn.io.csv_text import check_comments, plain_numbers, split_axis, windows_text
-from updyn.io.items import existing, placed
+from updyn.io.csv_text import check_comments, plain_numbers, split_axis
+from updyn.io.items import existing, placed, windows_text
 from updyn.io.text_numbers import number_rows, rounding_of
 from updyn.signals.records import Records, step_of
 from updyn.units import find_unit, suggest_unit

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from updyn.errors import FormatError
-from updyn.io.items import unreadable
 from updyn.units import find_unit
 
 __all__ = [
@@ -17,7 +16,6 @@ __all__ = [
     "comment",
     "plain_numbers",
     "split_axis",
-    "windows_text",
 ]
 
 #: A comment that states a value: name, value.
@@ -41,32 +39,6 @@ _AXIS = re.compile(r"(\w+?)\s*(?:[/_ ]\s*(\S.*)|\[([^\[\]]*)\]|\(([^()]*)\))")
 #: A decimal comma that cannot separate thousands: not three digits behind it, or digits before it
 #: that no grouped number begins with.
 _DECIMAL_COMMA = re.compile(r"(?<![\d,])(?:0\d*|\d{4,}),\d|,(?:\d{1,2}|\d{4,})(?!\d)")
-
-
-def windows_text(path: str | Path) -> str:
-    """Return the text of a file in UTF-8, or in Windows-1252 as LabVIEW and Excel write it.
-
-    Raises
-    ------
-    FormatError
-        If it cannot be read, or is in neither encoding.
-    """
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        raise unreadable(path, error) from error
-    if b"\0" in raw:
-        raise FormatError("not a text in UTF-8 or Windows-1252; save it as UTF-8", path)
-    for encoding in ("utf-8-sig", "cp1252"):
-        try:
-            return raw.decode(encoding).replace("\r\n", "\n")
-        except UnicodeDecodeError as error:
-            wrong = error
-    raise FormatError(
-        f"not a text in UTF-8 or Windows-1252 ({wrong.reason} at byte {wrong.start}); save it as"
-        " UTF-8",
-        path,
-    )
 
 
 def comment(line: str) -> tuple[str, str] | None:

@@ -51,6 +51,7 @@ __all__ = [
     "utf8_text",
     "vector",
     "whole",
+    "windows_text",
 ]
 
 Items = Mapping[str, Any]
@@ -416,6 +417,34 @@ def utf8_text(path: str | Path) -> str:
         ) from error
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def windows_text(path: str | Path) -> str:
+    """Return the text of a file in UTF-8, or in Windows-1252 as LabVIEW and Excel write it.
+
+    Lines end with a line feed.
+
+    Raises
+    ------
+    FormatError
+        If it cannot be read, or is in neither encoding.
+    """
+    try:
+        raw = Path(path).read_bytes()
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if b"\0" in raw:
+        raise FormatError("not a text in UTF-8 or Windows-1252; save it as UTF-8", path)
+    for encoding in ("utf-8-sig", "cp1252"):
+        try:
+            return raw.decode(encoding).replace("\r\n", "\n")
+        except UnicodeDecodeError as error:
+            wrong = error
+    raise FormatError(
+        f"not a text in UTF-8 or Windows-1252 ({wrong.reason} at byte {wrong.start}); save it as"
+        " UTF-8",
+        path,
+    )
 
 
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

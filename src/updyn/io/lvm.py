@@ -4,7 +4,10 @@ The layout is that of National Instruments, "Specification for the LabVIEW Measu
 a head of the file and one of each segment, both of lines ``name TAB value`` that end with
 ``***End_of_Header***``, the lines of a head in any order; then a line of names, ``X_Value`` first,
 ``Comment`` last; then rows, whose comments are left out, as are special blocks. A segment is a
-record. Numbers have the decimal sign that the head names.
+record. Numbers have the decimal sign that the head names. Channels without samples are left out
+with a warning. ``Delta_X`` is in s and has to agree with the times of the rows, if there are any.
+Tags that may change what the numbers mean and are not known, spectra, and channels that start at
+different times (``X0``) are refused.
 
 With ``Multi_Headings No`` only the first segment has a head, and the rows of the others follow.
 Each segment is a record all the same, of as many rows as the head says, unless all times run on
@@ -14,8 +17,9 @@ without a gap: then they are one record.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -23,10 +27,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import FormatError, suggest
-from updyn.io.items import existing, placed, utf8_text
-from updyn.io.text_numbers import number_rows, real_of, whole_of
+from updyn.errors import FormatError, UpdynWarning, suggest
+from updyn.io.items import existing, placed, windows_text
+from updyn.io.text_numbers import number_rows, real_of, rounding_of, whole_of
 from updyn.signals.records import Records
+from updyn.units import find_unit
 
 __all__ = ["read_records"]
 
@@ -42,8 +47,16 @@ _X_COLUMNS = ("No", "One", "Multi")
 _HEADINGS = ("Yes", "No")
 #: What a time may be off by, as it is rounded in the file: a share of the step.
 _ROUNDED = 0.5
+#: Largest share of a step by which Delta_X may be off, as it is rounded in the file.
+_STEP_ROUNDED = 1e-3
 #: What is read of the head of a record.
-_ONCE = ("Channels", "Samples", "Delta_X", "X_Dimension", "Y_Unit_Label")
+_ONCE = ("Channels", "Samples", "Delta_X", "X0", "X_Dimension", "X_Unit_Label", "Y_Unit_Label")
+#: Tags beside these that may change what the numbers mean.
+_MEANING = re.compile(r"(?i)^[xy]_|^delta|scale|scaling|factor|gain|offset|slope|sensitivity")
+_HARMLESS = ("Y_Dimension",)
+#: Units and names of channels that hold a spectrum.
+_LEVELS = re.compile(r"(?i)^dB|/\s*\W*(?:sqrt|rt)?\W*Hz")
+_SPECTRA = re.compile(r"(?i)\bdB\b|\bFFT\b|\bPSD\b|spectr(?:um|al)")
 _NAMES_FROM, _NAMES_TO = "X_Value", "Comment"
 
 
@@ -53,7 +66,7 @@ def read_records(path: str | Path) -> Records:
     Parameters
     ----------
     path : path
-        The file, in UTF-8.
+        The file, in UTF-8 or Windows-1252.
 
     Returns
     -------
@@ -65,8 +78,13 @@ def read_records(path: str | Path) -> Records:
     FormatError
         If the content is not valid, or its segments have other channels, lengths or steps than the
         first.
+
+    Warns
+    -----
+    UpdynWarning
+        If channels have no samples, or `Delta_X` is the one of data without timing.
     """
-    text = _without_special(utf8_text(existing(path)).replace("\r\n", "\n"))
+    text = _without_special(windows_text(existing(path)))
     ends = list(_END.finditer(text))
     if not text.startswith("LabVIEW Measurement") or not ends:
         raise FormatError("no head of a LabVIEW measurement file", path, 1)
@@ -77,6 +95,7 @@ def read_records(path: str | Path) -> Records:
     first = segments[0]
     for segment in segments[1:]:
         first.check_alike(segment, path)
+    _warn(first, path)
     with placed(path):
         return Records.of(
             [segment.values for segment in segments],
@@ -136,6 +155,7 @@ class _Segment:
     step: float
     channels: tuple[str, ...]
     units: tuple[str, ...]
+    empty: tuple[str, ...]
     values: NDArray[np.float64]
 
     def check_alike(self, other: _Segment, path: str | Path) -> None:
@@ -157,6 +177,22 @@ class _Segment:
                 path,
                 other.line,
             )
+
+
+def _warn(segment: _Segment, path: str | Path) -> None:
+    """Warn of channels without samples, and of a step that LabVIEW writes where it knows none."""
+    if segment.empty:
+        names = ", ".join(map(repr, segment.empty))
+        warnings.warn(
+            f"{path}: channels without samples are left out: {names}", UpdynWarning, stacklevel=3
+        )
+    if segment.step == 1.0:
+        warnings.warn(
+            f"{path}:{segment.line}: Delta_X is 1 s, which LabVIEW also writes for data without a"
+            " sampling rate; check that there is one sample a second",
+            UpdynWarning,
+            stacklevel=3,
+        )
 
 
 def _segments(
@@ -197,8 +233,135 @@ def _fields(text: str, separator: str, path: str | Path, first: int) -> Mapping[
         name, *values = [word.strip() for word in line.split(separator)]
         if name in found and name in _ONCE:
             raise FormatError(f"{name} stands twice", path, number)
+        if name not in (*_ONCE, *_HARMLESS) and _MEANING.search(name):
+            raise FormatError(
+                f"tag {name!r} is not known and may change the numbers; delete the line if it does"
+                " not",
+                path,
+                number,
+            )
         found[name] = values
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """The head of a record: its channels, and the times of their samples.
+
+    Attributes
+    ----------
+    line : int
+        Where it begins.
+    kept : tuple of int
+        Channels with samples, from 0.
+    n_channels : int
+        All channels.
+    count : int
+        Samples of each of those.
+    step, digit : float
+        Delta_X in s, and by how much it may be off.
+    units : tuple of str
+        Of the channels that are kept.
+    """
+
+    line: int
+    kept: tuple[int, ...]
+    n_channels: int
+    count: int
+    step: float
+    digit: float
+    units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, fields: Mapping[str, list[str]], head: _Head, path: str | Path, line: int) -> _Axis:
+        """Return what the tags of a head say."""
+        tags = _Tags(fields, (0,), path, line)
+        (n,) = tags.each("Channels", whole_of)
+        # With a column of times for each channel, LabVIEW leaves the tags of these columns blank.
+        stride = 2 if head.x_columns == "Multi" and fields.get("Samples", [])[1:2] == [""] else 1
+        tags = replace(tags, places=range(0, stride * n, stride))
+        samples = tags.each("Samples", whole_of)
+        kept = tuple(i for i in range(n) if samples[i] != 0) or tuple(range(n))
+        tags = replace(tags, places=tuple(stride * i for i in kept))
+        steps = tags.each("Delta_X", lambda text: real_of(text.replace(head.decimal, ".")))
+        if len({samples[i] for i in kept}) != 1 or len(set(steps)) != 1:
+            raise tags.refused("channels of one record with other Samples or Delta_X")
+        tags.check_start(steps[0], head.decimal)
+        tags.check_dimension()
+        # Half of the last digit.
+        printed = tags.each("Delta_X", str)[:1]
+        rounding = rounding_of([printed[0].replace(head.decimal, ".")], np.array(steps[:1]))
+        digit = min(0.5 * float(rounding[0]), _STEP_ROUNDED * abs(steps[0]))
+        return cls(line, kept, n, samples[kept[0]], steps[0], digit, tags.units())
+
+
+@dataclass(frozen=True, slots=True)
+class _Tags:
+    """The values of tags of a head that begins at a line, at the places of some channels."""
+
+    fields: Mapping[str, list[str]]
+    places: Sequence[int]
+    path: str | Path
+    line: int
+
+    def refused(self, why: str) -> FormatError:
+        """Return the error to raise about this head."""
+        return FormatError(why, self.path, self.line)
+
+    def each(self, name: str, convert: Callable[[str], _T]) -> list[_T]:
+        """Return the values of a tag, one for each channel."""
+        given = self.fields.get(name, [])
+        chosen = [given[place] for place in self.places[: len(given)] if place < len(given)]
+        if not self.places or len(chosen) < len(self.places) or not all(chosen):
+            raise self.refused(
+                f"{name} of this record: expected {len(self.places)} values, found"
+                f" {sum(map(bool, chosen))}"
+            )
+        try:
+            return [convert(value) for value in chosen]
+        except ValueError as error:
+            raise self.refused(f"{name} of this record: {error}") from error
+
+    def check_start(self, step: float, decimal: str) -> None:
+        """Refuse channels that do not start together."""
+        if not self.fields.get("X0"):
+            return
+        starts = self.each("X0", lambda text: real_of(text.replace(decimal, ".")))
+        if max(starts) - min(starts) > _STEP_ROUNDED * abs(step):
+            raise self.refused(
+                f"channels of one record start at {min(starts):g} to {max(starts):g} (X0); expected"
+                " one start"
+            )
+
+    def check_dimension(self) -> None:
+        """Refuse an abscissa that is not time in s."""
+        for name in self.each("X_Dimension", str) if self.fields.get("X_Dimension") else []:
+            if name != "Time":
+                raise self.refused(f"X_Dimension {name!r}: no time record")
+        for label in filter(None, self.fields.get("X_Unit_Label", [])):
+            _check_seconds(label, self.path, self.line)
+
+    def units(self) -> tuple[str, ...]:
+        """Return the units of the channels; empty where there is none."""
+        given = self.fields.get("Y_Unit_Label", [])
+        units = tuple(given[place] if place < len(given) else "" for place in self.places)
+        for unit in units:
+            if _LEVELS.search(unit):
+                raise self.refused(f"Y_Unit_Label {unit!r}: a spectrum, no time record")
+        return units
+
+
+def _check_seconds(label: str, path: str | Path, line: int) -> None:
+    """Refuse a unit of the abscissa other than s: LabVIEW counts in s whatever the label says."""
+    unit = find_unit(label, "time")
+    if unit is None and find_unit(label, "frequency"):
+        raise FormatError(f"X_Unit_Label {label!r}: a spectrum, no time record", path, line)
+    if unit is None or unit.factor != 1.0:
+        raise FormatError(
+            f"X_Unit_Label {label!r}; expected s: write Delta_X and X_Value in s, and that label",
+            path,
+            line,
+        )
 
 
 def _packets(
@@ -210,28 +373,12 @@ def _packets(
 ) -> Iterator[_Segment]:
     """Yield the records of a head and its rows, which begin at these lines."""
     first, of_names = lines
+    axis = _Axis.of(fields, head, path, first)
+    n, count = axis.n_channels, axis.count
 
     def refused(why: str, line: int = first) -> FormatError:
         return FormatError(why, path, line)
 
-    def each(name: str, n: int, convert: Callable[[str], _T]) -> list[_T]:
-        given = fields.get(name, [])[:n]
-        if len(given) < n or not all(given):
-            raise refused(
-                f"{name} of this record: expected {n} values, found {sum(map(bool, given))}"
-            )
-        try:
-            return [convert(value) for value in given]
-        except ValueError as error:
-            raise refused(f"{name} of this record: {error}") from error
-
-    (n,) = each("Channels", 1, whole_of)
-    samples = each("Samples", n, whole_of)
-    steps = each("Delta_X", n, lambda text: real_of(text.replace(head.decimal, ".")))
-    if fields.get("X_Dimension") and set(each("X_Dimension", n, str)) != {"Time"}:
-        raise refused(f"X_Dimension {fields['X_Dimension'][0]!r}: no time record")
-    if len(set(samples)) != 1 or len(set(steps)) != 1:
-        raise refused("channels of one record with other Samples or Delta_X")
     names, _, rows = body.partition("\n")
     titles = [title.strip() for title in names.split(head.separator)]
     if titles[:1] != [_NAMES_FROM]:
@@ -239,16 +386,26 @@ def _packets(
     own = [title for title in titles if title and title not in (_NAMES_FROM, _NAMES_TO)]
     if len(own) != n:
         raise refused(f"{len(own)} names for {n} channels", of_names)
+    channels = tuple(own[i] for i in axis.kept)
+    for name in channels:
+        if _SPECTRA.search(name):
+            raise refused(
+                f"channel {name!r}: a spectrum by its name, no time record; rename it if it is one",
+                of_names,
+            )
     with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
     # Without times there is a blank column in their place.
     rows = _without_comments(rows, titles, n + max(with_x, 1), head.separator)
+    empty = [i for i in range(n) if i not in axis.kept]
+    if empty:
+        rows = _without_empty(rows, own, empty, head, path, of_names + 1)
     if head.decimal != "." and "." in rows:
         at = of_names + 1 + rows[: rows.index(".")].count("\n")
         raise refused(f"a point in numbers with the decimal sign {head.decimal!r}", at)
     blanks = rows.replace(head.separator, " ").replace(head.decimal, ".").encode()
-    width = n + with_x
+    with_x = len(axis.kept) if head.x_columns == "Multi" else with_x
+    width = len(axis.kept) + with_x
     table = number_rows(blanks, "r" * width, f"{width} numbers", path, of_names + 1)
-    count = samples[0]
     is_other = len(table) != count and (head.has_headings or not len(table))
     if count < 1 or is_other:
         hint = ""
@@ -260,20 +417,51 @@ def _packets(
         times, values = columns[::2], columns[1::2]
     else:
         times, values = columns[:with_x], columns[with_x:]
-    if len(table) != count and _runs_on(times, count, steps[0], path, of_names + 1):
+    if _runs_on(times, axis, path, of_names + 1):
         count = len(table)
     if len(table) % count:
         also = ", and their times do not run on" if len(times) else ""
         raise refused(f"{len(table)} rows are no packets of {count} (Samples){also}")
-    units = [*fields.get("Y_Unit_Label", []), *[""] * n][:n]
+    left_out = tuple(own[i] for i in empty)
     for start in range(0, len(table), count):
-        part = values[:, start : start + count]
-        yield _Segment(first, steps[0], tuple(own), tuple(units), part)
+        part = slice(start, start + count)
+        step = _step(times[:, part], axis)
+        yield _Segment(first, step, channels, axis.units, left_out, values[:, part])
 
 
-def _runs_on(
-    times: NDArray[np.float64], count: int, step: float, path: str | Path, first: int
-) -> bool:
+def _without_empty(
+    rows: str,
+    names: Sequence[str],
+    empty: Sequence[int],
+    head: _Head,
+    path: str | Path,
+    first: int,
+) -> str:
+    """Return rows, which begin at a line, without the blank cells of channels without samples."""
+    is_multi = head.x_columns == "Multi"
+    cut = {2 * i + k: i for i in empty for k in (0, 1)} if is_multi else {i + 1: i for i in empty}
+    out = []
+    for number, row in enumerate(rows.split("\n"), first):
+        cells = row.split(head.separator)
+        for at, channel in cut.items():
+            if at < len(cells) and cells[at].strip():
+                raise FormatError(
+                    f"a value of channel {names[channel]!r}, of which Samples says 0", path, number
+                )
+        out.append(head.separator.join(cell for at, cell in enumerate(cells) if at not in cut))
+    return "\n".join(out)
+
+
+def _step(times: NDArray[np.float64], axis: _Axis) -> float:
+    """Return Delta_X, or the mean step of the times where Delta_X has too few digits for these."""
+    steps = times.shape[1] - 1
+    if not len(times) or not steps:
+        return axis.step
+    span = float(times[0, -1] - times[0, 0])
+    return axis.step if abs(span - steps * axis.step) <= _ROUNDED * axis.step else span / steps
+
+
+def _runs_on(times: NDArray[np.float64], axis: _Axis, path: str | Path, first: int) -> bool:
     """Return whether the times of packets, which begin at a line, run on without a gap.
 
     Raises
@@ -283,18 +471,21 @@ def _runs_on(
     """
     if not len(times):
         return False
-    spread = np.flatnonzero(np.ptp(times, axis=0) > _ROUNDED * abs(step))
+    rounded = _ROUNDED * abs(axis.step)
+    spread = np.flatnonzero(np.ptp(times, axis=0) > rounded)
     if spread.size:
         low, high = times[:, spread[0]].min(), times[:, spread[0]].max()
         raise FormatError(
             f"times of {low:g} to {high:g} in one row; expected one time", path, first + spread[0]
         )
     time, row = times[0], np.arange(times.shape[1])
-    expected = time[row - row % count] + step * (row % count)
-    wrong = np.flatnonzero(np.abs(time - expected) > _ROUNDED * abs(step))
+    since = row % axis.count
+    expected = time[row - since] + axis.step * since
+    wrong = np.flatnonzero(np.abs(time - expected) > rounded + axis.digit * since)
     if wrong.size:
         at = int(wrong[0])
         raise FormatError(
             f"a time of {time[at]:g}; expected {expected[at]:g} by Delta_X", path, first + at
         )
-    return bool((np.abs(time - time[0] - step * row) <= _ROUNDED * abs(step)).all())
+    away = np.abs(time - time[0] - axis.step * row)
+    return bool((away <= rounded + axis.digit * row).all())
