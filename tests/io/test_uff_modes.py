@@ -125,10 +125,110 @@ def test_units(tmp_path: Path) -> None:
     assert got.shapes == pytest.approx(same.shapes, rel=1e-6)
 
 
-def test_accelerations_are_unscaled(tmp_path: Path) -> None:
-    assert not updyn.read_modes(
-        put(tmp_path, dataset(specific=12, head=(10.0, 4.0, 0, 0)))
-    ).scaled.any()
+@pytest.mark.parametrize("specific", [11, 12])
+def test_shapes_of_velocities_and_accelerations_are_unscaled(tmp_path: Path, specific: int) -> None:
+    """They are those of displacements times s or s squared: the same up to a factor."""
+    plain = updyn.read_modes(put(tmp_path, dataset(specific=specific)))
+    assert not plain.scaled.any()
+    with pytest.warns(UpdynWarning, match=r"modal mass or modal A of 1 mode .* not used.*line 2"):
+        found = updyn.read_modes(put(tmp_path, dataset(specific=specific, head=(10.0, 4.0, 0, 0))))
+    assert not found.scaled.any()
+    assert found.shapes[:, 0].tolist() == [1.0, -2.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("specific", [3, 13])
+def test_vectors_that_are_no_motions_are_left_out(tmp_path: Path, specific: int) -> None:
+    data = dataset() + dataset(specific=specific)
+    with pytest.warns(UpdynWarning, match=f"left out: 1 data type {specific} of modes"):
+        assert len(updyn.read_modes(put(tmp_path, data))) == 1
+
+
+# -- eigenvalue, modal A and B, damping ------------------------------------------------------------------
+RATIO = 0.01  # of critical damping
+OMEGA = 2 * np.pi * 19.62
+S = complex(-RATIO * OMEGA, OMEGA * np.sqrt(1 - RATIO**2))  # in rad/s
+A = 2j * S.imag  # of unit modal mass
+
+
+def complex_mode(s: complex, a: complex = 0j, b: complex = 0j, note: str = "NONE") -> bytes:
+    head = (s.real, s.imag, a.real, a.imag, b.real, b.imag)
+    data = dataset(analysis=3, kind=5, head=head, nodes={5: [1.0, 0, 0, 0, 0, 0]})
+    return data.replace(b"NONE", note.encode(), 1)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "note"),
+    [
+        (A, 0j, "NONE"),
+        (A, -S * A, "NONE"),
+        (A, S * A, "Mode 1: 19.62 Hz, 1.00 %"),
+        (3.7 * A, -3.7 * S * A, "Frequency = 19.6200 Hz"),
+        (0j, 0j, "Mode 12 in the band 3 Hz to 123.3 Hz"),
+    ],
+)
+def test_an_eigenvalue_in_rad_per_second(tmp_path: Path, a: complex, b: complex, note: str) -> None:
+    found = updyn.read_modes(put(tmp_path, complex_mode(S, a, b, note)))
+    assert found.frequency == pytest.approx([19.62], rel=1e-5)
+    assert found.loss_factor == pytest.approx([2 * RATIO], rel=1e-5)
+    assert found.scaled.all() == bool(a)
+
+
+HZ = S / (2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        complex_mode(HZ, A),
+        complex_mode(HZ.conjugate(), A.conjugate()),
+        complex_mode(HZ, 3.7j, -3.7j * S),
+        complex_mode(HZ, note="Mode 1: 19.62 Hz, 1.00 %"),
+        complex_mode(HZ, note="Frequency  1.9620E+01"),
+    ],
+)
+def test_an_eigenvalue_in_hz_is_refused(tmp_path: Path, data: bytes) -> None:
+    with pytest.raises(FormatError, match=r":10: record 8: .*19\.6.* in Hz; expected rad/s"):
+        updyn.read_modes(put(tmp_path, data))
+
+
+@pytest.mark.parametrize("s", [-HZ.conjugate(), -S.conjugate(), -S])
+def test_a_growing_motion_is_refused(tmp_path: Path, s: complex) -> None:
+    """The real part of an eigenvalue is negative; some programs write the decay rate there."""
+    with pytest.raises(FormatError, match=r":10: record 8: .* motion grows; expected a negative"):
+        updyn.read_modes(put(tmp_path, complex_mode(s)))
+
+
+def test_rounding_above_an_undamped_eigenvalue_is_read(tmp_path: Path) -> None:
+    found = updyn.read_modes(put(tmp_path, complex_mode(complex(1e-6, S.imag))))
+    assert abs(found.loss_factor[0]) < 1e-7
+
+
+def test_modal_a_that_contradicts_modal_b_is_not_used(tmp_path: Path) -> None:
+    with pytest.warns(UpdynWarning, match="modal A of 1 mode .* not used"):
+        found = updyn.read_modes(put(tmp_path, complex_mode(S, A, 1j)))
+    assert found.frequency == pytest.approx([19.62], rel=1e-5)
+    assert not found.scaled.any()
+
+
+@pytest.mark.parametrize("ratios", [(1.0, 0.0), (1.5, 0.0), (0.0, 2.0), (0.8, 0.5)])
+def test_critical_damping_is_refused(tmp_path: Path, ratios: tuple[float, float]) -> None:
+    with pytest.raises(FormatError, match=r":10: record 8: .* above critical damping.*per cent"):
+        updyn.read_modes(put(tmp_path, dataset(head=(10.0, 1.0, *ratios))))
+
+
+@pytest.mark.parametrize("ratios", [(-0.01, 0.0), (0.02, -0.001)])
+def test_negative_damping_is_refused(tmp_path: Path, ratios: tuple[float, float]) -> None:
+    with pytest.raises(FormatError, match=r":10: record 8: damping ratios .* the motion grows"):
+        updyn.read_modes(put(tmp_path, dataset(head=(10.0, 1.0, *ratios))))
+
+
+@pytest.mark.parametrize(("f", "message"), [(123.276, "in rad/s"), (3.1226, "over 2 pi")])
+def test_a_frequency_that_its_text_contradicts_is_refused(
+    tmp_path: Path, f: float, message: str
+) -> None:
+    data = dataset(head=(f, 1.0, 0.0, 0.0)).replace(b"NONE", b"Mode 3, 19.62 Hz", 1)
+    with pytest.raises(FormatError, match=f":10: record 8: frequency .* line 4: .*{message}"):
+        updyn.read_modes(put(tmp_path, data))
 
 
 def test_other_analyses_are_left_out_with_a_warning(tmp_path: Path) -> None:

@@ -101,7 +101,64 @@ def test_complex_modes(tmp_path: Path, analysis: int, scaled: bool) -> None:
 
 @pytest.mark.parametrize(("result", "scaled"), [(8, True), (95, True), (11, False), (12, False)])
 def test_kinds_of_motion(tmp_path: Path, result: int, scaled: bool) -> None:
-    assert updyn.read_modes(put(tmp_path, dataset(result=result))).scaled.tolist() == [scaled]
+    path = put(tmp_path, dataset(result=result))
+    if scaled:
+        assert updyn.read_modes(path).scaled.all()
+        return
+    with pytest.warns(UpdynWarning, match="modal mass or modal A of 1 mode .* not used"):
+        assert not updyn.read_modes(path).scaled.any()
+
+
+S = complex(-0.628, 62.8)  # 1 % of critical damping, 9.9955 Hz
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        (0.0, 9.99552, 0.0, 0.0, 0.01, 0.0),
+        (0.0, 9.99502, 0.0, 0.0, 0.0, 0.02),  # the damped frequency
+        (0.0, 9.99552, 0.0, 0.0, 0.01, 0.02),  # the same damping twice
+        NONE,
+    ],
+)
+def test_frequency_and_damping_beside_an_eigenvalue(tmp_path: Path, first: Sequence[float]) -> None:
+    second = (S.real, S.imag, 0.0, 0.0, 0.0, 0.0)
+    data = dataset(analysis=3, kind=5, first=first, second=second, nodes={5: [1.0] * 6})
+    found = updyn.read_modes(put(tmp_path, data))
+    assert found.frequency == pytest.approx([abs(S) / (2 * np.pi)], rel=1e-5)
+    assert found.loss_factor == pytest.approx([0.02], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("first", "s", "message"),
+    [
+        ((0.0, 62.8031, 0, 0, 0.01, 0), S, ":14: record 12: frequency 62.8031 Hz contradicts the eigenvalue .* 9.99.*; expected Hz here and rad/s"),
+        ((0.0, 9.99552, 0, 0, 0.01, 0), S / (2 * np.pi), ":14: record 12: frequency 9.99552 Hz contradicts the eigenvalue .* 1.59"),
+        ((0.0, 9.99552, 0, 0, 0.05, 0), S, ":14: record 12: damping ratios 0.05 and 0 contradict the eigenvalue .* 0.00999"),
+        ((0.0, 9.99552, 0, 0, 1.0, 0), S, ":14: record 12: damping ratios 1 and 0 contradict"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("analysis", [3, 7])
+def test_contradictions_beside_an_eigenvalue(
+    tmp_path: Path, first: Sequence[float], s: complex, message: str, analysis: int
+) -> None:
+    second = (s.real, s.imag, 0.0, 0.0, 0.0, 0.0)
+    data = dataset(analysis=analysis, kind=5, first=first, second=second, nodes={5: [1.0] * 6})
+    with pytest.raises(FormatError, match=message):
+        updyn.read_modes(put(tmp_path, data))
+
+
+@pytest.mark.parametrize(
+    ("eigenvalue", "is_right"), [(3947.84, True), (62.8319, True), (100.0, False), (9e4, False)]
+)
+def test_the_eigenvalue_of_a_normal_mode(tmp_path: Path, eigenvalue: float, is_right: bool) -> None:
+    """The square of the angular frequency, or that itself."""
+    path = put(tmp_path, dataset(first=(0.0, 10.0, eigenvalue, 0.0, 0.0, 0.0)))
+    if is_right:
+        assert updyn.read_modes(path).frequency.tolist() == [10.0]
+        return
+    with pytest.raises(FormatError, match=r":14: record 12: frequency 10 Hz .* eigenvalue"):
+        updyn.read_modes(path)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,11 @@ Layout: SDRC, universal file format, datasets 55 and 2414. What is read, and how
 - Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal
   A other than 0 the shape is scaled by sqrt(2 i omega_d / A), as phi^T (2 s M + C) phi = A (Ewins,
   Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
-- Shapes that are no displacements (data types 11, 12) stay unscaled. Dataset 164 gives the units,
-  else they are SI.
+- What a file states twice must agree: modal B is -s A, the fields of frequency and damping of a
+  2414 belong to its eigenvalue, and so does a frequency in the lines of identification. Some
+  programs write eigenvalues in Hz, or decay rates as positive real parts: refused.
+- Shapes of velocities and accelerations (data types 11, 12) stay unscaled: they are those of
+  displacements up to a factor. Dataset 164 gives the units, else they are SI.
 - `write_modes` puts the standard deviations of a shape behind it, as a dataset 55 of analysis type
   0 (unknown) with a title of its own, by which they are read back.
 - Dataset 2414 has frequency, modal mass and damping ratios in fields 2, 4, 5 and 6 of its real
@@ -64,12 +67,19 @@ _DISPLACEMENT = (0, 1, 8)
 _UNKNOWN = (93, 95, 96)  # of dataset 2414: taken as displacements
 _MOTION = (11, 12)
 _LOCATIONS = {1: "at nodes", 2: "on elements", 3: "at nodes on elements", 5: "at points"}
-_NUMBER = r"([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)"
+_NUMBER = r"([0-9]++(?:\.[0-9]*+)?(?:[eE][+-]?[0-9]++)?)"
+#: "Frequency 19.62", "Mode 3: 19.62 Hz"
+_FREQUENCY = re.compile(
+    rf"\bfreq(?:uency|\.)?\s*[:=]?\s*{_NUMBER}|\bmode\s*[0-9]++\s*[:,;=]?\s*{_NUMBER}\s*Hz", re.I
+)
 _QUALITY = re.compile(rf"^quality {_NUMBER}\b")
 _STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
 _UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
+#: Relative difference of numbers that are the same: of six digits, and of what people write.
+_SAME, _ALIKE = 1e-4, 2e-3
+_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +113,7 @@ class _Mode:
     shape: _Complex  # shape (n_nodes, 6)
     quality: float
     std: tuple[float, float]  # of the frequency in Hz, and of the loss factor
+    is_scale_unused: bool
     std_shape: NDArray[np.float64] | None = None  # shape (n_nodes, 6)
 
 
@@ -154,6 +165,16 @@ def read_modes(path: str | Path) -> ModeSet:
             "holds no modes (dataset 55 or 2414 of analysis type 2, 3 or 7); it holds"
             f" {', '.join(held) or '-'}",
             path,
+        )
+    unused = [mode for mode in found if mode.is_scale_unused]
+    if unused:
+        some = "1 mode" if len(unused) == 1 else f"{len(unused)} modes"
+        warnings.warn(
+            f"{path}: modal mass or modal A of {some} is not used: shapes of velocities or"
+            " accelerations, or modal A and B that contradict each other; the shapes are unscaled"
+            f" (first: line {unused[0].line})",
+            UpdynWarning,
+            stacklevel=2,
         )
     if left:
         warnings.warn(
@@ -224,6 +245,8 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
             return f"modes {_LOCATIONS.get(location, f'at location {location}')}"
         if specific not in (*_DISPLACEMENT, *_MOTION, *_UNKNOWN):
             return f"result type {specific} of modes"
+    elif specific not in (*_DISPLACEMENT, *_MOTION):
+        return f"data type {specific} of modes"
     if _WIDTHS.get(characteristic) != width:
         raise FormatError(
             f"{where}: data characteristic {characteristic} with {width} values a node; expected 2"
@@ -235,11 +258,9 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
         raise FormatError(
             f"{where}: data type {kind}; expected 2 (real) or 5 (complex)", path, at + layout.about
         )
-    head = _head_of_2414 if layout is _2414 else _head_of_55
-    frequency, loss, conjugate, factor = head(texts, analysis, path, at)
+    head = (_head_of_2414 if layout is _2414 else _head_of_55)(texts, analysis, path, at)
     nodes, shape = _nodes(texts, layout, width, kind in _COMPLEX, path, at)
-    if specific in _MOTION or (layout is _55 and specific not in _DISPLACEMENT):
-        factor = 0.0
+    is_scaled = specific not in _MOTION
     said = _QUALITY.search(texts[layout.quality])
     quality = float(said[1]) if said else np.nan
     said = _STD.search(texts[layout.quality - 1])
@@ -247,15 +268,16 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
     return _Mode(
         dataset.number,
         dataset.line,
-        frequency,
-        loss,
-        conjugate,
-        factor,
+        head.frequency,
+        head.loss,
+        head.conjugate,
+        head.factor if is_scaled else 0.0,
         texts[layout.title],
         nodes,
         shape,
         quality,
         std,
+        head.is_contradictory or (head.factor != 0 and not is_scaled),
     )
 
 
@@ -291,14 +313,39 @@ def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
     return replace(mode, std_shape=std.real)
 
 
-_Head = tuple[float, float, bool, complex]
+@dataclass(frozen=True, slots=True)
+class _Head:
+    """Properties of a mode beside its shape."""
+
+    frequency: float
+    loss: float
+    conjugate: bool  # whether it is the lower one of a pair
+    factor: complex  # turns the shape into one of unit modal mass; 0: not known
+    is_contradictory: bool = False  # of modal A and B
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where numbers are, and the frequencies in Hz that the lines of identification state."""
+
+    what: str
+    path: str | Path
+    line: int
+    stated: list[tuple[int, float]]
+
+    def error(self, message: str) -> FormatError:
+        return FormatError(f"{self.what}: {message}", self.path, self.line)
+
+
+def _place(texts: Sequence[str], layout: _Layout, record: int, path: str | Path, at: int) -> _Place:
+    stated = []
+    for line, text in enumerate(texts[: layout.about], at):
+        for found in _FREQUENCY.finditer(text):
+            stated.append((line, float(found[1] or found[2])))
+    return _Place(f"record {record}", path, at + record - 1, stated)
 
 
 def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
-    """Return frequency, loss factor, whether it is the lower of a pair, and the factor.
-
-    The factor turns the shape into one of unit modal mass.
-    """
     n_whole, n_real = whole_fields(texts[6], 2, "record 7", path, at + 6)
     least = 4 if analysis == _NORMAL else 2
     if n_whole < 1 or n_real < least:
@@ -307,55 +354,125 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
         )
     numbers = _numbers([(at + 7, texts[7])], min(n_real, 6), "record 8", path)
     numbers = np.append(numbers, np.zeros(6 - len(numbers)))
-    if analysis == _NORMAL:
-        return _normal(numbers[:4], "record 8", path, at + 7)
-    return _complex(numbers[:4], "record 8", path, at + 7)
+    place = _place(texts, _55, 8, path, at)
+    return _normal(numbers[:4], place) if analysis == _NORMAL else _complex(numbers, place)
 
 
 def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
-    """As `_head_of_55`."""
     # Both lines have six fields, used or not.
-    numbers = _numbers([(at + 11, texts[11])], 6, "record 12", path)
+    beside = _numbers([(at + 11, texts[11])], 6, "record 12", path)
+    place = _place(texts, _2414, 12, path, at)
     if analysis == _NORMAL:
-        frequency, eigenvalue = numbers[1:3]
-        if frequency == 0.0 and eigenvalue > 0.0:
-            raise FormatError(
-                f"record 12: frequency 0 Hz beside eigenvalue {eigenvalue:g}, whose unit is not"
-                " stated; expected the frequency in Hz in columns 14 to 26",
-                path,
-                at + 11,
-            )
-        return _normal(numbers[[1, 3, 4, 5]], "record 12", path, at + 11)
+        _check_eigenvalue(beside[1], beside[2], place)
+        return _normal(beside[[1, 3, 4, 5]], place)
     numbers = _numbers([(at + 12, texts[12])], 6, "record 13", path)
     if analysis == _SECOND_ORDER:
-        numbers[2:4] = 0.0  # modal A, or a modal mass
-    return _complex(numbers[:4], "record 13", path, at + 12)
+        numbers[2:] = 0.0  # modal A, or a modal mass
+    head = _complex(numbers, _place(texts, _2414, 13, path, at))
+    _check_fields(beside, complex(numbers[0], numbers[1]), place)
+    return head
 
 
-def _normal(numbers: NDArray[np.float64], what: str, path: str | Path, line: int) -> _Head:
+def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> None:
+    """Refuse a frequency of a normal mode that does not belong to its eigenvalue."""
+    if frequency == 0.0 and eigenvalue > 0.0:
+        raise place.error(
+            f"frequency 0 Hz beside eigenvalue {eigenvalue:g}, whose unit is not stated; expected"
+            " the frequency in Hz in columns 14 to 26"
+        )
+    omega = _TURN * frequency
+    is_known = frequency > 0.0 and eigenvalue > 0.0
+    if is_known and not _is_near(eigenvalue, np.array([omega, omega**2]), 0.02):
+        raise place.error(
+            f"frequency {frequency:g} Hz contradicts eigenvalue {eigenvalue:g}; expected the square"
+            f" of the angular frequency, {omega**2:g}"
+        )
+
+
+def _check_fields(fields: NDArray[np.float64], s: complex, place: _Place) -> None:
+    """Refuse fields of frequency and damping that do not belong to an eigenvalue in rad/s."""
+    _, f, _, _, viscous, hysteretic = fields
+    sizes = np.array([abs(s), abs(s.imag)])
+    if f > 0.0 and not _is_near(f, sizes / _TURN, 0.01):
+        raise place.error(
+            f"frequency {f:g} Hz contradicts the eigenvalue {s:g} 1/s of record 13, of"
+            f" {abs(s) / _TURN:g} Hz; expected Hz here and rad/s there"
+        )
+    ratio = -s.real / abs(s)
+    given = np.array([viscous, 0.5 * hysteretic, viscous + 0.5 * hysteretic])
+    if given.any() and not (np.abs(given - ratio) <= 1e-3 + 0.02 * abs(ratio)).any():
+        raise place.error(
+            f"damping ratios {viscous:g} and {hysteretic:g} contradict the eigenvalue {s:g} 1/s of"
+            f" record 13, of a viscous ratio of {ratio:g}"
+        )
+
+
+def _normal(numbers: NDArray[np.float64], place: _Place) -> _Head:
     """Return what frequency, modal mass, and viscous and hysteretic damping ratios say."""
-    f, mass, viscous, hysteretic = numbers
+    f, mass, viscous, hysteretic = numbers.tolist()
     if f < 0 or mass < 0:
-        raise FormatError(
-            f"{what}: frequency {f:g} Hz and modal mass {mass:g}; expected at least 0", path, line
+        raise place.error(f"frequency {f:g} Hz and modal mass {mass:g}; expected at least 0")
+    if viscous < 0 or hysteretic < 0:
+        raise place.error(
+            f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic): the motion"
+            " grows; expected at least 0"
         )
-    loss = float(2.0 * viscous + hysteretic)
+    loss = 2.0 * viscous + hysteretic
+    if loss >= 2.0:
+        raise place.error(
+            f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic) are at or above"
+            " critical damping, where nothing oscillates; expected shares of 1, not per cent"
+        )
+    for line, stated in _contradictory(f, place):
+        relation = "it is in rad/s" if _is_near(f, _TURN * stated, _ALIKE) else "it is over 2 pi"
+        raise place.error(
+            f"frequency {f:g} Hz contradicts {stated:g} Hz on line {line}: {relation}"
+        )
     factor = 1.0 / np.sqrt(mass) if mass else 0.0
-    return float(f), loss or np.nan, False, factor
+    return _Head(f, loss or np.nan, False, factor)
 
 
-def _complex(numbers: NDArray[np.float64], what: str, path: str | Path, line: int) -> _Head:
-    """Return what real and imaginary parts of eigenvalue and modal A say."""
-    s = complex(numbers[0], numbers[1])
-    modal_a = complex(numbers[2], numbers[3])
+def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
+    """Return what real and imaginary parts of eigenvalue, modal A and modal B say."""
+    s, a, b = (complex(*pair) for pair in numbers.reshape(3, 2).tolist())
     if s.imag == 0.0:
-        raise FormatError(
-            f"{what}: eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part",
-            path,
-            line,
+        raise place.error(
+            f"eigenvalue {s.real:g} 1/s does not oscillate; expected an imaginary part"
         )
-    factor = complex(np.sqrt(2j * s.imag / modal_a)) if modal_a else 0.0
-    return abs(s) / (2.0 * np.pi), -2.0 * s.real / abs(s), s.imag < 0, factor
+    # Modal B is -s A, and modal A of a shape of unit modal mass is 2 i omega.
+    if a and _is_near(abs(b), _TURN * abs(s * a), _SAME):
+        raise _in_hertz(place, s, f"modal B {b:g} and modal A {a:g}")
+    if _is_near(abs(a), 2.0 * _TURN * abs(s.imag), _SAME):
+        raise _in_hertz(place, s, f"modal A {a:g} belongs to a frequency of {abs(s.imag):g} Hz")
+    f = abs(s) / _TURN
+    for line, stated in _contradictory(f, place):
+        if stated > f:
+            raise _in_hertz(place, s, f"line {line} states {stated:g} Hz")
+    if s.real > 1e-6 * abs(s):
+        raise place.error(
+            f"eigenvalue {s:g} 1/s: the motion grows; expected a negative real part (some programs"
+            " write the decay rate, or a spurious mode)"
+        )
+    is_contradictory = bool(a and b) and not _is_near(abs(b), abs(s * a), _ALIKE)
+    factor = 0.0 if is_contradictory or not a else complex(np.sqrt(2j * s.imag / a))
+    return _Head(f, -2.0 * s.real / abs(s), s.imag < 0, factor, is_contradictory)
+
+
+def _in_hertz(place: _Place, s: complex, why: str) -> FormatError:
+    return place.error(f"eigenvalue {s:g} is in Hz; expected rad/s ({why})")
+
+
+def _contradictory(frequency: float, place: _Place) -> list[tuple[int, float]]:
+    """Return lines and numbers of identification that are a frequency times or over 2 pi."""
+    if any(_is_near(frequency, stated, _ALIKE) for _, stated in place.stated):
+        return []
+    wrong = np.array([frequency * _TURN, frequency / _TURN])
+    return [each for each in place.stated if _is_near(each[1], wrong, _ALIKE)]
+
+
+def _is_near(value: float, expected: float | NDArray[np.float64], share: float) -> bool:
+    """Return whether a number is one of those expected, to a share of its size."""
+    return bool((np.abs(value - np.asarray(expected)) <= share * np.abs(value)).any()) and value > 0
 
 
 def _nodes(
