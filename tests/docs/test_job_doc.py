@@ -172,6 +172,7 @@ def test_every_option_of_a_reader_can_be_given_in_a_job() -> None:
         scalar_direction="x",
         scale=1.0,
         local_axes=True,
+        real_valued=True,
         response_labels=("x",),
         reference_labels=("x",),
         order=("x",),

@@ -121,7 +121,7 @@ def test_order_of_axes_is_not_guessed_from_lengths(path):
         ({"freq": None}, {}, "no 'freq'"),
         ({"values": np.ones(3)}, {}, "both 'H' and 'values'"),
         ({"H": None}, {}, "no 'H' .*found: freq, quantity"),
-        ({"H": np.abs(np.ones((3, 2, 2)))}, {}, "a magnitude without phase"),
+        ({"H": np.abs(np.ones((3, 2, 2)))}, {}, "magnitudes and decibels are no FRFs"),
         ({"H": np.full((3, 2, 2), np.nan * 1j)}, {}, "is not finite"),
         ({"H": np.array(["a"])}, {}, "H: found 1 texts; expected numbers"),
         ({"responses": ["1:X", "1:-X"]}, {}, "responses: DOF 1:X stands twice"),

@@ -89,8 +89,9 @@ def read_frf(
         DOFs to read, in the order given, all others left out; with the opposite sign ("5:-Z") the
         values change sign. Of a universal file only that part has to be complete.
     **options
-        What the reader of that format takes besides, checked by name: ``scalar_direction``,
-        ``scale`` and ``local_axes`` of a universal file (`updyn.io.uff.frf`); ``response_labels``,
+        Further options of the reader of that format, checked by name: ``real_valued=True`` of every
+        format, where values are real as their phase is 0 or pi; ``scalar_direction``, ``scale`` and
+        ``local_axes`` of a universal file (`updyn.io.uff.frf`); ``response_labels``,
         ``reference_labels`` and ``order`` of bare arrays (`updyn.io.npz`, `updyn.io.matlab`).
 
     Returns

@@ -20,13 +20,23 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
-from updyn.errors import FormatError, InputError, UpdynError, damaged, key_path, reason_of, suggest
+from updyn.errors import (
+    FormatError,
+    InputError,
+    OptionError,
+    UpdynError,
+    damaged,
+    key_path,
+    reason_of,
+    suggest,
+)
 from updyn.foreign.plain import Unread
 from updyn.model import Matrix
 
 __all__ = [
     "FAILURES",
     "Items",
+    "check_phase",
     "chosen",
     "compressed",
     "counted",
@@ -259,6 +269,47 @@ def text(given: Any, name: str, path: str | Path) -> str:
     if not isinstance(given, str):
         raise FormatError(f"{name}: found {kind_of(given)}; expected a text", path)
     return given
+
+
+def check_phase(values: NDArray[Any], real_valued: bool, name: str, path: str | Path) -> None:
+    """Refuse real FRFs that are not stated to be real-valued, and complex ones that are.
+
+    Parameters
+    ----------
+    values : ndarray
+        The FRFs of a file.
+    real_valued : bool
+        Whether the user states that their phase is 0 or pi.
+    name : str
+        Name of the array, for messages.
+    path : path
+        The file, for messages.
+
+    Raises
+    ------
+    FormatError
+        If they are real without the statement, or contradict it.
+    OptionError
+        If `real_valued` is not a bool.
+    """
+    if not isinstance(real_valued, bool):
+        raise OptionError(
+            f"real_valued {real_valued!r}: expected True or False", key=("real_valued",)
+        )
+    if values.dtype.kind == "c":
+        if real_valued and values.imag.any():
+            raise FormatError(
+                f"{name}: holds values with an imaginary part, which contradicts real_valued=True",
+                path,
+                key=("real_valued",),
+            )
+    elif not real_valued:
+        raise FormatError(
+            f"{name}: holds real numbers, and magnitudes and decibels are no FRFs; expected complex"
+            " ones. If the values are real because their phase is 0 or pi, state real_valued=True",
+            path,
+            key=("real_valued",),
+        )
 
 
 def kind_of(given: Any) -> str:

@@ -91,6 +91,7 @@ def read_frf(
     response_labels: Iterable[str | Dof] | None = None,
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
+    real_valued: bool = False,
 ) -> FRF:
     """Read FRFs.
 
@@ -106,6 +107,9 @@ def read_frf(
         What the rows and columns are, where the file does not say; a contradiction is an error.
     order : sequence of str, optional
         What the axes of the stored array are, by default ``("freq", "response", "reference")``.
+    real_valued : bool
+        Whether the values are real, their phase 0 or pi. Real numbers are refused otherwise, as
+        magnitudes and decibels are no FRFs.
 
     Raises
     ------
@@ -121,6 +125,7 @@ def read_frf(
             response_labels=response_labels,
             reference_labels=reference_labels,
             order=order,
+            real_valued=real_valued,
         )
 
 

@@ -50,6 +50,7 @@ from updyn.group import VALUES
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import (
     Items,
+    check_phase,
     dofs,
     kind_of,
     known_only,
@@ -217,6 +218,7 @@ def build_frf(
     response_labels: Iterable[str | Dof] | None = None,
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
+    real_valued: bool = False,
 ) -> FRF:
     """Build an FRF from named items.
 
@@ -235,6 +237,8 @@ def build_frf(
     order : sequence of str, optional
         What the axes of the stored array are, where they are not ``("freq", "response",
         "reference")``.
+    real_valued : bool
+        Whether the values are real, their phase 0 or pi.
 
     Raises
     ------
@@ -280,7 +284,7 @@ def build_frf(
     for name in (key, "coherence", "variance"):
         if name in items:
             arrays[name] = _arranged(items[name], name, shape, order, path)
-    _check_phase(arrays[key], key, path)
+    check_phase(arrays[key], real_valued, key, path)
     with placed(path):
         return FRF(
             freq,
@@ -384,17 +388,6 @@ def _advice(found: tuple[int, ...], expected: tuple[int, int, int]) -> str:
     if len(fits) > 1:
         return "; more than one order of its axes would fit: say which with order=(...)"
     return f"; if its axes are as their lengths suggest, read with order={fits[0]!r}"
-
-
-def _check_phase(array: NDArray[Any], name: str, path: str | Path) -> None:
-    """Refuse what looks like magnitudes."""
-    # MATLAB stores an FRF without damping as real numbers, of both signs.
-    if array.dtype.kind != "c" and array.size and not (array < 0).any():
-        raise FormatError(
-            f"{name}: holds real numbers, none of them negative: a magnitude without phase cannot"
-            " be used; expected complex numbers",
-            path,
-        )
 
 
 def frf_items(frf: FRF) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from updyn.foreign.plain import Other
 from updyn.frf import FRF
 from updyn.io.attributes import PACKING, read_unit, unpack
 from updyn.io.hdf5 import Folder, check_kind, put_kind
-from updyn.io.items import library, placed
+from updyn.io.items import check_phase, library, placed
 from updyn.io.native import load_native, write_native
 from updyn.io.record_arrays import build_records
 from updyn.signals.records import Records
@@ -42,7 +42,13 @@ _RECORDS = "records"
 __all__ = ["Loaded", "load_netcdf", "read_frf", "read_records", "write_frf"]
 
 
-def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str = "raise") -> FRF:
+def read_frf(
+    path: str | Path,
+    *,
+    quantity: str | None = None,
+    duplicates: str = "raise",
+    real_valued: bool = False,
+) -> FRF:
     """Read FRFs from a netCDF-4 or HDF5 file.
 
     Parameters
@@ -53,6 +59,9 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
         What was measured, where the file does not say; a contradiction is an error.
     duplicates : {"raise"}
         For the sake of the other formats; an array holds every response and reference once.
+    real_valued : bool
+        Whether the values are real, their phase 0 or pi. A real variable ``frf`` is refused
+        otherwise, as magnitudes and decibels are no FRFs.
 
     Returns
     -------
@@ -81,8 +90,12 @@ def read_frf(path: str | Path, *, quantity: str | None = None, duplicates: str =
     elif not {"frf", "frf_real"} & set(found.root.members):
         held = ", ".join(sorted(found.root.members)[:8]) or "nothing"
         raise AbsentError(f"holds no variable 'frf' (see updyn.io.netcdf); it holds: {held}", path)
-    with library(path, "netCDF-4 file"), placed(path):
-        return FRF.from_xarray(_joined(found.data(), path), quantity=quantity)
+    with library(path, "netCDF-4 file"):
+        data = _joined(found.data(), path)
+        if "frf" in data.variables:
+            check_phase(data["frf"].values, real_valued, "frf", path)
+        with placed(path):
+            return FRF.from_xarray(data, quantity=quantity)
 
 
 def read_records(

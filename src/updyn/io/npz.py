@@ -106,6 +106,7 @@ def read_frf(
     response_labels: Iterable[str | Dof] | None = None,
     reference_labels: Iterable[str | Dof] | None = None,
     order: Sequence[str] | None = None,
+    real_valued: bool = False,
 ) -> FRF:
     """Read FRFs from an archive.
 
@@ -122,6 +123,9 @@ def read_frf(
     order : sequence of str, optional
         What the axes of the stored array are, for instance ``("reference", "response", "freq")``;
         by default ``("freq", "response", "reference")``.
+    real_valued : bool
+        Whether the values are real, their phase 0 or pi. Real numbers are refused otherwise, as
+        magnitudes and decibels are no FRFs.
 
     Raises
     ------
@@ -138,6 +142,7 @@ def read_frf(
         response_labels=response_labels,
         reference_labels=reference_labels,
         order=order,
+        real_valued=real_valued,
     )
 
 

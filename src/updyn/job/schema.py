@@ -338,6 +338,7 @@ class TestTable(Table):
         default=None, gt=0, description="universal files: factor that turns values into SI"
     )
     local_axes: bool | None = None
+    real_valued: bool | None = None
     response_labels: Texts | None = None  # of a file that holds bare arrays
     reference_labels: Texts | None = None
     order: Texts | None = None
@@ -384,6 +385,7 @@ class TestTable(Table):
             "scalar_direction": self.scalar_direction,
             "scale": self.scale,
             "local_axes": self.local_axes,
+            "real_valued": self.real_valued,
             "response_labels": self.response_labels,
             "reference_labels": self.reference_labels,
             "order": self.order,
