@@ -377,8 +377,10 @@ def examine(
     Returns
     -------
     tuple of Adequacy or None
-        For each part; None where the model cannot be solved, or the fit is not settled.
+        For each part of FRFs; None where the model cannot be solved, or the fit is not settled.
     """
+    if not problem.parts:
+        return ()
     problem = problem.of_frfs
     try:
         answers = [part.responses(x) for part in problem.parts]
