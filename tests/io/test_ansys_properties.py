@@ -338,3 +338,127 @@ def test_commands_without_their_arguments(deck, line):
     assert ("MP", "EX", "4", "2000000000.0") in commands(
         written({"material 4": {"stiffness": 2.0}}, deck)
     )
+
+
+PLAIN = "/PREP7\nET,1,185\nET,2,14\nMP,EX,1,1.E11\nMP,DENS,1,7850\nMP,EX,2,2.E11\nR,4,1000.\n"
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("MPCOPY,,2,1", "MPCOPY copies a material"),
+        ("mpco,,2,1", "MPCO copies a material"),
+        ("MPCHG,2,1", "MPCHG changes the material of elements"),
+        ("*DO,I,1,2\nMP,EX,I,2.E11\n*ENDDO", "arm.cdb:9: MP stands within"),
+        ("*IF,A,EQ,1,THEN\nMP,EX,1,1.E11\n*ELSE\nMP,EX,1,2.E11\n*ENDIF", "MP stands within"),
+        ("*IF,A,EQ,1,THEN\n*IF,B,EQ,1,THEN\n*ENDIF\nMPDATA,EX,1,1,2.E11\n*ENDIF", "MPDATA stands"),
+        ("*IF,A,EQ,1,:over\nMP,EX,1,3.E11\n:over", r"\*IF without THEN passes over commands"),
+        ("*GO,:over\nMP,EX,1,3.E11\n:over", r"\*GO passes over commands"),
+        ("*CREATE,steel,mac\nMP,EX,1,3.E11\n*END", "MP stands within"),
+        ("*USE,steel.mac", r"\*USE runs a macro"),
+        ("steel", "STEEL is not a known command"),
+        ("steel,1,2", "arm.cdb:8: STEEL is not a known command"),
+        ("%name%,1", "%NAME% is not a known command"),
+        ("/INPUT,more,inp", "/INPUT reads commands from another file"),
+        ("/inp,more", "/INP reads commands from another file"),
+        ("RESUME,old,db", "RESUME reads a database"),
+        ("CDREAD,DB,old,cdb", "CDREAD reads a model"),
+        ("/CLEAR", "/CLEAR clears the database"),
+        ("/EOF\nMP,EX,1,2.E11", "arm.cdb:8: /EOF ends the deck, and commands follow"),
+        ("/EXIT,NOSAVE\nMP,EX,1,2.E11", "/EXIT ends the deck"),
+        ("MPREAD,steel,mp", "MPREAD reads a material"),
+        ("UIMP,1,EX,DENS,NUXY,2.E11,7850,.3", "UIMP sets a material"),
+        ("MP,EX,1,", "MP,EX has no value"),
+        ("MP,EX,MATID,2.E11", "EX is of material 'MATID'"),
+        ("MPDATA,EX,MATID,1,2.E11", "EX is of material 'MATID'"),
+        ("MPDELE,EX,MATID", "MPDELE is of material 'MATID'"),
+        ("MPTGEN,1,3,20.,10.", "MPTGEN changes the table of temperatures"),
+        ("MPTEMP,T1,20.", "MPTEMP starts at 'T1'"),
+        ("MP,EX,3,2.E11\n*REPEAT,3,0,-1", r"\*REPEAT repeats MP"),
+        ("NUMMRG,ALL", "NUMMRG numbers properties anew"),
+        ("NUMCMP,MAT", "NUMCMP numbers properties anew"),
+        ("EMODIF,ALL,MAT,2", "EMODIF changes the attributes"),
+        ("TB,ELAS,MATID", "TB is of material 'MATID'"),
+    ],
+)
+def test_commands_that_may_change_a_material_are_refused(deck, more, message):
+    deck.write_text(PLAIN + more + "\nFINISH\n")
+    with pytest.raises(FormatError, match=message + ".*: properties of materials are not known"):
+        written({"material 1": {"stiffness": 2.0}}, deck)
+    assert not (deck.parent / "new.inp").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("R,TID,5.", "R,TID is of no known number"),
+        ("RMODIF,TID,1,5.", "RMODIF,TID is of no known number"),
+        ("RDELE,4", "RDELE deletes real constants"),
+        ("ETCHG,ETI", "ETCHG changes element types"),
+        ("*DO,I,1,4\nR,I,5.\n*ENDDO", "R stands within"),
+        ("/INPUT,more", "/INPUT reads commands"),
+    ],
+)
+def test_commands_that_may_change_real_constants_are_refused(deck, more, message):
+    deck.write_text(PLAIN + more + "\nFINISH\n")
+    with pytest.raises(FormatError, match=message + ".*: real constants are not known"):
+        written({"real 4": {"stiffness": 2.0}}, deck)
+    if "INPUT" not in more:
+        assert ("MP", "EX", "1", "200000000000.0") in commands(
+            written({"material 1": {"stiffness": 2.0}}, deck)
+        )
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "*IF,_CDRDOFF,EQ,1,THEN\n_CDRDOFF=\n*ELSE\nNUMOFF,NODE,40\n*ENDIF",
+        "*SET,T_PAR,-1\nE1 = 2.E11\n:CDWRITE",
+        "*VWRITE,A(1)\n(F10.3)\n*MSG,INFO,A\nMP of %G &\nMP,EX,1,9.E11",
+        "NUMMRG,NODE\nNUMCMP,ELEM\nN,1,0.,0.\n*REPEAT,3,1,1.",
+        "SECTYPE,1,BEAM,RECT\nSECBLOCK,2\n0.5,1.\n.5,2.\nACEL,0,0,9.81\nMPLIST\nALLSEL,ALL",
+        "*DO,I,1,3\nN,I,I\n*ENDDO\n/SOLU\nANTYPE,MODAL\nMODOPT,LANB,10\nSOLVE\nFINISH\n/POST1\nSET,1,1",
+        "MP,EX,7,",
+        "C*** MP,EX,1,9.E11\n/COM, MP,EX,1,8.E11\n! MP,EX,1,7E11\n/EOF\n! the end\n",
+    ],
+)
+def test_commands_that_leave_properties_as_they_are(deck, more):
+    deck.write_text("/COM,ANSYS RELEASE 2019 R2\n" + PLAIN + more + "\n")
+    assert commands(written({"material 1": {"stiffness": 2.0, "mass": 3.0}}, deck)) == [
+        ("MP", "EX", "1", "200000000000.0"),
+        ("MP", "DENS", "1", "23550.0"),
+    ]
+
+
+def test_deleted_properties_have_nothing_to_change(deck):
+    deck.write_text(PLAIN + "MPDELE,EX,1\n")
+    with pytest.raises(FormatError, match="material 1 has no EX to change; it has DENS"):
+        written({"material 1": {"stiffness": 2.0}}, deck)
+    deck.write_text(PLAIN + "MPDELE,ALL,1,2\nMP,EX,2,5.E10\n")
+    assert list(read_deck(deck).materials) == [2]
+    assert commands(written({"material 2": {"stiffness": 2.0}}, deck)) == [
+        ("MP", "EX", "2", "100000000000.0")
+    ]
+    deck.write_text(PLAIN + "MPDELE,EX,ALL\n")
+    assert read_deck(deck).materials == {1: read_deck(deck).materials[1], 2: {}}
+
+
+def test_forms_of_newer_releases(deck):
+    deck.write_text(
+        "/PREP7\nETBLOCK,        2,        2\n(2i9,19a9)\n        1      185        0\n"
+        "        2       14        0\n       -1\nR,4,1000.\n"
+        "MPTEMP,UNBL,1, 1,  0.00000000    ,\nMPDATA,UNBL,1,EX,   1, 1,  2.05E5,\n"
+    )
+    out = commands(written({"material 1": {"stiffness": 2.0}, "real 4": {"stiffness": 3.0}}, deck))
+    assert out == [("MP", "EX", "1", "410000.0"), ("R", "4", "3000.0")]
+    assert read_deck(deck).types == {1: 185, 2: 14}
+
+
+def test_a_component_that_is_cut_short_hides_no_commands(deck):
+    deck.write_text(
+        PLAIN + "CMBLOCK,TIP,ELEM,20\n(8i10)\n         1         2\nMP,EX,1,9.E11\nFINISH\n"
+    )
+    with pytest.raises(
+        FormatError, match=r"arm.cdb:11: CMBLOCK: found 'MP,EX,1,9.E11'; expected 20"
+    ):
+        written({"material 1": {"stiffness": 2.0}}, deck)

@@ -7,6 +7,9 @@ constants of springs, dampers and point masses (COMBIN14, MASS21, COMBIN40, COMB
 The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases that have no DMPS
 add 2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis
 as 2gK"): DMPR = gamma / 2 there.
+
+Commands are not executed. Where one may change a property in a way that is not followed (MPCOPY,
+/INPUT, a macro, MP within ``*IF`` or ``*DO``), new values of such properties are refused.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from pathlib import Path
 
 from updyn.errors import FormatError, suggest
 from updyn.io.ansys.attributes import beside
+from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, is_harmless, reason_against
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
 from updyn.io.items import unreadable
@@ -25,6 +29,7 @@ from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
 __all__ = [
     "AnsysDeck",
+    "Doubt",
     "Property",
     "RealSet",
     "read_deck",
@@ -64,7 +69,7 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     ------
     FormatError
         If the deck has no such material or real constant set, or has no number there to change, or
-        a change is none.
+        a change is none, or a command may change properties otherwise.
     """
     deck = _commands(deck)
     check_changes(changes, deck)
@@ -75,13 +80,16 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     blocks: list[str] = []
     for name, change in changes.items():
         if name in materials:
+            found.check(MATERIAL, materials[name])
             lines = _material(found, materials[name], change)
         elif name in reals:
+            found.check(REAL, reals[name])
             lines = _real(found, reals[name], change)
         else:
             hint = "MP, MPDATA; R, RLBLOCK"
             if re.fullmatch(r"(material|real) (\d+)", name) is None:
                 hint = "by component, type or section there is no one property: group by material"
+            found.check(REAL if name.startswith("real ") else MATERIAL)
             near = suggest(name, [*materials, *reals])
             raise FormatError(f"the deck has no properties of {name!r} ({hint}); {near}", deck)
         blocks += ["!", f"! {name}: {_described(change)}", *lines]
@@ -261,6 +269,7 @@ def _routine(deck: AnsysDeck, number: int, old: RealSet) -> int:
     )
 
 
+_PLURAL = {MATERIAL: "properties of materials", REAL: "real constants"}
 _TABLES = ("ELAS", "ANEL", "HYPE", "SDAM", "PRON", "AHYP")
 
 
@@ -304,6 +313,28 @@ class RealSet:
     line: int
 
 
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """A command after which properties may differ from those that were read.
+
+    Parameters
+    ----------
+    kinds : tuple of str
+        Kinds of property, "material" and "real".
+    line : int
+        Where it stands in the deck, counted from 1.
+    reason : str
+        Why, for a message.
+    number : int, optional
+        The one material that may differ. None: any.
+    """
+
+    kinds: tuple[str, ...]
+    line: int
+    reason: str
+    number: int | None = None
+
+
 @dataclass(slots=True)
 class AnsysDeck:
     """The properties and elements of a deck.
@@ -324,6 +355,8 @@ class AnsysDeck:
         Type numbers of the elements (EBLOCK) of each real constant set.
     release : float or None
         Release of the program that wrote the deck, 19.4 or 2019.2; None where it does not say.
+    doubts : list of Doubt
+        Commands that are not followed.
     """
 
     path: Path
@@ -333,6 +366,31 @@ class AnsysDeck:
     types: dict[int, int] = field(default_factory=dict)
     users: dict[int, set[int]] = field(default_factory=dict)
     release: float | None = None
+    doubts: list[Doubt] = field(default_factory=list)
+
+    def check(self, kind: str, number: int | None = None) -> None:
+        """Refuse properties that may differ from those that were read.
+
+        Parameters
+        ----------
+        kind : {"material", "real"}
+            Their kind.
+        number : int, optional
+            That of the material or of the real constants.
+
+        Raises
+        ------
+        FormatError
+            At the first command that makes it so.
+        """
+        for doubt in self.doubts:
+            if kind in doubt.kinds and doubt.number in (None, number):
+                raise FormatError(
+                    f"{doubt.reason}: {_PLURAL[kind]} are not known; write the deck"
+                    " with CDWRITE, which has their final values",
+                    self.path,
+                    doubt.line,
+                )
 
     def number(self, text: str, line: int, what: str) -> float:
         """Return a number that is written out.
@@ -383,6 +441,16 @@ def read_deck(path: str | Path) -> AnsysDeck:
     return deck
 
 
+#: Forms of commands that CDWRITE writes with the number of values in front.
+_UNBLOCKED = ("R5", "UNBL")
+_OPENING = ("*DO", "*DOWHILE", "*CREATE")
+_CLOSING = ("*ENDDO", "*ENDIF", "*END")
+_BRANCHES = ("*ELSE", "*ELSEIF")
+_ENDING = ("/EOF", "/EXIT", "/QUIT")
+_DATA = re.compile(r"\s*[-+.(]?\s*\d|\s*\(")
+_MERGED = ("MAT", "MP", "REAL", "TYPE", "ALL", "")
+
+
 class _Reading:
     """The state of reading a deck: the table of temperatures and the last set of constants."""
 
@@ -390,6 +458,9 @@ class _Reading:
         self.deck = deck
         self.temperatures: dict[int, str] = {}
         self.last_real: int | None = None
+        self.open = 0  # blocks of *IF and *DO
+        self.last = ""  # command
+        self.ending: tuple[str, int] | None = None  # /EOF
 
     def take(self, lines: Sequence[str], at: int) -> int:
         """Take the command at a line; return how many lines it has."""
@@ -401,15 +472,58 @@ class _Reading:
         )
         if found:
             self.deck.release = _release(found[1], found[2])
-        if line.lstrip().upper().startswith(("/COM", "/TITLE", "C***")):
+        if line.lstrip().upper().startswith(("/COM", "/TITLE", "C***")) or _DATA.match(line):
             return 1
+        length = 1
         for command in line.split("!")[0].split("$"):
             fields = [f.strip() for f in command.split(",")]
             name = fields[0].upper()
-            if name in ("NBLOCK", "EBLOCK", "CMBLOCK", "RLBLOCK"):
+            if not name:
+                continue
+            self._follow(name, fields[1:], at + 1)
+            if name in ("NBLOCK", "EBLOCK", "CMBLOCK", "RLBLOCK", "ETBLOCK"):
                 return self._block(name, fields, lines, at)
             self._command(name, fields[1:], at + 1)
-        return 1
+            if name in FORMATTED:
+                length = 2
+                while lines[at + length - 1 : at + length] and lines[at + length - 1].endswith("&"):
+                    length += 1
+        return length
+
+    def _follow(self, name: str, fields: Sequence[str], line: int) -> None:
+        """Note what a command may change that is not read from it."""
+        if self.ending is not None:
+            end, at = self.ending
+            self._doubt((MATERIAL, REAL), at, f"{end} ends the deck, and commands follow")
+            self.ending = None
+        kinds = _changed_by(name)
+        if name in _ENDING:
+            self.ending = (name, line)
+        elif name in _OPENING or (name == "*IF" and "THEN" in map(str.upper, fields)):
+            self.open += 1
+        elif name in _CLOSING:
+            self.open = max(self.open - 1, 0)
+        elif name == "*IF":
+            self._doubt((MATERIAL, REAL), line, "*IF without THEN passes over commands")
+        elif name[:4] == "*REP":
+            self._doubt(_changed_by(self.last), line, f"*REPEAT repeats {self.last}")
+        elif name[:4] in ("NUMM", "NUMC", "NUMO"):
+            has_any = self.deck.materials or self.deck.reals or self.deck.types
+            if has_any and _at(fields, 0).upper() in _MERGED:
+                self._doubt((MATERIAL, REAL), line, f"{name} numbers properties anew")
+        elif kinds:
+            if self.open:
+                self._doubt(kinds, line, f"{name} stands within *IF or *DO")
+        elif reason := reason_against(name):
+            self._doubt(reason[0], line, f"{name} {reason[1]}")
+        elif not ("=" in name or name.startswith(":") or name in _BRANCHES or is_harmless(name)):
+            self._doubt((MATERIAL, REAL), line, f"{name[:40]} is not a known command")
+        self.last = name
+
+    def _doubt(
+        self, kinds: tuple[str, ...], line: int, reason: str, number: int | None = None
+    ) -> None:
+        self.deck.doubts.append(Doubt(kinds, line, reason, number))
 
     def _command(self, name: str, fields: list[str], line: int) -> None:
         short = name[:4]
@@ -417,15 +531,18 @@ class _Reading:
         if name == "MP":
             label = _at(fields, 0).upper()[:4]
             values = _without_end(fields[2:])
+            if label and not values:
+                number = _whole(_at(fields, 1) or "1")
+                self._doubt((MATERIAL,), line, f"MP,{label} has no value", number)
             self._material(label, _at(fields, 1) or "1", values, (), line)
         elif short == "MPTE" and name.startswith("MPTEMP"):
-            self._temperatures(fields)
+            self._temperatures(fields, line)
         elif short == "MPDA":
             self._data(fields, line)
-        elif name == "TB" and _at(fields, 0).upper()[:4] in _TABLES:
-            material = _whole(_at(fields, 1) or "1")
-            if material is not None:
-                self.deck.tables[material or 1] = line
+        elif short == "MPDE":
+            self._delete(fields, line)
+        elif name == "TB":
+            self._table(fields, line)
         elif name == "ET" and first is not None:
             routine = re.search(r"(\d+)$", _at(fields, 1))
             self.deck.types[first] = (_whole(routine[1]) or 0) if routine else 0
@@ -440,12 +557,43 @@ class _Reading:
             old = self.deck.reals[self.last_real]
             filled = old.values + ("",) * (-len(old.values) % 6)
             self.deck.reals[self.last_real] = RealSet(filled + tuple(fields[:6]), old.line)
+        elif name in ("ET", "R") or short in ("RMOD", "RMOR"):
+            self._doubt((REAL,), line, f"{name},{_at(fields, 0)} is of no known number")
 
-    def _temperatures(self, fields: list[str]) -> None:
-        if _at(fields, 0).upper().startswith("R5"):
+    def _table(self, fields: list[str], line: int) -> None:
+        """Note a table of elasticity or damping."""
+        if _at(fields, 0).upper()[:4] not in _TABLES:
+            return
+        material = _whole(_at(fields, 1) or "1")
+        if material is None:
+            self._doubt((MATERIAL,), line, f"TB is of material {_at(fields, 1)!r}")
+        else:
+            self.deck.tables[material or 1] = line
+
+    def _delete(self, fields: list[str], line: int) -> None:
+        """Delete properties: MPDELE, label, first material, last one, step."""
+        label = _at(fields, 0).upper()[:4]
+        first, last, step = (_whole(_at(fields, i) or d) for i, d in ((1, "1"), (2, "0"), (3, "1")))
+        for number in list(self.deck.materials):
+            if _at(fields, 1).upper() == "ALL":
+                is_meant = True
+            elif first is None or last is None or step is None or step < 1:
+                self._doubt((MATERIAL,), line, f"MPDELE is of material {_at(fields, 1)!r}")
+                return
+            else:
+                is_meant = number in range(first, max(last, first) + 1, step)
+            if is_meant and label == "ALL":
+                del self.deck.materials[number]
+            elif is_meant:
+                self.deck.materials[number].pop(label, None)
+
+    def _temperatures(self, fields: list[str], line: int) -> None:
+        if _at(fields, 0).upper().startswith(_UNBLOCKED):
             fields = fields[2:]
         start = _whole(_at(fields, 0))
         if start is None:
+            if _at(fields, 0):
+                self._doubt((MATERIAL,), line, f"MPTEMP starts at {_at(fields, 0)!r}")
             self.temperatures = {}  # MPTEMP alone erases the table
             return
         if start == 1:
@@ -455,7 +603,7 @@ class _Reading:
                 self.temperatures[place] = temperature
 
     def _data(self, fields: list[str], line: int) -> None:
-        if _at(fields, 0).upper().startswith("R5"):
+        if _at(fields, 0).upper().startswith(_UNBLOCKED):
             fields = fields[2:]
         label = _at(fields, 0).upper()[:4]
         number = _at(fields, 1) or "1"
@@ -483,18 +631,30 @@ class _Reading:
         self, label: str, number: str, values: list[str], temperatures: tuple[str, ...], line: int
     ) -> None:
         material = _whole(number)
-        if material is not None:  # of one that a parameter names, nothing can be said
-            self.deck.materials.setdefault(material, {})[label] = Property(
-                tuple(values), temperatures, line
-            )
+        if material is None:
+            self._doubt((MATERIAL,), line, f"{label} is of material {number!r}")
+            return
+        found = Property(tuple(values), temperatures, line)
+        self.deck.materials.setdefault(material, {})[label] = found
 
     def _block(self, name: str, fields: list[str], lines: Sequence[str], at: int) -> int:
         if name == "RLBLOCK":
             return self._real_block(fields, lines, at)
+        if name == "ETBLOCK":
+            return self._type_block(fields, lines, at)
         if name == "CMBLOCK":
             count = abs(_whole(_at(fields, 3).split("!")[0].strip()) or 0)
             each = _width(lines, at + 1, self.deck.path)[0]
-            return 2 + -(-count // each)
+            stop = at + 2 + -(-count // each)
+            for row in range(at + 2, stop):
+                if re.fullmatch(r"[\s\d-]+", _at(lines, row)) is None:
+                    raise FormatError(
+                        f"CMBLOCK: found {_at(lines, row).strip()[:40]!r}; expected {count} numbers"
+                        " in all",
+                        self.deck.path,
+                        row + 1,
+                    )
+            return stop - at
         length = 2
         solid = name == "EBLOCK" and len(fields) > 2 and fields[2].upper().startswith("SOL")
         width = _width(lines, at + 1, self.deck.path)[1]
@@ -527,6 +687,24 @@ class _Reading:
         self.deck.users.setdefault(numbers[2], set()).add(numbers[1])
         return numbers[8] - (len(numbers) - 11)
 
+    def _type_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
+        """Read ETBLOCK, whose rows are number and routine of a type, and return its lines."""
+        _, width = _width(lines, at + 1, self.deck.path)
+        row = at + 2
+        while row < len(lines) and not re.match(r"\s*-1\b", lines[row]):
+            number = _whole(lines[row][:width])
+            routine = _whole(lines[row][width : 2 * width])
+            if number is None or routine is None:
+                raise FormatError(
+                    f"ETBLOCK: found {lines[row].strip()[:40]!r}; expected number and routine of a"
+                    " type",
+                    self.deck.path,
+                    row + 1,
+                )
+            self.deck.types[number] = routine
+            row += 1
+        return row + 1 - at
+
     def _real_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
         """Read RLBLOCK and return its number of lines."""
         # Two lines of format, then each set: its number, how many constants it has, and these.
@@ -554,6 +732,15 @@ class _Reading:
             self.deck.reals[number] = RealSet(tuple(values[:count]), start)
             row += 1
         return row - at
+
+
+def _changed_by(name: str) -> tuple[str, ...]:
+    """Return the kinds of property that a command changes, of those that are read."""
+    if name in ("MP", "TB") or name[:4] in ("MPTE", "MPDA", "MPDE"):
+        return (MATERIAL,)
+    if name in ("R", "ET", "RLBLOCK", "ETBLOCK") or name[:4] in ("RMOD", "RMOR"):
+        return (REAL,)
+    return ()
 
 
 def _release(number: str, half: str | None) -> float:
