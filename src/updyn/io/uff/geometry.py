@@ -6,8 +6,8 @@ lines), 164 (units); layouts by SDRC. What they leave open is read as I-DEAS doe
 - Systems 0 and 1 are the global Cartesian one unless the file defines them.
 - Rows 1 to 3 of a 2420 matrix are the axes of the system in the global one, row 4 is its origin.
 - Angles are in degrees; cylindrical is (r, azimuth, z), spherical (r, angle from z, azimuth).
-- Positions of dataset 15 are in the definition system; those of 2411 in the global one, whatever
-  its field 2 says.
+- Positions of dataset 15 are in the definition system. Those of 2411 are in the system of the part,
+  which is the global one here; its field 2 is an export system that does not change them.
 """
 
 from __future__ import annotations
