@@ -37,6 +37,8 @@ __all__ = ["PlantFamily", "plant_family"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
+#: Largest number of members: each is a plant in memory and in the file.
+_MOST = 10_000
 #: How an update has to have ended.
 _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")
 #: By the error that is limited, the route that serves where the one of the nominal plant does not
@@ -313,6 +315,8 @@ def plant_family(
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise OptionError(f"plant_family: n = {n!r}; expected a number of members from 1 up")
+    if n > _MOST:
+        raise OptionError(f"plant_family: n = {n}; expected at most {_MOST:,} members")
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise OptionError(f"plant_family: seed = {seed!r}; expected a whole number from 0 up")
     own = _ended(result_of_test(result, test))

@@ -50,6 +50,8 @@ _THREADS = (
 #: them anew, which takes a fifth of the time.
 _MEMORY = {"MALLOC_MMAP_THRESHOLD_": "33554432", "MALLOC_TRIM_THRESHOLD_": "134217728"}
 
+#: Largest number of processes for each core: more only share it, and each takes 100 MB or more.
+_EACH_CORE = 8
 #: Seconds between two checks whether the parent process of a worker is still alive.
 _PARENT_CHECK_S = 0.5
 
@@ -99,12 +101,13 @@ class Processes(Remote):
         Raises
         ------
         OptionError
-            If the number is below 1.
+            If the number is below 1, or far above that of the cores.
         """
         if isinstance(option, bool) or not isinstance(option, int):
             return None
         if option < 1:
             raise OptionError(f"engine is {option}; expected {cls.expects}")
+        _check_cores(option)
         return Serial() if option == 1 else cls(option)
 
     @property
@@ -177,6 +180,18 @@ class Processes(Remote):
             self._folder = Path(tempfile.mkdtemp(prefix="updyn-"))
             weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         return self._folder / f"{kind}-{next(self._numbers)}"
+
+
+def _check_cores(workers: int) -> None:
+    """Refuse more processes than the cores of this machine can serve."""
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+    if workers > _EACH_CORE * cores:
+        raise OptionError(
+            f"{workers} processes; expected at most {_EACH_CORE * cores}, {_EACH_CORE} for each of"
+            f" the {cores} cores of this machine"
+        )
 
 
 def _new_pool(workers: int, folder: Path) -> Any:

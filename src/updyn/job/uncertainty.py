@@ -15,6 +15,7 @@ from updyn.job.prepared import Prepared
 from updyn.job.schema import Job, Table, Texts
 from updyn.store.uncertainty import write_uncertainty
 from updyn.uncertainty.bootstrap import bootstrap
+from updyn.uncertainty.counts import MOST_DRAWS
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.profile import Profiles, profile
 from updyn.uncertainty.restored import LIKELIHOOD, WITH_NOISE, positions_of
@@ -38,7 +39,7 @@ class UncertaintyTable(Table):
     names: Texts | None = Field(
         default=None, min_length=1
     )  # of a profile; all unknowns where left out
-    n: int | None = Field(default=None, ge=2)
+    n: int | None = Field(default=None, ge=2, le=MOST_DRAWS)
     seed: int = Field(default=0, ge=0)
     level: float = Field(default=0.95, gt=0, lt=1)
 

@@ -32,6 +32,11 @@ _Real = NDArray[np.float64]
 
 Band = tuple[float, float]
 
+#: Largest number of lines of a plan: the model is solved at each, and their sensitivities are kept.
+_MOST_LINES = 100_000
+#: Largest number of draws of the start: the plan is computed at each.
+_MOST_STARTS = 1_000
+
 
 def check_unknowns(unknowns: ParameterSet, model: Model) -> None:
     """Check that all unknowns are of the model.
@@ -184,8 +189,10 @@ def find_lines(given: int | ArrayLike, band: Band) -> _Real:
     """
     low, high = band
     if isinstance(given, int | np.integer) and not isinstance(given, bool):
-        if given < 2:
-            raise OptionError(f"lines = {given}: expected at least 2", key=("lines",))
+        if not 2 <= given <= _MOST_LINES:
+            raise OptionError(
+                f"lines = {given}: expected 2 to {_MOST_LINES:,} lines", key=("lines",)
+            )
         return np.linspace(low, high, int(given))
     try:
         freq = np.unique(np.asarray(given, dtype=np.float64))
@@ -237,6 +244,12 @@ class Draws:
                 raise OptionError(
                     f"{name} = {value!r}: expected a whole number of at least 0", key=(name,)
                 )
+        if self.robust > _MOST_STARTS:
+            raise OptionError(
+                f"robust = {self.robust}: expected at most {_MOST_STARTS:,} starts, as the plan is"
+                " computed at each",
+                key=("robust",),
+            )
         if not is_number(self.off) or not 0.0 < self.off <= 1.0:
             raise OptionError(
                 f"off = {self.off!r}: expected a share above 0 and up to 1, such as 0.2",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
+from updyn.uncertainty.counts import MOST_DRAWS, check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point
 from updyn.uncertainty.progress import Progress, WorkCounter
@@ -89,7 +90,7 @@ def bootstrap(
     result : UpdateResult or JointResult
         A fit by ``"maximum-likelihood"``, ``"log"`` or ``"output-error"``.
     n : int
-        Number of refits.
+        Number of refits, up to a million.
     seed : int
         Seed of the noise; refit number i does not depend on `n`.
     kind : {"parametric", "residual"}
@@ -136,14 +137,13 @@ def bootstrap(
     >>> draws.values.shape  # draws, unknowns
     (20, 12)
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 2:
-        raise OptionError(f"n = {n!r}: expected a number of refits from 2 up")
+    n = check_count("n", n, "refits", 2, MOST_DRAWS)
     if kind not in RESAMPLING:
         raise OptionError(f"kind {kind!r}: {suggest(str(kind), RESAMPLING)}")
     with opened_engine(engine) as made:
         session = Session(made)
         restored = restore(result, session, WITH_NOISE)
-        counter = WorkCounter("bootstrap", int(n), callback)
+        counter = WorkCounter("bootstrap", n, callback)
         counter.attach(session)
         found: list[tuple[str, _Vector]] = []
         acceleration = np.zeros(len(restored.names))
@@ -164,7 +164,7 @@ def bootstrap(
 
         with suppress(Stopped):
             reduction = run_about(restored, accuracy, seed, refitted)
-    options = {"n": int(n), "seed": seed, "resampling": kind, **reduction}
+    options = {"n": n, "seed": seed, "resampling": kind, **reduction}
     return _draws(result, restored, found, acceleration, options)
 
 

@@ -14,11 +14,13 @@ from scipy.stats import chi2
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError, suggest
+from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, positions_of, restore
 from updyn.uncertainty.surrogate import excess, run_about
+from updyn.updating.fit.search import MOST_STARTS
 from updyn.updating.problem.coordinates import Coordinates
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
@@ -113,6 +115,8 @@ def profile(
     """
     if not 0.0 < level < 1.0:
         raise OptionError(f"level = {level!r}: expected a share between 0 and 1, such as 0.95")
+    if starts is not None:
+        starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
     with opened_engine(engine) as made:
         session = Session(made)
         restored = restore(result, session)

@@ -16,12 +16,14 @@ from scipy.special import gammaln, logsumexp
 from updyn.dynamics.fields import ACCURACY
 from updyn.engines import Engine, opened_engine
 from updyn.errors import OptionError, SolverError
+from updyn.uncertainty.counts import MOST_DRAWS, MOST_EVALUATIONS, check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import excess, run_about
+from updyn.updating.fit.search import MOST_STARTS
 from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.session import Session, Stopped
 from updyn.updating.result import JointResult, UpdateResult
@@ -87,14 +89,15 @@ def sample(
     result : UpdateResult or JointResult
         A fit by ``"maximum-likelihood"``. Its noise is kept, inflation included.
     n : int
-        Effective sample size wanted of every unknown, in the bulk and in the tails.
+        Effective sample size wanted of every unknown, in the bulk and in the tails, up to a
+        million.
     seed : int
         Seed of all random numbers.
     starts : int, optional
         Random starts of a search for further modes of the posterior; by default 8, for large models
         none.
     max_evaluations : int
-        Evaluations of the likelihood after which to end.
+        Evaluations of the likelihood after which to end, up to ten million.
     accuracy : float
         Large models are sampled in a reduced model about the estimate, of this error; it is checked
         at the furthest draws, and the model is enriched there.
@@ -139,15 +142,19 @@ def sample(
     >>> draws.converged, draws.values.shape[1]  # unknowns
     (True, 2)
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise OptionError(f"n = {n!r}: expected a number of effective draws from 1 up")
+    n = check_count("n", n, "effective draws", 1, MOST_DRAWS)
+    max_evaluations = check_count(
+        "max_evaluations", max_evaluations, "evaluations", 0, MOST_EVALUATIONS
+    )
+    if starts is not None:
+        starts = check_count("starts", starts, "starts", 0, MOST_STARTS)
     _check_installed()
     with opened_engine(engine) as made:
         session = Session(made)
         restored = restore(result, session)
-        counter = WorkCounter("sampling", int(n), callback)
+        counter = WorkCounter("sampling", n, callback)
         counter.attach(session)
-        run = _Run(restored, int(n), seed, starts, max_evaluations, counter)
+        run = _Run(restored, n, seed, starts, max_evaluations, counter)
         with suppress(Stopped):
             run.reduction = run_about(restored, accuracy, seed, run.all)
     return run.draws(result)

@@ -46,6 +46,7 @@ def test_workers_change_nothing_but_where(job: Path, capsys: pytest.CaptureFixtu
     ("options", "message"),
     [
         (["--workers", "0"], "--workers 0: expected a number of processes from 1 up"),
+        (["--workers", "100000"], "100000 processes; expected at most"),
         (["--workers", "two"], 'unable to convert "two" into int'),
         (
             ["--workers", "2", "--cluster", "tcp://127.0.0.1:1"],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import subprocess
 import sys
 
@@ -49,6 +50,17 @@ def test_a_number_below_one_is_refused(given):
         OptionError, match=rf"^engine is {given}; expected a number of processes from 1 up$"
     ):
         choose_engine(given)
+
+
+def test_more_processes_than_the_cores_can_serve_are_refused():
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    assert choose_engine(8 * cores).workers == 8 * cores
+    for given in (8 * cores + 1, 100_000):
+        message = (
+            f"^{given} processes; expected at most {8 * cores}, 8 for each of the {cores} cores"
+        )
+        with pytest.raises(OptionError, match=message):
+            choose_engine(given)
 
 
 def test_a_client_is_its_cluster(client):

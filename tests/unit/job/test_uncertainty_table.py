@@ -101,6 +101,7 @@ def test_where_it_cannot_be_had_the_update_is_not_lost(job, tmp_path):
         ('[uncertainty]\nkind = "bootstrap"\nnames = ["part1.stiffness"]\n', 14, "draws all"),
         ('[uncertainty]\nkind = "sampling"\nlevel = 95\n', 16, "level"),
         ('[uncertainty]\nkin = "sampling"\n', 15, "kind"),
+        ('[uncertainty]\nkind = "bootstrap"\nn = 1000000000000\n', 16, "at most 1e+06"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(job, table, line, said):

@@ -39,7 +39,7 @@ from updyn.updating.problem.problem import Problem
 from updyn.updating.problem.residuals import Residual, is_cached, log_error, with_prior
 from updyn.updating.problem.session import Recent, Record, Session, Stopped
 
-__all__ = ["SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
+__all__ = ["MOST_STARTS", "SEARCH_LINES", "SEARCH_STEPS", "Search", "coarse", "scattered"]
 
 _Vector = NDArray[np.float64]
 _Found: TypeAlias = "tuple[list[tuple[bytes, Record]], int]"
@@ -51,6 +51,8 @@ _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 SEARCH_LINES = 400
 #: A try goes down on about so many of them, and on so many numbers for each unknown.
 _FEW, _NUMBERS = 32, 4
+#: Largest number of tries: each is a descent of its own, and their starts are drawn together.
+MOST_STARTS = 10_000
 #: Largest number of steps of a try.
 SEARCH_STEPS = 60
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC
 from dataclasses import dataclass
 
+from updyn.errors import OptionError
 from updyn.updating.fit.method import Method
-from updyn.updating.fit.search import SEARCH_STEPS, Search
+from updyn.updating.fit.search import MOST_STARTS, SEARCH_STEPS, Search
 
 __all__ = ["SearchingMethod"]
 
@@ -22,8 +23,8 @@ class SearchingMethod(Method, ABC):
     tolerance : float
         Relative step at which a descent has converged.
     starts : int
-        Tries of the search; 0 skips it and starts from where the unknowns start. Without a step it
-        is 0, too: tries would end where they begin.
+        Tries of the search, up to 10,000; 0 skips it and starts from where the unknowns start.
+        Without a step it is 0, too: tries would end where they begin.
     seed : int
         Of the search's random tries.
     inflate : bool
@@ -37,6 +38,12 @@ class SearchingMethod(Method, ABC):
     inflate: bool = True
 
     def __post_init__(self) -> None:
+        if self.starts > MOST_STARTS:
+            raise OptionError(
+                f"option starts = {self.starts}: expected at most {MOST_STARTS:,} tries of the"
+                " search",
+                key=("starts",),
+            )
         if self.max_iterations == 0:
             object.__setattr__(self, "starts", 0)
 

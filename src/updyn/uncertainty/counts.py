@@ -1,0 +1,53 @@
+"""Numbers of draws, starts and evaluations that users give: their checks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from updyn.errors import OptionError
+
+__all__ = ["MOST_DRAWS", "MOST_EVALUATIONS", "check_count"]
+
+#: Largest number of draws: the mean of so many is certain to a thousandth of their standard
+#: deviation. All are kept in memory, 8 MB for each unknown.
+MOST_DRAWS = 1_000_000
+#: Largest number of evaluations of a sampler, all of which are kept: 80 MB for each unknown.
+MOST_EVALUATIONS = 10_000_000
+
+
+def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
+    """Return a number that a user gives.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    value : int
+        The number.
+    what : str
+        Of what it is the number, for the message.
+    least, most : int
+        Smallest and largest one.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    OptionError
+        If it is not a whole number in this range.
+    """
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not is_whole or value < least:
+        raise OptionError(
+            f"{name} = {value!r}: expected a number of {what} from {least} up", key=(name,)
+        )
+    if value > most:
+        raise OptionError(
+            f"{name} = {value}: expected at most {most:,} {what}, as each takes time and memory",
+            key=(name,),
+        )
+    return int(value)
