@@ -65,7 +65,7 @@ _ABOUT = {
     "frf": "Estimate FRFs from time records.",
     "convert": "Convert a measurement or a model to another format.",
     "info": "Print what a file holds.",
-    "correlate": "Compare the model of a job with its measurement as they are.",
+    "correlate": "Compare the model of a job at its start with its measurement.",
     "compare": "Run every method on the inputs of a job.",
     "modes": "Identify the modes of a job's test.",
     "plan": "Choose sensors and forces before a test.",

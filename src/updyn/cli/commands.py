@@ -162,6 +162,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
         Folder DIR; by default the job's name with -check, beside it.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
+    from updyn.job.start import agreement_at_start
 
     loaded = load_job(job)
     ready = prepare(loaded)
@@ -169,9 +170,11 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     pages = _start_folder(loaded, "check", out)
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
+    agreement = agreement_at_start(ready, selection or ready.parameters)
     faults = _faults(ready)
-    print_text(joined(CHECK, Checked(ready, selection, analysis.report, faults, folder)))
-    _write_start(ready, "check", pages, selection, analysis, faults)
+    checked = Checked(ready, selection, analysis.report, faults, folder, agreement)
+    print_text(joined(CHECK, checked))
+    _write_start(ready, "check", pages, selection, analysis, faults, agreement)
     return DONE if analysis.report.complete else NOT_DETERMINED
 
 
@@ -198,13 +201,14 @@ def _write_start(
     selection: Selection | None,
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
+    agreement: Mapping[str, Mapping[str, float]],
 ) -> None:
     """Write the pages of a job before any fit, and say where they are."""
     from updyn.job import write_start_pages
 
     if folder is None:
         return
-    pages = write_start_pages(ready, work, folder, selection, analysis, faults)
+    pages = write_start_pages(ready, work, folder, selection, analysis, faults, agreement)
     print_text("\nBefore the fit, as a page: " + ", ".join(map(str, pages)))
 
 
@@ -374,10 +378,10 @@ def info(file: Path, /, *, quantity: str | None = None, unit: str | None = None)
 
 
 def correlate(job: Path, /, *, out: Path | None = None) -> int:
-    """Compare the model of a job with its measurement as they are, without updating.
+    """Compare the model of a job at the start of its unknowns with its measurement.
 
-    Prints the figures, and writes the page correlate.html to DIR, as updyn check does; none where
-    report = false in [output].
+    Prints the figures of agreement with the data of the fit, and writes the page correlate.html to
+    DIR, as updyn check does; none where report = false in [output].
 
     Parameters
     ----------
@@ -386,26 +390,30 @@ def correlate(job: Path, /, *, out: Path | None = None) -> int:
     out
         Folder DIR; by default the job's name with -correlate, beside it.
     """
-    from updyn.correlation import correlate as correlation_of
     from updyn.job import job_analysis, job_selection, load_job, prepare
     from updyn.job.modes import start_modes_text
+    from updyn.job.start import start_correlation, start_figures
     from updyn.modal import ModeSet
 
     loaded = load_job(job)
     ready = prepare(loaded)
     pages = _start_folder(loaded, "correlate", out)
     faults = _faults(ready)
+    agreement = {}
     print_text(overview(ready))
     for test in ready.tests:
         if isinstance(test.data, ModeSet):
-            print_text("\n" + "\n".join(filter(None, [test.name, start_modes_text(test)])))
+            text = start_modes_text(test, ready.parameters)
+            print_text("\n" + "\n".join(filter(None, [test.name, text])))
             continue
-        found = correlation_of(test.model, test.data)
-        print_text("\n" + joined(CORRELATE, Compared(ready, test.name, found, faults)))
+        found = start_correlation(test, ready.parameters)
+        agreement[test.name] = start_figures(test, found)
+        compared = Compared(ready, test.name, agreement[test.name], found, faults)
+        print_text("\n" + joined(CORRELATE, compared))
     if pages is not None:
         selection = job_selection(ready)
         analysis = job_analysis(ready, selection)
-        _write_start(ready, "correlate", pages, selection, analysis, faults)
+        _write_start(ready, "correlate", pages, selection, analysis, faults, agreement)
     return DONE
 
 

@@ -105,6 +105,8 @@ class Checked:
         What seems to be wrong with the data, by the names of the tests.
     folder : Path
         Where its results would go.
+    agreement : mapping of str to mapping of str to float
+        Figures of agreement at the start with the data of the fit, by the names of the tests.
     """
 
     ready: Prepared
@@ -112,6 +114,7 @@ class Checked:
     found: Identifiability
     faults: Mapping[str, tuple[Finding, ...]]
     folder: Path
+    agreement: Mapping[str, Mapping[str, float]]
 
 
 def _job(checked: Checked) -> str:
@@ -146,6 +149,13 @@ def _identifiability(checked: Checked) -> str:
     return f"At the start of the unknowns:\n{describe_identifiability(checked.found)}"
 
 
+def _agreement(checked: Checked) -> str:
+    """Return the figures of agreement of the start of each test that measured FRFs."""
+    return agreement_table(
+        {f"{name} start".lstrip(): figures for name, figures in checked.agreement.items()}
+    )
+
+
 def _faults(checked: Checked) -> str:
     return _causes(checked.ready.tests, checked.faults)
 
@@ -162,6 +172,7 @@ CHECK: tuple[Callable[[Checked], str], ...] = (
     _announced,
     _selected,
     _identifiability,
+    _agreement,
     _faults,
     _can_run,
 )
@@ -170,7 +181,7 @@ CHECK: tuple[Callable[[Checked], str], ...] = (
 # -- correlate -------------------------------------------------------------------------------------
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """The model of a job as it stands, compared with one of its tests.
+    """The model of a job at the start of its unknowns, compared with one of its tests.
 
     Attributes
     ----------
@@ -178,14 +189,17 @@ class Compared:
         The job with model, data and unknowns.
     test : str
         Name of the test; empty where it has none.
+    figures : mapping of str to float
+        Figures of agreement with the data of the fit.
     found : Correlation
-        Model against test.
+        Model against all data of the test.
     faults : mapping of str to tuple of Finding
         What seems to be wrong with the data, by the names of the tests.
     """
 
     ready: Prepared
     test: str
+    figures: Mapping[str, float]
     found: Correlation
     faults: Mapping[str, tuple[Finding, ...]]
 
@@ -195,7 +209,7 @@ def _test(compared: Compared) -> str:
 
 
 def _figures(compared: Compared) -> str:
-    return agreement_table({"value": compared.found.figures()})
+    return agreement_table({"start": compared.figures})
 
 
 def _by_response(compared: Compared) -> str:
@@ -218,7 +232,7 @@ def _modes(compared: Compared) -> str:
     from updyn.job.modes import start_modes_text
 
     (test,) = (test for test in compared.ready.tests if test.name == compared.test)
-    return start_modes_text(test)
+    return start_modes_text(test, compared.ready.parameters)
 
 
 #: Of ``updyn correlate``, for each test.

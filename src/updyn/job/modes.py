@@ -8,8 +8,10 @@ from dataclasses import replace
 from updyn.correlation import correlate
 from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
+from updyn.job.start import start_model
 from updyn.modal import ModeSet
 from updyn.updating.modes import LARGEST, modal_table, modes_like
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["modal_texts", "start_modes_text", "with_modes"]
@@ -28,9 +30,9 @@ def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult
     return replace(result, results=found)
 
 
-def start_modes_text(test: PreparedTest) -> str:
-    """Return the modes of a test and of its model as it stands as text, or why there are none."""
-    model, data = test.model, test.data
+def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:
+    """Return the modes of a test and of its model at the start as text, or why there are none."""
+    model, data = start_model(test, unknowns), test.data
     if model.n_dofs > LARGEST:
         return f"Modes: not computed for a model of {model.n_dofs} DOFs; see updyn.correlate."
     try:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation import Correlation, correlate
+from updyn.dynamics.response import response
+from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.job.folder import check_out, default_out
 from updyn.job.prepared import Prepared, PreparedTest
 from updyn.job.schema import Job
+from updyn.model import Model
 from updyn.outputs.switch import open_folder, replaced
+from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 
 if TYPE_CHECKING:
@@ -21,7 +28,109 @@ if TYPE_CHECKING:
     from updyn.updating.judge.causes.finding import Finding
     from updyn.updating.judge.identifiability import Analysis
 
-__all__ = ["start_folder", "write_start_pages"]
+__all__ = [
+    "agreement_at_start",
+    "start_correlation",
+    "start_figures",
+    "start_folder",
+    "start_model",
+    "write_start_pages",
+]
+
+
+def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model:
+    """Return the model of a test with the unknowns at their start, where a fit begins.
+
+    Parameters
+    ----------
+    test : PreparedTest
+        The test.
+    unknowns : ParameterSet or Selection
+        The unknowns of the job, or what was selected of them.
+
+    Returns
+    -------
+    Model
+    """
+    chosen = Selection.of(unknowns)
+    return chosen.parameters.at_start(chosen.start_of(test.model))
+
+
+def start_correlation(test: PreparedTest, unknowns: ParameterSet | Selection) -> Correlation:
+    """Compare a model at the start of its unknowns with all FRFs of a test.
+
+    Parameters
+    ----------
+    test : PreparedTest
+        The test.
+    unknowns : ParameterSet or Selection
+        As for `start_model`.
+
+    Returns
+    -------
+    Correlation
+
+    Raises
+    ------
+    OptionError
+        If modes were measured.
+    SolverError
+        If the model cannot be solved at a line.
+    """
+    frf, method = test.frf, test.job.method
+    model, tier = start_model(test, unknowns), method.tier
+    if is_reduced(tier, model.n_dofs, len(frf.freq), method.name):
+        tier = "reduced"
+    where = (frf.freq, frf.responses, frf.references, frf.quantity)
+    computed = response(model, *where, decay=frf.decay, tier=tier, backend=method.backend)
+    return correlate(computed, frf)
+
+
+def start_figures(test: PreparedTest, found: Correlation) -> dict[str, float]:
+    """Return the figures of agreement with the data of the fit, as an update states them.
+
+    Parameters
+    ----------
+    test : PreparedTest
+        The test.
+    found : Correlation
+        From `start_correlation`; what is held out for validation is left out.
+
+    Returns
+    -------
+    dict of str to float
+        As `Correlation.figures`.
+    """
+    fitted = test.fitted
+    assert isinstance(fitted, FRF)
+    computed = found.computed.select(lines=fitted.freq, responses=fitted.responses)
+    return correlate(computed, fitted).figures()
+
+
+def agreement_at_start(
+    ready: Prepared, unknowns: ParameterSet | Selection
+) -> dict[str, dict[str, float]]:
+    """Return `start_figures` of each test.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The job.
+    unknowns : ParameterSet or Selection
+        As for `start_model`.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        By the names of the tests; empty where modes were measured, or the model cannot be solved.
+    """
+    figures: dict[str, dict[str, float]] = {}
+    for test in ready.tests:
+        figures[test.name] = {}
+        if isinstance(test.data, FRF):
+            with suppress(SolverError):
+                figures[test.name] = start_figures(test, start_correlation(test, unknowns))
+    return figures
 
 
 def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
@@ -55,6 +164,7 @@ def write_start_pages(
     selection: Selection | None,
     analysis: Analysis,
     findings: Mapping[str, Sequence[Finding]],
+    agreement: Mapping[str, Mapping[str, float]],
 ) -> list[Path]:
     """Write the page of each test of a job before any fit.
 
@@ -72,6 +182,8 @@ def write_start_pages(
         What the data could determine of them, from `updyn.job.run.job_analysis`.
     findings : mapping of str to sequence of Finding
         What seems to be wrong with the data, by the names of the tests.
+    agreement : mapping of str to mapping of str to float
+        From `agreement_at_start`.
 
     Returns
     -------
@@ -87,7 +199,9 @@ def write_start_pages(
         with replaced(folder, work, names) as new:
             for test, name in zip(ready.tests, names, strict=True):
                 (new / name).parent.mkdir(exist_ok=True)
-                start = _start(ready, test, selection, analysis, findings.get(test.name, ()))
+                faults = findings.get(test.name, ())
+                figures = agreement.get(test.name, {})
+                start = _start(ready, test, selection, analysis, faults, figures)
                 write_start(start, new / name)
     return [folder / name for name in names]
 
@@ -105,6 +219,7 @@ def _start(
     selection: Selection | None,
     analysis: Analysis,
     findings: Sequence[Finding],
+    figures: Mapping[str, float],
 ) -> Start:
     """Return what the page of a test shows."""
     from updyn.report.start import Start
@@ -114,7 +229,7 @@ def _start(
     title = ready.job.title or ready.job.path.stem
     responses, band = _held_out(test)
     return Start(
-        model=chosen.start_of(test.model),
+        model=start_model(test, chosen),
         data=test.data,
         parameters=chosen.parameters,
         identifiability=analysis.report,
@@ -127,6 +242,7 @@ def _start(
         validation_band=band,
         modes=test.modes,
         options={"tier": job.method.tier},
+        figures=figures,
     )
 
 

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.correlation import csf, fdac
+from updyn.correlation import correlate, csf, fdac
 from updyn.correlation.figures import ONE_AT_BEST, figure_text
 from updyn.correlation.frfs import told_lines
+from updyn.frf import FRF
 from updyn.report.channels import MOST_POINTS
 from updyn.report.data import ReportData
 from updyn.report.formats import figure_of_agreement, held_out, number, percentage, unit
@@ -41,6 +42,7 @@ __all__ = [
     "correlation_maps",
     "csac_lines",
     "csf_lines",
+    "drawn_agreement",
     "fdac_maps",
     "level_difference",
 ]
@@ -251,32 +253,43 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
     Those of the result; where it has none, those of the FRFs that were computed for the page.
     """
     validation = result.correlation.get("validation") or {}
-    computed = {
-        "before": (data.frac_before, data.before),
-        "after": (data.frac_after, data.after),
-    }
+    computed = {"before": data.before, "after": data.after}
     out = {"validation": dict(validation.get("after") or {})}
-    for when, (frac, values) in computed.items():
-        out[when] = dict(result.correlation.get(when) or {})
-        if not out[when] and frac is not None and values is not None:
-            out[when] = _computed_agreement(data, frac, values)
+    for when, values in computed.items():
+        out[when] = dict(result.correlation.get(when) or {}) or drawn_agreement(data, values)
     return out
 
 
-def _computed_agreement(
-    data: ReportData, frac: NDArray[np.float64], values: NDArray[np.complex128]
-) -> dict[str, float]:
-    """Return the medians of FRAC and level difference over the responses of the fit."""
+def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
+    """Return `Correlation.figures` of FRFs that were computed for a page; of the data of the fit.
+
+    Parameters
+    ----------
+    data : ReportData
+        Measured FRFs, and what of them is held out.
+    values : ndarray of complex, shape (n_f, n_responses, n_references), or None
+        Those of a model.
+
+    Returns
+    -------
+    dict of str to float
+        Empty where nothing was computed, or all responses are held out.
+    """
     fitted = ~np.array(data.held_out, dtype=np.bool_)
-    if not fitted.any():
+    if values is None or not fitted.any():
         return {}
-    out = {"frac_median": float(np.median(frac[fitted]))}
-    level = level_difference(
-        data.measured[data.compared][:, fitted], values[data.compared][:, fitted]
+    responses = [label for label, kept in zip(data.responses, fitted, strict=True) if kept]
+    measured, computed = (
+        FRF(
+            data.freq[data.compared],
+            given[data.compared][:, fitted],
+            responses,
+            data.references,
+            data.quantity,
+        )
+        for given in (data.measured, values)
     )
-    if level.size:
-        out["db_error_median"] = float(np.median(np.abs(level)))
-    return out
+    return correlate(computed, measured).figures()
 
 
 def _scores(

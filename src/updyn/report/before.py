@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from updyn import __version__
-from updyn.report.agreement import level_difference
+from updyn.report.agreement import drawn_agreement
 from updyn.report.data import ReportData
 from updyn.report.formats import counted, extent, number, percentage, quantity_words
 from updyn.report.head import Part, key_figure
@@ -68,7 +68,7 @@ def _head(content: Content, start: Start) -> str:
         parts=[_determined(start), _sound(start, has_frfs=content.has_frfs)],
         cause=start.identifiability.advice,
         remedy="",
-        key_figures=_tiles(content.data) if content.has_frfs else [],
+        key_figures=_tiles(start, content.data) if content.has_frfs else [],
     )
 
 
@@ -89,24 +89,11 @@ def _sound(start: Start, *, has_frfs: bool) -> Part:
     return Part("Data sound", False, start.findings[0].statement)
 
 
-def _tiles(data: ReportData) -> list[tuple[str, str, str]]:
+def _tiles(start: Start, data: ReportData) -> list[tuple[str, str, str]]:
     """Return the figures of agreement of the start over the responses of the fit."""
-    fitted = ~np.array(data.held_out, dtype=np.bool_)
-    if data.before is None or not fitted.any():
-        return []
-    assert data.frac_before is not None
-    assert data.correlation_before is not None
-    assert data.residual_before is not None
-    figures = {
-        "frac_median": float(np.median(data.frac_before[fitted])),
-        "correlation_min": float(np.min(data.correlation_before[fitted])),
-        "residual_median": float(np.median(data.residual_before[fitted])),
-    }
-    at = np.ix_(data.compared, fitted)
-    level = level_difference(data.measured[at], data.before[at])
-    if level.size:
-        figures["db_error_median"] = float(np.median(np.abs(level)))
-    return [key_figure(name, value) for name, value in figures.items()]
+    figures = start.figures or drawn_agreement(data, data.before)
+    names = ("frac_median", "correlation_min", "residual_median", "db_error_median")
+    return [key_figure(name, figures[name]) for name in names if name in figures]
 
 
 # -- sections ------------------------------------------------------------------------------------

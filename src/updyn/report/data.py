@@ -130,7 +130,7 @@ def gather(result: UpdateResult) -> ReportData:
     gains = gains_of(result)
     made = _gathered(
         result.frf,
-        (result.start, result.model),
+        (result.parameters.at_start(result.start), result.model),
         result.lines,
         result.validation_responses,
         result.validation_band,

@@ -73,8 +73,10 @@ class Content:
 
     @property
     def start_model(self) -> Model:
-        """The model before the update."""
-        return self.result.start if self.start is None else self.start.model
+        """The model before the update, with the unknowns at their start."""
+        if self.start is not None:
+            return self.start.model
+        return self.result.parameters.at_start(self.result.start)
 
     @property
     def has_frfs(self) -> bool:

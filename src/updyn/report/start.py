@@ -52,6 +52,9 @@ class Start:
         Modes of the test that are known beside its FRFs.
     options : mapping
         Options of the method, which say how a large model is solved.
+    figures : mapping of str to float
+        Figures of agreement of the model with the data of the fit (`Correlation.figures`); empty:
+        those of the FRFs that are computed for the page.
     """
 
     model: Model
@@ -67,3 +70,4 @@ class Start:
     validation_band: tuple[float, float] | None = None
     modes: ModeSet | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict)

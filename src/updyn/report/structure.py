@@ -163,7 +163,7 @@ def _scene(content: Content) -> Scene | None:
     colourings = [one for one in (change, deviations(result)) if one is not None]
     return scene_of(
         content,
-        {"updated": result.model, "start": result.start},
+        {"updated": result.model, "start": result.parameters.at_start(result.start)},
         [one.data for one in results],
         colourings,
         result.title,

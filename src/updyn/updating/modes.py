@@ -67,9 +67,10 @@ def modal_table(
     given = modes or (
         result.data if isinstance(result.data, ModeSet) else result.options.get("modes")
     )
+    start = result.parameters.at_start(result.start)
     if isinstance(given, ModeSet):
-        return _table(result.start, result.model, given, (), largest)
-    return _table(result.start, result.model, *_measured(result), largest)
+        return _table(start, result.model, given, (), largest)
+    return _table(start, result.model, *_measured(result), largest)
 
 
 def start_table(

@@ -64,7 +64,8 @@ class UpdateResult:
     options : dict
         Options as they were used.
     start : Model
-        The model before the update.
+        The model to which factors are relative. The fit begins at ``parameters.at_start(start)``,
+        where tables and figures of the start are computed.
     model : Model
         The updated model.
     data : FRF or ModeSet

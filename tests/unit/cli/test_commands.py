@@ -356,14 +356,17 @@ def test_correlate_agrees_with_the_library(
 ) -> None:
     assert main(["correlate", str(write(chain_folder, JOB))]) == 0
     out = capsys.readouterr().out
-    found = updyn.correlate(chain.build(), chain.measure())
-    for name, expected in found.figures().items():
+    start = chain.build().scaled({f"part{i}": {"loss_factor": 0.02} for i in (1, 2, 3, 4)})
+    measured = chain.measure()
+    found = updyn.correlate(start, measured)
+    of_fit = measured.select(responses=[x for x in measured.responses.labels if x != "7:X"])
+    for name, expected in updyn.correlate(start, of_fit).figures().items():
         (row,) = (x for x in out.splitlines() if x.startswith(f"{FIGURE_NAMES[name]} "))
         assert float(row.split()[-1]) == pytest.approx(expected, rel=5e-3)
     (row,) = (x for x in out.splitlines() if x.startswith("10:X "))
     values = [float(cell) for cell in row.split()[1:]]
     assert values == pytest.approx(list(found.by_response()["10:X"].values()), rel=5e-3)
-    modes = updyn.correlate(chain.build(), updyn.identify_modes(chain.measure()))
+    modes = updyn.correlate(start, updyn.identify_modes(measured))
     assert modes.table() in out
 
 

@@ -467,6 +467,30 @@ class ParameterSet(Sequence[Parameter]):
         """
         return model.scaled(self.changes(values))
 
+    def at_start(self, model: Model) -> Model:
+        """Return `model` with the unknowns at their start, where a fit begins.
+
+        Parameters
+        ----------
+        model : Model
+            The model of a test; it may lack groups and quantities.
+
+        Returns
+        -------
+        Model
+            `model` itself where every unknown starts at its value.
+        """
+        own: dict[str, dict[str, float]] = {}
+        for name, change in self.changes(self.start).items():
+            group = model.groups.get(name)
+            if group is None:
+                continue
+            for quantity, value in change.items():
+                now = getattr(group, quantity) if quantity in VALUES else 1.0
+                if group.has(quantity) and value != now:
+                    own.setdefault(name, {})[quantity] = value
+        return model.scaled(own) if own else model
+
     def changes(self, values: ArrayLike) -> dict[str, dict[str, float]]:
         """Return the changes of each group at `values`, as `Model.scaled` takes them.
 

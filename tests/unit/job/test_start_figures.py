@@ -1,0 +1,159 @@
+"""Agreement at the start of the unknowns: one value on the terminal, on both pages and in the results."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.cli import main
+from updyn.model import Group, Model
+
+LINES = np.linspace(0.5, 40.0, 80)
+N = 6
+
+
+def chain() -> Model:
+    """Make six masses between springs, without any damping; the last mass stands alone."""
+    groups = {}
+    for name, cells in (("lower", range(3)), ("upper", range(3, 5))):
+        K = np.zeros((N, N))
+        for k in cells:
+            K[k, k] += 2e3
+            if k:
+                K[k - 1, k - 1] += 2e3
+                K[k, k - 1] = K[k - 1, k] = -2e3
+        groups[name] = Group(K, None)
+    alone = np.zeros((N, N))
+    alone[5, 5] = 500.0
+    return Model.from_groups(
+        {**groups, "masses": Group(alone, np.eye(N))}, [f"{k + 1}:X" for k in range(N)]
+    )
+
+
+START = {"lower": 0.02, "upper": 0.02}
+JOB = """\
+[model]
+file = "chain.h5"
+[test]
+file = "test.npz"
+[[parameter]]
+groups = ["lower", "upper"]
+quantity = "stiffness"
+bounds = [0.3, 3.0]
+start = 1.1
+[[parameter]]
+groups = ["lower", "upper"]
+quantity = "loss_factor"
+bounds = [0.0, 0.3]
+start = 0.02
+[method]
+starts = 0
+{method}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    true = chain().scaled(
+        {"lower": {"stiffness": 0.8, "loss_factor": 0.03}, "upper": {"loss_factor": 0.04}}
+    )
+    rng = np.random.default_rng(5)
+    frf = updyn.response(true, LINES, [f"{k}:X" for k in range(1, 7)], ["2:X"], "accelerance")
+    noise = (
+        0.01
+        * np.abs(frf.values)
+        * (rng.standard_normal(frf.values.shape) + 1j * rng.standard_normal(frf.values.shape))
+    )
+    updyn.write_model(chain(), tmp_path / "chain.h5")
+    measured = updyn.FRF(LINES, frf.values + noise, frf.responses, frf.references, "accelerance")
+    updyn.write_frf(measured, tmp_path / "test.npz")
+    return tmp_path
+
+
+def residual(folder: Path, responses: list[int], lines: np.ndarray) -> float:
+    """Return the median over channels of |HX - HA| / |HX|, by a dense solve.
+
+    Response 6 is not connected with the force: neither model nor data know anything of it.
+    """
+    model = chain().scaled({name: {"stiffness": 1.1, "loss_factor": 0.02} for name in START})
+    K = model.stiffness.toarray() + 1j * model.structural.toarray()
+    w = 2.0 * np.pi * LINES
+    M, force = model.mass.toarray(), np.eye(N)[1]
+    H = np.array([np.linalg.solve(K - x**2 * M, -(x**2) * force) for x in w])
+    measured = updyn.read_frf(folder / "test.npz").values[lines][:, :, 0]
+    computed = H[lines]
+    size = np.sqrt(np.sum(np.abs(measured) ** 2, axis=0))
+    error = np.sqrt(np.sum(np.abs(measured - computed) ** 2, axis=0))
+    return float(np.median([error[k - 1] / size[k - 1] for k in responses]))
+
+
+def tile(path: Path) -> float:
+    """Return the median residual of a page; of a report that of the start."""
+    html = path.read_text(encoding="utf-8")
+    (text,) = re.findall(r"<dt>Relative residual, median</dt><dd>([^<]*)<", html)
+    return float(text.split("→")[0].strip().removesuffix("%").strip()) / 100.0
+
+
+@pytest.mark.parametrize(
+    ("method", "responses", "held"),
+    [
+        ("", [1, 2, 3, 4, 5], slice(0, 0)),
+        ('validation = ["1:X", "3:X"]', [2, 4, 5], slice(0, 0)),
+        ("validation = [9.7, 20.2]", [1, 2, 3, 4, 5], slice(19, 40)),
+        ('lines = "d-optimal:20"', [1, 2, 3, 4, 5], slice(0, 0)),
+    ],
+)
+def test_the_residual_of_the_start_is_one(
+    method: str,
+    responses: list[int],
+    held: slice,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    job = folder / "job.toml"
+    job.write_text(JOB.format(method=method), encoding="utf-8")
+    lines = np.delete(np.arange(len(LINES)), held)
+    expected = residual(folder, responses, lines)
+    assert main(["correlate", str(job)]) == 0
+    out = capsys.readouterr().out
+    (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
+    assert float(said) == pytest.approx(expected, rel=6e-3)
+    assert tile(folder / "job-correlate" / "correlate.html") == pytest.approx(expected, rel=0.05)
+    assert main(["check", str(job)]) in (0, 3)
+    out = capsys.readouterr().out
+    (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
+    assert float(said) == pytest.approx(expected, rel=6e-3)
+    assert tile(folder / "job-check" / "check.html") == pytest.approx(expected, rel=0.05)
+    main(["run", str(job)])
+    out = capsys.readouterr().out
+    (said,) = re.findall(r"relative residual, median over channels +(\S+)", out)
+    assert float(said) == pytest.approx(expected, rel=6e-3)
+    assert tile(folder / "job" / "report.html") == pytest.approx(expected, rel=0.05)
+    written = json.loads((folder / "job" / "result.json").read_text(encoding="utf-8"))
+    assert written["correlation"]["before"]["residual_median"] == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_curve_of_the_start_is_that_of_the_unknowns(folder: Path) -> None:
+    from updyn.job import load_job, prepare, run_job
+    from updyn.report.data import gather
+
+    job = folder / "job.toml"
+    job.write_text(JOB.format(method="max_iterations = 2"), encoding="utf-8")
+    result = run_job(load_job(job), folder / "out", prepared=prepare(load_job(job))).result
+    drawn = gather(result)
+    assert drawn.residual_before is not None
+    found = float(np.median(drawn.residual_before[:5]))
+    assert found == pytest.approx(residual(folder, [1, 2, 3, 4, 5], np.arange(80)), rel=1e-9)
+    model = chain().scaled({name: {"stiffness": 1.1, "loss_factor": 0.02} for name in START})
+    known = updyn.modes(model, 5)
+    measured = updyn.ModeSet(known.frequency, known.shapes, model.dofs, known.loss_factor)
+    for row in updyn.modal_table(result, measured).rows:
+        assert row.start is not None
+        assert row.test is not None
+        assert row.start.frequency == pytest.approx(row.test.frequency, rel=1e-9)
+        assert row.start.loss_factor == pytest.approx(row.test.loss_factor, rel=1e-9)
