@@ -190,6 +190,7 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
             "expected kp, or crossover to size it by rule; one of the two",
         ),
         (CONTROLLER + "kp = 1\nti_ratio = 3\n", 17, "ti_ratio sizes a gain by rule"),
+        (CONTROLLER + "crossover = 1\nratio = 0\n", 17, "ratio is 0.0; expected a number other"),
         (CONTROLLER + "crossover = -3\n", 16, "crossover is -3.0; expected a number above 0"),
         (CONTROLLER + "kp = 1\nti = 0\n", 17, "ti is 0.0; expected a number above 0, in s"),
         (

@@ -245,6 +245,7 @@ class ControllerTable(Table):
     low_pass_damping: float | None = None
     feed_forward: float = 0.0
     dead_time: float = 0.0
+    ratio: float | None = None
     notch: Annotated[
         tuple[NotchTable, ...], BeforeValidator(tables_of("servo.controller.notch")), Strict(False)
     ] = ()
@@ -321,7 +322,13 @@ class ControllerTable(Table):
         elif position is None:
             rule["kv_ratio"] = None
         return Controller.tuned(
-            plant, self.crossover, torque=torque, velocity=velocity, **rule, **self.settings
+            plant,
+            self.crossover,
+            torque=torque,
+            velocity=velocity,
+            position=position,
+            **rule,
+            **self.settings,
         )
 
 

@@ -241,7 +241,7 @@ def _closed(
             )
         block = controller.state_space(pade)
         own, rows, weights = _cascade(plant, own, controller, ends[0], names)
-        led = np.array([[1.0 if controller.kv is None else controller.kv]])
+        led = np.array([[1.0 if controller.kv is None else controller.position_gain]])
     else:
         _unused(names, ("velocity", "position"), "of a linear controller; it has measured=")
         block, rows = _linear(plant, controller, names.get("measured"))
@@ -272,7 +272,7 @@ def _cascade(
     position = _measured(plant, names.get("position"), "position", "receptance", skip)
     p = plant.outputs.index(position)
     if plant.quantities[p] == "receptance":
-        return own, [at, p], np.array([[-1.0, -controller.kv]])
+        return own, [at, p], np.array([[-1.0, -controller.position_gain]])
     if plant.quantities[p] != "mobility":
         raise OptionError(
             f"position {position!r} is an acceleration; expected a displacement or a velocity"
@@ -283,7 +283,7 @@ def _cascade(
     B = np.vstack([own.B, plant.D[[p]]])
     C = np.block([[own.C, np.zeros((len(own.C), 1))], [np.zeros((1, n)), np.ones((1, 1))]])
     own = StateSpace(A, B, C, np.vstack([own.D, np.zeros((1, own.D.shape[1]))]))
-    return own, [at, at + 1], np.array([[-1.0, -controller.kv]])
+    return own, [at, at + 1], np.array([[-1.0, -controller.position_gain]])
 
 
 def _velocity(plant: Plant, name: str) -> tuple[_Real, _Real]:

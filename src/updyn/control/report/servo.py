@@ -487,6 +487,8 @@ def _controller(servo: Servo) -> list[tuple[str, str]]:
         ("integral time, ti", _with_unit(c.ti, 5, "s")),
         ("gain of the position loop, kv", _with_unit(c.kv, 5, "1/s")),
     ]
+    if c.ratio != 1.0:
+        rows.append(("gear ratio, velocity over position", number(c.ratio, 5)))
     for n in c.notches:
         width = f"width {number(n.width, 4)} Hz, depth {number(n.depth, 3)}"
         rows.append(("notch", f"{number(n.frequency, 5)} Hz, {width}"))

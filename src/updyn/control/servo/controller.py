@@ -2,7 +2,7 @@
 
 Negative feedback throughout; a positive torque turns the motor the positive way:
 
-    v_ref  = kv (x_ref - x) + feed_forward x_ref'
+    v_ref  = ratio (kv (x_ref - x) + feed_forward x_ref')
     torque = exp(-s dead_time) F(s) kp (1 + 1 / (s ti)) (v_ref - v)
 
 F(s) is the product of the notches and the low-pass.
@@ -24,7 +24,14 @@ from updyn.control.servo.state_space import StateSpace, Transfer, delay_approxim
 from updyn.errors import ModelError, OptionError
 from updyn.group import is_number
 
-__all__ = ["Controller", "Notch", "inertia_of", "require_continuous", "to_velocity"]
+__all__ = [
+    "Controller",
+    "Notch",
+    "inertia_of",
+    "ratio_of",
+    "require_continuous",
+    "to_velocity",
+]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -39,6 +46,8 @@ _POINTS = 256
 _ROOM = 1.5
 #: Least share of the mobility on the circle that the slow poles have if the structure turns freely.
 _DOMINANT = 0.5
+#: A gear ratio nearer to 1 than this is 1.
+_EXACT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +202,9 @@ class Controller:
     dead_time : float
         Time in s by which the torque is late: computation, sampling (half an interval for the
         hold), current loop.
+    ratio : float
+        Gear ratio with sign, other than 0: rigid-body velocity of what the velocity loop reads over
+        that of what the position loop reads. It converts the command of the position loop.
 
     Raises
     ------
@@ -214,6 +226,7 @@ class Controller:
     low_pass_damping: float | None = None
     feed_forward: float = 0.0
     dead_time: float = 0.0
+    ratio: float = 1.0
 
     def __post_init__(self) -> None:
         _positive(
@@ -249,6 +262,16 @@ class Controller:
                 "controller: feed_forward without kv; it belongs to the position loop",
                 key=("feed_forward",),
             )
+        if not is_number(self.ratio) or not math.isfinite(self.ratio) or self.ratio == 0.0:
+            raise OptionError(
+                f"controller: ratio is {self.ratio!r}; expected a number other than 0, the velocity"
+                " that the velocity loop reads over that of the position",
+                key=("ratio",),
+            )
+        if self.ratio != 1.0 and self.kv is None:
+            raise OptionError(
+                "controller: ratio without kv; it belongs to the position loop", key=("ratio",)
+            )
         notches = (self.notches,) if isinstance(self.notches, Notch) else self.notches
         wrong = OptionError(
             f"controller: notches are {self.notches!r}; expected Notch(frequency, ...) of each",
@@ -268,13 +291,16 @@ class Controller:
         *,
         torque: str,
         velocity: str,
+        position: str | None = None,
         ti_ratio: float | None = 2.0,
         kv_ratio: float | None = 4.0,
         **others: Any,
     ) -> Controller:
-        """Return a controller sized by rule from the rigid-body inertia J of a plant.
+        """Return a controller sized by rule from the rigid-body motion of a plant.
 
             w = 2 pi crossover,   kp = J w,   ti = ti_ratio / w,   kv = w / kv_ratio
+
+        with the rigid-body inertia J; `ratio` is that of the rigid-body motion.
 
         Parameters
         ----------
@@ -285,6 +311,8 @@ class Controller:
             body and kp make it.
         torque, velocity : str
             Names of the plant's input and output.
+        position : str, optional
+            Name of the output that the position loop reads; by default `velocity`.
         ti_ratio : float or None
             The ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a)
             without small time constants, and arctan(a) - arctan(1 / a) with those for which it is
@@ -294,7 +322,7 @@ class Controller:
             no position loop.
         **others
             Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the
-            rule's.
+            rule's. With `kv`, `ratio` is 1 unless it is given, too.
 
         Returns
         -------
@@ -303,7 +331,7 @@ class Controller:
         Raises
         ------
         ModelError
-            If nothing turns freely between the two, or torque and velocity oppose each other.
+            If nothing turns freely between the ports, or torque and velocity oppose each other.
         OptionError
             If a name or a number cannot be used.
 
@@ -332,9 +360,21 @@ class Controller:
         w = 2.0 * np.pi * crossover
         if ti_ratio is not None:
             others.setdefault("ti", ti_ratio / w)
-        if kv_ratio is not None:
-            others.setdefault("kv", w / kv_ratio)
+        if kv_ratio is not None and "kv" not in others:
+            others["kv"] = w / kv_ratio
+            if position is not None and "ratio" not in others:
+                others["ratio"] = _ratio_of_rule(nominal, torque, velocity, position)
         return cls(kp=inertia * w, **others)
+
+    @property
+    def position_gain(self) -> float:
+        """Velocity command over position error, in 1/s times `ratio`; 0 without a position loop."""
+        return self.ratio * (self.kv or 0.0)
+
+    @property
+    def forward_gain(self) -> float:
+        """Velocity command over the velocity of the reference."""
+        return self.ratio * self.feed_forward
 
     def torque(self, s: ArrayLike) -> _Complex:
         """Return torque over velocity error, the dead time exact.
@@ -419,6 +459,8 @@ class Controller:
         lines = [f"velocity loop  kp {self.kp:.6g} ({unit}), {integral}"]
         if self.kv is not None:
             lines.append(f"position loop  kv {self.kv:.6g} 1/s")
+            if self.ratio != 1.0:
+                lines[-1] += f", times the gear ratio {self.ratio:.6g}"
             if self.feed_forward:
                 lines[-1] += f", {100 * self.feed_forward:g} % velocity feed-forward"
         lines += [
@@ -520,6 +562,44 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
         if own > share:
             best, share = 1.0 / residue, own
     return best
+
+
+def ratio_of(plant: Plant, torque: str, velocity: str, position: str) -> float | None:
+    """Return the gear ratio between two outputs of a plant, in the rigid-body motion of a torque.
+
+    Parameters
+    ----------
+    plant : Plant
+        The plant, continuous.
+    torque : str
+        Name of the input that moves both.
+    velocity, position : str
+        Names of the outputs.
+
+    Returns
+    -------
+    float or None
+        Velocity of `velocity` over that of `position`, negative where they oppose each other; None
+        where one of them has no rigid-body motion.
+
+    Raises
+    ------
+    OptionError
+        As `inertia_of`.
+    """
+    inner, outer = (inertia_of(plant, torque, name) for name in (velocity, position))
+    return None if inner is None or outer is None else outer / inner
+
+
+def _ratio_of_rule(plant: Plant, torque: str, velocity: str, position: str) -> float:
+    """Return the gear ratio, without its rounding where it is 1."""
+    ratio = ratio_of(plant, torque, velocity, position)
+    if ratio is None:
+        raise ModelError(
+            f"the plant has no rigid-body motion from {torque!r} to {position!r}, from which the"
+            " gear ratio of the position loop would follow; give kv and ratio by hand"
+        )
+    return 1.0 if abs(ratio - 1.0) < _EXACT else ratio
 
 
 def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:

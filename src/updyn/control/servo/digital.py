@@ -95,7 +95,7 @@ class SampledCascade:
                     " the servo, sampled"
                 )
         self.plant, self.wiring, self.dt = plant, wiring, plant.dt
-        self.kv = controller.kv or 0.0
+        self.kv = controller.position_gain
         self.has_position = controller.kv is not None
         self.notes = _left_out(controller, plant)
         self._controller = _converted(controller, plant.dt)

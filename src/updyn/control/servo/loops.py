@@ -180,7 +180,7 @@ class Cascade:
         G, K = self.motion(s), self.controller.torque(s)
         if not self.has_position:
             return np.asarray(K * G[:, 0, 0] / (1.0 + K * G[:, 0, 0]))
-        ahead = self._kv + self.controller.feed_forward * s
+        ahead = self._kv + self.controller.forward_gain * s
         return np.asarray(ahead * K * G[:, 1, 0] / (1.0 + K * (G[:, 0, 0] + self._kv * G[:, 1, 0])))
 
     @_quiet
@@ -192,7 +192,7 @@ class Cascade:
 
     @property
     def _kv(self) -> float:
-        return self.controller.kv or 0.0
+        return self.controller.position_gain
 
     @property
     def poles(self) -> _Complex:
@@ -283,7 +283,7 @@ class Cascade:
         """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
         kv, forward = 0.0, 0.0
         if outer:
-            kv, forward = self._kv, self.controller.feed_forward
+            kv, forward = self._kv, self.controller.forward_gain
         # inputs: torque, (disturbance), controller (1 or 2); outputs: velocity or y, position,
         # pointing, torque
         wires = np.zeros((n_u + n_c, 4))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from updyn.control.family import PlantFamily
 from updyn.control.plant import Plant
 from updyn.control.servo import grid
-from updyn.control.servo.controller import Controller, inertia_of
+from updyn.control.servo.controller import Controller, inertia_of, ratio_of
 from updyn.control.servo.digital import SampledCascade, judge_sampled
 from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
@@ -30,6 +30,8 @@ __all__ = ["servo"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
+#: Relative difference of gear ratios that is not reported.
+_SAME_RATIO = 0.05
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
 #: Velocity loop, position loop, and the loop broken at the torque.
 _Loops = tuple[Judged, Judged | None, Judged | None]
@@ -162,7 +164,11 @@ def servo(
         step=over_time.step,
         disturbance_step=over_time.disturbance_step,
         wind=over_time.wind,
-        notes=(*_notes(nominal, loops[:2], outer, inertia), *over_time.notes),
+        notes=(
+            *_notes(nominal, loops[:2], outer, inertia),
+            *_ratio_notes(nominal, controller, wiring),
+            *over_time.notes,
+        ),
         family_steps=steps,
         sampled=None if sampled is None else _sampled(sampled, controller, wiring, judged),
         robust=_robust(cascade, judged, [own for own, _ in family]),
@@ -372,6 +378,20 @@ def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
         "inertia": inertia,
         "members": members,
     }
+
+
+def _ratio_notes(plant: Plant, controller: Controller, wiring: Wiring) -> list[str]:
+    """Return a note where the controller's gear ratio is not that of the rigid-body motion."""
+    if wiring.position is None or controller.kv is None:
+        return []
+    found = ratio_of(plant, wiring.torque, wiring.velocity, wiring.position)
+    if found is None or abs(controller.ratio / found - 1.0) < _SAME_RATIO:
+        return []
+    return [
+        f"position loop: in rigid-body motion {wiring.velocity!r} moves {found:.4g} times as fast"
+        f" as {wiring.position!r}, and the controller's ratio is {controller.ratio:.4g}: kv acts as"
+        f" {controller.position_gain / found:.4g} 1/s; with ratio = {found:.4g} it acts as stated"
+    ]
 
 
 def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | None) -> list[str]:
