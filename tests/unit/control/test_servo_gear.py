@@ -151,7 +151,7 @@ def test_a_position_that_does_not_turn_with_the_torque() -> None:
     twist = replace(plant, C=C)
     assert ratio_of(twist, "motor", "speed", "load") is None
     with pytest.raises(
-        ModelError, match="no rigid-body motion from 'motor' to 'load'.*kv and ratio"
+        ModelError, match=r"no rigid-body motion from 'motor' to 'load'.*kv and ratio"
     ):
         updyn.Controller.tuned(twist, 2.0, **LOAD)
     assert updyn.Controller.tuned(twist, 2.0, kv=3.0, **LOAD).ratio == 1.0
