@@ -85,12 +85,31 @@ class JobDocument:
         JobError
             If the text as it stands is not TOML.
         """
+        self.replace(what, self.with_change(change))
+
+    def with_change(self, change: Callable[[TOMLDocument], None]) -> str:
+        """Return the text after a change of the content, which is not made.
+
+        Parameters
+        ----------
+        change : callable
+            As for `edit`.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        JobError
+            If the text as it stands is not TOML.
+        """
         try:
             document = tomlkit.parse(self.text)
         except (TOMLKitError, RecursionError) as error:
             raise JobError(f"not TOML: {error}; mend the text first", self.path) from error
         change(document)
-        self.replace(what, tomlkit.dumps(document))
+        return tomlkit.dumps(document)
 
     def replace(self, what: str, text: str) -> None:
         """Put another text in place of the whole.

@@ -16,6 +16,7 @@ from updyn.errors import InputError
 __all__ = [
     "add_repair",
     "as_value",
+    "chosen_groups",
     "exclude",
     "hold_out",
     "include_all",
@@ -24,12 +25,21 @@ __all__ = [
     "set_band",
     "set_bounds",
     "set_key",
+    "set_keys",
     "set_unknowns",
     "toggle_pick",
 ]
 
 Edit = Callable[[TOMLDocument], None]
 
+#: What is expected of an entry by its kind, and the characters of it that a message repeats.
+_EXPECTED = {
+    "whole": "a whole number",
+    "number": "a number",
+    "numbers": "numbers and commas",
+    "band": "two frequencies, the lower one first",
+}
+_LONGEST = 40
 #: Picks this near are one, as a share of the frequency.
 _SAME_PICK = 1e-3
 
@@ -207,12 +217,32 @@ def set_key(table: str, key: str, value: Any) -> Edit:
     return edit
 
 
+def set_keys(table: str, values: Mapping[str, Any]) -> Edit:
+    """Return the edit that sets keys of a table, and removes a table that has become empty.
+
+    Parameters
+    ----------
+    table : str
+        Of the job.
+    values : mapping of str to object
+        By key, as `set_key` takes them.
+    """
+
+    def edit(document: TOMLDocument) -> None:
+        for key, value in values.items():
+            set_key(table, key, value)(document)
+        if not document[table]:
+            document.pop(table)
+
+    return edit
+
+
 def as_value(kind: str, text: str, label: str) -> Any:
     """Return what was typed as a value of a job.
 
     Parameters
     ----------
-    kind : {"number", "whole", "numbers", "text", "texts"}
+    kind : {"number", "whole", "numbers", "band", "text", "texts", "choice"}
         What is expected; several are separated by commas.
     text : str
         What was typed.
@@ -227,7 +257,7 @@ def as_value(kind: str, text: str, label: str) -> Any:
     Raises
     ------
     InputError
-        If it is no number where one is expected.
+        If it is not what is expected.
     """
     text = text.strip()
     if not text:
@@ -241,11 +271,13 @@ def as_value(kind: str, text: str, label: str) -> Any:
                 return _number(text)
             case "numbers":
                 return [_number(part) for part in parts] or None
+            case "band":
+                return _band(parts)
             case "texts":
                 return parts or None
     except ValueError as error:
-        what = {"whole": "a whole number", "number": "a number"}.get(kind, "numbers and commas")
-        raise InputError(f"{label}: {text!r}; expected {what}") from error
+        given = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+        raise InputError(f"{label}: {given!r}; expected {_EXPECTED[kind]}") from error
     return text
 
 
@@ -254,6 +286,13 @@ def _number(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(text)
     return value
+
+
+def _band(parts: Sequence[str]) -> list[float]:
+    low, high = map(_number, parts)
+    if not 0 <= low < high:
+        raise ValueError(parts)
+    return [low, high]
 
 
 def toggle_pick(frequency: float) -> Edit:
@@ -324,6 +363,33 @@ def set_unknowns(
     return edit
 
 
+def chosen_groups(text: str, groups: Mapping[str, Sequence[str]]) -> dict[str, set[str]]:
+    """Return the groups that a job chooses, by quantity.
+
+    Parameters
+    ----------
+    text : str
+        The job.
+    groups : mapping of str to sequence of str
+        The groups of the model that have each quantity.
+
+    Returns
+    -------
+    dict of str to set of str
+
+    Raises
+    ------
+    InputError
+        If the text has no tables ``[[parameter]]``.
+    """
+    chosen: dict[str, set[str]] = {quantity: set() for quantity in groups}
+    for table in _tables(tomlkit.parse(text)):
+        quantity = str(table.get("quantity", ""))
+        if quantity in chosen and "groups" in table:
+            chosen[quantity].update(_fitting(groups[quantity], table["groups"]))
+    return chosen
+
+
 def _add(tables: AoT, quantity: str, new: Sequence[str], groups: Sequence[str]) -> None:
     """Add groups to the first table of a quantity that is about nothing else, else a table."""
     if not new:
@@ -353,6 +419,10 @@ def set_bounds(name: str, low: float, high: float, groups: Sequence[str]) -> Edi
     """
     group, _, quantity = name.rpartition(".")
     bounds = [float(low), float(high)]
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise InputError(
+            f"bounds of {name}: {low:g} and {high:g}; expected a lower bound below the upper one"
+        )
 
     def edit(document: TOMLDocument) -> None:
         tables = _tables(document)

@@ -6,15 +6,17 @@ import json
 import os
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from updyn.errors import InputError
+from updyn.errors import FormatError, InputError
 from updyn.foreign.confinement import resolve_path
 from updyn.io.atomic import write_bytes
 from updyn.job.files import check_encodable, is_encodable
-from updyn.outputs.manifest import MANIFEST
+from updyn.job.folder import HEADER, JOB_FILE, is_of_a_run
+from updyn.outputs.manifest import MANIFEST, Manifest, is_output
 
 __all__ = ["Project", "RunFolder"]
 
@@ -24,8 +26,14 @@ _NAME = re.compile(r"[^\W.][\w.+ -]*")
 #: Bytes of a name: file systems take 255, less what a temporary name adds.
 _MOST_BYTES = 200
 _RESULT = "result.json"
+_JOB, _JOURNAL = ".toml", ".journal"
 #: What no job names, and what changes while a run is under way.
-_NO_INPUT = (".toml", ".journal", "manifest.json")
+_NO_INPUT = (_JOB, _JOURNAL, MANIFEST)
+#: First line of the job file of a run, and characters of it that are read.
+_LONGEST_LINE = 4096
+_ORIGIN = re.compile(rf"# {HEADER} \S+ from (.+)")
+#: The command that writes inputs; the others write results.
+_OF_INPUTS = "demo"
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,18 +117,19 @@ class Project:
         """Return the job files: TOML files that no run wrote, the latest first."""
         found = []
         for folder, names in self._walk():
+            jobs = [folder / name for name in names if name.lower().endswith(_JOB)]
             if _RESULT in names:
-                continue
-            found += [folder / name for name in names if name.endswith(".toml")]
+                jobs = [path for path in jobs if not _is_of_a_run(path)]
+            found += jobs
         return sorted(found, key=_written, reverse=True)
 
     def inputs(self) -> list[Path]:
         """Return the files that a job could name: all but results and job files."""
-        found = []
+        found, results = [], set[Path]()
         for folder, names in self._walk():
-            if _RESULT not in names and MANIFEST not in names:
-                found += [folder / n for n in names if not n.endswith(_NO_INPUT)]
-        return sorted(found)
+            results |= _results(folder, names)
+            found += [folder / n for n in names if not n.lower().endswith(_NO_INPUT)]
+        return sorted(path for path in found if path not in results)
 
     def stamp(self) -> tuple[tuple[str, int, int], ...]:
         """Return what changes when an input does: names, times and sizes.
@@ -154,6 +163,42 @@ class Project:
                 found.append(RunFolder(folder, record, _written(path)))
         return sorted(found, key=lambda run: run.written, reverse=True)
 
+    def runs_of(self, job: Path) -> list[Path]:
+        """Return the folders of the runs of a job, the latest first.
+
+        Parameters
+        ----------
+        job : Path
+            The job file, which the job file of each run names.
+
+        Returns
+        -------
+        list of Path
+        """
+        return [run.path for run in self.runs() if _job_of(run.path) == job]
+
+    def pages(self, page: str, command: str) -> list[Path]:
+        """Return the pages that a command has written, the latest first.
+
+        Parameters
+        ----------
+        page : str
+            Name of the file.
+        command : str
+            The command, as the manifest of the folder names it.
+
+        Returns
+        -------
+        list of Path
+        """
+        found = []
+        for folder, names in self._walk():
+            if page in names and MANIFEST in names:
+                with suppress(FormatError):
+                    entry = Manifest.read(folder).entries.get(page)
+                    found += [folder / page] if entry and entry.command == command else []
+        return sorted(found, key=_written, reverse=True)
+
     def free_name(self, stem: Path, suffix: str = "") -> Path:
         """Return a folder for results that does not exist.
 
@@ -172,6 +217,37 @@ class Project:
         while os.path.lexists(path):
             number += 1
             path = stem.with_name(f"{stem.name}{suffix}-{number}")
+        return path
+
+    def new_job(self, name: str) -> Path:
+        """Return the file of a new job, with the suffix by which it is listed.
+
+        Parameters
+        ----------
+        name : str
+            With or without ``.toml``, in the project.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            If the name is not a plain one, its folder does not exist or is not shown, or the file
+            exists.
+        """
+        folder, _, stem = name.strip().rpartition("/")
+        file = self.plain_name(stem)
+        file = self.plain_name(file if file.lower().endswith(_JOB) else file + _JOB)
+        path = self.inside(Path(folder, file))
+        parts = path.parent.relative_to(self.folder).parts
+        if len(parts) > _DEPTH or not all(map(_is_shown, parts)):
+            raise InputError(f"{name!r}: a job in this folder is not shown; choose another folder")
+        if not path.parent.is_dir():
+            raise InputError(f"{name!r}: no such folder {folder!r}; make it first")
+        if os.path.lexists(path):
+            raise InputError(f"{self.name_of(path)}: exists already; choose another name")
         return path
 
     def plain_name(self, name: str) -> str:
@@ -219,10 +295,8 @@ class Project:
             If the name is not a plain one, there is such a file, or the name is that of results.
         """
         path = self.folder / self.plain_name(name)
-        if name == _RESULT:
-            raise InputError(
-                f"{name}: a folder that holds it is taken for results; rename the file"
-            )
+        if name.lower() in (_RESULT, MANIFEST) or name.lower().endswith(_JOURNAL):
+            raise InputError(f"{name}: commands write results under this name; rename the file")
         if os.path.lexists(path):
             raise InputError(f"{name}: there is such a file already; rename one of the two")
         write_bytes(path, content)
@@ -240,6 +314,37 @@ class Project:
             deep = len(path.relative_to(self.folder).parts) >= _DEPTH
             folders[:] = [] if deep else sorted(filter(_is_shown, folders))
             yield path, sorted(filter(_is_shown, names))
+
+
+def _results(folder: Path, names: list[str]) -> set[Path]:
+    """Return the files of a folder, and of the folders in it, that hold results."""
+    if MANIFEST in names:
+        with suppress(FormatError):
+            entries = Manifest.read(folder).entries
+            return {
+                folder / name
+                for name, entry in entries.items()
+                if entry.command != _OF_INPUTS and is_output(name)
+            }
+    return {folder / name for name in names} if _RESULT in names else set()
+
+
+def _job_of(folder: Path) -> Path | None:
+    """Return the job file of a run; None if that is not known."""
+    try:
+        with (folder / JOB_FILE).open(encoding="utf-8") as lines:
+            found = _ORIGIN.fullmatch(lines.readline(_LONGEST_LINE).rstrip("\n"))
+        return None if found is None else resolve_path(folder / found[1])
+    except (OSError, UnicodeDecodeError, InputError):
+        return None
+
+
+def _is_of_a_run(path: Path) -> bool:
+    """Return whether a run wrote a job file; one that cannot be read is a user's."""
+    try:
+        return is_of_a_run(path)
+    except OSError:
+        return False
 
 
 def _is_shown(name: str) -> bool:

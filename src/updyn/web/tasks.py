@@ -59,15 +59,15 @@ class Field:
         Of the table.
     label : str
         For the page, with the unit.
-    kind : {"number", "whole", "numbers", "text", "texts", "choice"}
-        What is written: ``"numbers"`` and ``"texts"`` as arrays.
+    kind : {"number", "whole", "numbers", "band", "text", "texts", "choice"}
+        What is written: ``"numbers"``, ``"band"`` (two frequencies) and ``"texts"`` as arrays.
     choices : sequence of str
         For ``"choice"``; the first is what holds where the key is not written.
     """
 
     key: str
     label: str
-    kind: Literal["number", "whole", "numbers", "text", "texts", "choice"]
+    kind: Literal["number", "whole", "numbers", "band", "text", "texts", "choice"]
     choices: Sequence[str] = ()
 
 
@@ -145,7 +145,7 @@ PLAN = Task(
     (
         Field("n_sensors", "sensors", "whole"),
         Field("n_references", "forces", "whole"),
-        Field("band", "band, from and to (Hz)", "numbers"),
+        Field("band", "band, from and to (Hz)", "band"),
         Field("quantity", "quantity", "choice", ("accelerance", "mobility", "receptance")),
         Field("criterion", "criterion", "choice", ("d-optimal", "a-optimal")),
         Field("candidates", "candidates (none: all)", "texts"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -10,8 +11,11 @@ from typing import TypeVar
 from updyn.demos import find_demo
 from updyn.errors import InputError
 from updyn.io.atomic import write_bytes
+from updyn.web import edits
 from updyn.web.desk import Desk
 from updyn.web.document import JobDocument
+from updyn.web.faults import new_faults
+from updyn.web.form import Form
 from updyn.web.looking import View, look, propose
 from updyn.web.project import Project
 from updyn.web.tasks import TASKS
@@ -56,6 +60,8 @@ class Workspace:
         self.workers: dict[str, Worker] = {}
         self.theme = "auto"
         self._desk = Desk(self.project.folder, _SECONDS, _memory())
+        self._forms: dict[str, Form] = {}
+        self._opened: set[Path] = set()
         self._seen: tuple[Path, str, View] | None = None
         self._stamp = self.project.stamp()
 
@@ -66,9 +72,61 @@ class Workspace:
         return () if document is None else (document.path, document.version, document.changed)
 
     @property
+    def unsaved(self) -> bool:
+        """Whether the open job, or a form of it, has edits that its file does not have."""
+        pending = any(form.pending for form in self._forms.values())
+        return self.document is not None and (self.document.changed or pending)
+
+    @property
     def run(self) -> Worker | None:
-        """The latest run."""
-        return self.workers.get("run")
+        """The latest run of the open job, or the run of any job that is under way."""
+        return self.worker("run")
+
+    def worker(self, task: str) -> Worker | None:
+        """Return the latest worker of a task for the open job, or an active one for any job.
+
+        Parameters
+        ----------
+        task : str
+            Its name in `updyn.web.tasks.TASKS`.
+        """
+        worker = self.workers.get(task)
+        if worker is None or worker.active or self.is_of_open_job(worker):
+            return worker
+        return None
+
+    def is_of_open_job(self, worker: Worker) -> bool:
+        """Return whether a worker works on the open job."""
+        return self.document is not None and worker.job == self.document.path
+
+    def pages(self, task: str) -> tuple[list[str], str]:
+        """Return the pages that a task has written in the project, and which one to show.
+
+        Parameters
+        ----------
+        task : str
+            Its name in `updyn.web.tasks.TASKS`.
+
+        Returns
+        -------
+        pages : list of str
+            Their files, the latest first.
+        shown : str
+            That of the latest worker for the open job; else the latest in a folder that is named
+            after the job; empty if there is none.
+        """
+        work, stem = TASKS.find(task), re.escape(self.opened.path.stem)
+        found = self.project.pages(work.page, task)
+        pages = [self.project.name_of(path) for path in found]
+        worker = self.workers.get(task)
+        if worker is not None and self.is_of_open_job(worker):
+            made = worker.out / work.page
+            name = self.project.name_of(made) if made.is_file() else ""
+            return list(dict.fromkeys([*([name] if name else []), *pages])), name
+        suffixes = "|".join(map(re.escape, (work.suffix, TASKS.find("run").suffix)))
+        named = re.compile(rf"{stem}(({suffixes})(-\d+)?)?")
+        own = [path for path in found if named.fullmatch(path.parent.name)]
+        return pages, self.project.name_of(own[0]) if own else ""
 
     @property
     def opened(self) -> JobDocument:
@@ -104,13 +162,116 @@ class Workspace:
             return
         self._check_saved()
         self.document = JobDocument(path)
+        self._forms.clear()
+        self._opened.add(path)
+
+    def jobs(self) -> list[Path]:
+        """Return the jobs of the project, and those that were opened under any other name."""
+        listed = self.project.jobs()
+        others = {path for path in self._opened if path not in listed and path.is_file()}
+        return [*sorted(others), *listed]
 
     def _check_saved(self) -> None:
         """Check that the open job, where there is one, has no edits that would be lost."""
-        if self.document is not None and self.document.changed:
+        if self.document is None:
+            return
+        if self.document.changed:
             raise InputError(
                 f"{self.document.path.name} has edits that are not saved; save or undo"
             )
+        for task, form in self._forms.items():
+            if form.pending:
+                raise InputError(
+                    f"{self.document.path.name} has entries of the form for {task!r} that are not"
+                    f" saved ({form.reason}); complete or discard them"
+                )
+
+    # -- edits of pages ----------------------------------------------------------------------------
+    def edit(self, what: str, change: edits.Edit) -> None:
+        """Change the open job, unless it would have a fault that it has not now.
+
+        Parameters
+        ----------
+        what : str
+            What is done, in a few words.
+        change : callable
+            From `updyn.web.edits`.
+
+        Raises
+        ------
+        InputError
+            If the text would have a new fault; it is as it was then.
+        """
+        document = self.opened
+        changed = document.with_change(change)
+        found = new_faults(document.path, document.text, changed)
+        if found:
+            raise InputError(f"{what}: not changed, as the job would be wrong: {'; '.join(found)}")
+        document.replace(what, changed)
+
+    def form(self, task: str) -> Form:
+        """Return the form of a task for the open job.
+
+        Parameters
+        ----------
+        task : str
+            Its name in `updyn.web.tasks.TASKS`.
+        """
+        if task not in self._forms:
+            work = TASKS.find(task)
+            self._forms[task] = Form(work.table, work.fields)
+        return self._forms[task]
+
+    def entries(self, task: str) -> dict[str, str]:
+        """Return what each entry of the form of a task shows.
+
+        Parameters
+        ----------
+        task : str
+            Its name.
+        """
+        return self.form(task).entries(self.opened.text)
+
+    def note(self, task: str, key: str, entry: str) -> None:
+        """Take an entry of a form as it is typed; it goes into the job with the next `enter`.
+
+        Parameters
+        ----------
+        task, key : str
+            Which entry.
+        entry : str
+            What was typed.
+        """
+        self.form(task).note(key, entry, self.opened.text)
+
+    def enter(self, task: str, key: str, entry: str) -> None:
+        """Take an entry of a form, and write all of it into the job once that is complete.
+
+        Parameters
+        ----------
+        task, key : str
+            Which entry.
+        entry : str
+            What was typed.
+        """
+        self.note(task, key, entry)
+        self.form(task).commit(self.opened)
+
+    def save(self) -> None:
+        """Write the open job to its file, with the entries of all forms that are complete.
+
+        Raises
+        ------
+        InputError
+            As `JobDocument.save`; if entries are left out, after the rest is saved.
+        """
+        document = self.opened
+        for form in self._forms.values():
+            form.commit(document)
+        document.save()
+        reasons = [form.reason for form in self._forms.values() if form.pending]
+        if reasons:
+            raise InputError(f"saved without entries of forms: {'; '.join(reasons)}")
 
     def open_demo(self, name: str) -> None:
         """Write the inputs of a demo into a new folder of the project and open its job.
@@ -144,8 +305,9 @@ class Workspace:
         InputError
             If the name is not a plain one, or the file exists.
         """
-        file = self.project.plain_name(name if name.endswith(".toml") else f"{name}.toml")
-        self.opened.save_as(self.project.inside(self.opened.path.with_name(file)))
+        self.project.plain_name(name)  # no folder: the files that the job names are relative to it
+        own = self.project.name_of(self.opened.path.with_name(name))
+        self.opened.save_as(self.project.new_job(own))
 
     def view(self) -> View:
         """Return what the job holds as it stands; it is read once."""
@@ -196,9 +358,7 @@ class Workspace:
         """
         self._check_saved()
         inputs = self.project.inside(model), self.project.inside(measurement)
-        path = self.project.inside(name)
-        if os.path.lexists(path):
-            raise InputError(f"{name}: exists already; choose another name")
+        path = self.project.new_job(name)
         text = self._desk.ask(propose, *inputs, path, stated)
         write_bytes(path, text.encode())
         self.open_job(path)
@@ -229,13 +389,18 @@ class Workspace:
         Raises
         ------
         InputError
-            If another task is under way, or the folder is not in the project.
+            If another task is under way, an entry of the form of the task cannot be written into
+            the job, or the folder is not in the project.
         """
         if any(worker.active for worker in self.workers.values()):
             raise InputError("a task is under way; stop it first")
         if not folder.strip():
             raise InputError("the results need a folder; give its name")
         document, out = self.opened, self.project.inside(folder.strip())
+        form = self.form(task)
+        form.commit(document)
+        if form.pending:
+            raise InputError(f"not begun: {form.reason}")
         if document.changed:
             document.save()
         worker = Worker(task, document.path, out, self.project.folder, resume=resume)
@@ -262,6 +427,9 @@ class Workspace:
             worker = self.workers.get(name)
             if worker is not None and worker.job == path and (name == task or task == "plant"):
                 return self.project.name_of(worker.out)
+        runs = self.project.runs_of(path) if task == "plant" else []
+        if runs:
+            return self.project.name_of(runs[0])
         suffix = TASKS[task].suffix
         return self.project.name_of(self.project.free_name(path.with_suffix(""), suffix))
 

@@ -247,7 +247,7 @@ def test_a_key_is_set_changed_and_left_out() -> None:
         ("number", "2.5e3", 2500.0), ("number", " 7 ", 7.0), ("whole", " 12 ", 12),
         ("numbers", "5, 400", [5.0, 400.0]), ("numbers", "5,", [5.0]),
         ("texts", "1:X, 2:Y ,", ["1:X", "2:Y"]), ("text", "a, b", "a, b"), ("choice", "d-optimal", "d-optimal"),
-        ("number", "", None), ("whole", "  ", None), ("numbers", " , ", None), ("texts", ",", None),
+        ("band", "0, 4e2", [0.0, 400.0]), ("number", "", None), ("whole", "  ", None), ("numbers", " , ", None), ("texts", ",", None),
         ("text", " ", None),
     ],
 )  # fmt: skip
@@ -262,6 +262,7 @@ def test_what_is_typed_as_a_value(kind: str, text: str, value: object) -> None:
         ("number", "1,5", "a number"), ("number", "x", "a number"), ("number", "nan", "a number"),
         ("number", "inf", "a number"), ("whole", "2.5", "a whole number"), ("whole", "1e3", "a whole number"),
         ("numbers", "1; 2", "numbers and commas"), ("numbers", "1, inf", "numbers and commas"),
+        ("band", "400, 5", "two frequencies, the lower one first"), ("band", "5", "two frequencies, the lower one first"),
     ],
 )  # fmt: skip
 def test_what_is_no_value_is_said_with_its_label(kind: str, text: str, expected: str) -> None:

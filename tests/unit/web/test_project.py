@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from updyn.errors import InputError
+from updyn.outputs.manifest import Entry, Manifest, file_digest
 from updyn.web.project import Project
 
 
@@ -101,7 +102,8 @@ def worked(folder: Path) -> Path:
         put(folder / name, name)
     for name, at in (("first-run", 3000), ("second-run", 4000)):
         put(folder / name / "result.json", {"status": "converged", "name": name}, at)
-        for file in ("job.toml", "manifest.json", "report.html", "model.h5"):
+        put(folder / name / "job.toml", "# Written by updyn 0.1.0 from old.toml")
+        for file in ("manifest.json", "report.html", "model.h5"):
             put(folder / name / file)
     put(folder / ".git" / "config.toml")
     put(folder / ".hidden.toml")
@@ -117,6 +119,39 @@ def test_inputs_are_what_a_job_could_name(worked: Path) -> None:
     assert names(worked, Project(worked).inputs()) == [
         "model.h5", "notes.txt", "sub/deck.inp", "test.uff",
     ]  # fmt: skip
+
+
+def listed(folder: Path, files: dict[str, str], command: str) -> None:
+    """Write files, and a manifest that says which command wrote them."""
+    for name, text in files.items():
+        put(folder / name, text)
+    entries = {name: Entry(file_digest(folder / name), "0" * 16, command) for name in files}
+    Manifest(entries).write(folder)
+
+
+def test_a_copied_manifest_hides_no_input(worked: Path) -> None:
+    """Neither that of a demo nor one that lists files which no command writes."""
+    listed(worked, {"model.uff": "a", "job.toml": "# mine"}, "demo")
+    assert {"model.uff", "test.uff"} <= {*names(worked, Project(worked).inputs())}
+    listed(worked, {"test.uff": "a", "job.toml": "# mine"}, "run")
+    put(worked / "result.json", {"status": "converged"})
+    project = Project(worked)
+    assert "test.uff" in names(worked, project.inputs())
+    assert {"job.toml", "new.toml"} <= {*names(worked, project.jobs())}
+    put(worked / "manifest.json", "[")
+    (worked / "result.json").unlink()
+    assert "test.uff" in names(worked, project.inputs())
+
+
+def test_results_are_no_inputs_wherever_they_lie(folder: Path) -> None:
+    """Of several tests each has its own folder; plans and modes have no ``result.json``."""
+    put(folder / "a.uff")
+    own = "# Written by updyn 0.1.0 from a.toml"
+    results = {"job.toml": own, "result.json": '{"status": "converged"}', "model.h5": ""}
+    listed(folder, {**results, "first/model.h5": "", "first/run.nc": ""}, "run")
+    listed(folder / "plan", {"plan.json": "", "plan.html": ""}, "plan")
+    assert names(folder, Project(folder).inputs()) == ["a.uff"]
+    assert Project(folder).jobs() == []
 
 
 def test_runs_are_the_folders_with_a_result_the_latest_first(worked: Path) -> None:
@@ -252,7 +287,81 @@ def test_an_upload_writes_over_nothing(folder: Path) -> None:
     assert (folder.parent / "secret.txt").read_text() == "of another"
 
 
-def test_an_upload_cannot_hide_the_project(folder: Path) -> None:
-    """A folder that holds ``result.json`` is taken for results."""
+@pytest.mark.parametrize(
+    "name", ["result.json", "Result.json", "manifest.json", "run.journal", "plan.journal"]
+)
+def test_an_upload_cannot_hide_the_project(folder: Path, name: str) -> None:
+    """A folder that holds ``result.json`` is taken for results, a manifest lists their files."""
     with pytest.raises(InputError, match="results"):
-        Project(folder).keep_upload("result.json", b"{}")
+        Project(folder).keep_upload(name, b"{}")
+    assert list(folder.iterdir()) == []
+
+
+# -- the name of a new job
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("portal", "portal.toml"),
+        (" portal ", "portal.toml"),
+        ("portal.toml", "portal.toml"),
+        ("portal.TOML", "portal.TOML"),
+        ("portal.v2", "portal.v2.toml"),
+        ("sub/portal", "sub/portal.toml"),
+    ],
+)
+def test_a_new_job_has_a_name_under_which_it_is_listed(folder: Path, name: str, file: str) -> None:
+    (folder / "sub").mkdir(exist_ok=True)
+    project = Project(folder)
+    assert project.new_job(name) == folder / file
+    put(folder / file)
+    assert names(folder, project.jobs()) == [file]
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("", "cannot be the name of a file here"),
+        (".portal", "cannot be the name of a file here"),
+        (".hidden/portal", "is not shown"),
+        ("no/portal", "no such folder"),
+        ("1/2/3/4/5/portal", "is not shown"),
+        ("../portal", "leads out"),
+        ("taken", "exists already"),
+    ],
+)
+def test_a_new_job_that_would_not_be_listed_is_refused(
+    folder: Path, name: str, reason: str
+) -> None:
+    (folder / "1/2/3/4/5").mkdir(parents=True)
+    (folder / ".hidden").mkdir()
+    put(folder / "taken.toml")
+    with pytest.raises(InputError, match=reason):
+        Project(folder).new_job(name)
+
+
+# -- results of earlier sessions
+def test_pages_that_a_command_wrote_the_latest_first(folder: Path) -> None:
+    for name, at in (("a-plan", 2000), ("b-plan", 3000)):
+        listed(folder / name, {"plan.html": "page", "plan.json": "{}"}, "plan")
+        os.utime(folder / name / "plan.html", (at, at))
+    put(folder / "plan.html", "of a user")
+    listed(folder / "damaged", {"plan.html": ""}, "plan")
+    put(folder / "damaged" / "manifest.json", "[")
+    listed(folder / "other", {"plan.html": ""}, "modes")
+    found = Project(folder).pages("plan.html", "plan")
+    assert names(folder, found) == ["b-plan/plan.html", "a-plan/plan.html"]
+
+
+def test_runs_of_a_job_are_known_by_their_own_job_file(folder: Path) -> None:
+    put(folder / "a.toml")
+    for out, job, at in (
+        ("first", "../a.toml", 1000),
+        ("sub/second", "../../a.toml", 2000),
+        ("third", "../b.toml", 3000),
+        ("fourth", "", 4000),
+    ):
+        put(folder / out / "result.json", {"status": "converged"}, at)
+        put(folder / out / "job.toml", f"# Written by updyn 0.1.0 from {job}\n[model]\n")
+    put(folder / "fifth" / "result.json", {"status": "converged"}, 5000)
+    found = Project(folder).runs_of(folder / "a.toml")
+    assert names(folder, found) == ["sub/second", "first"]

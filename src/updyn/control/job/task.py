@@ -30,7 +30,7 @@ PLANT = Task(
     (
         Field("inputs", "inputs (labels)", "texts"),
         Field("outputs", "outputs (labels)", "texts"),
-        Field("band", "band, from and to (Hz)", "numbers"),
+        Field("band", "band, from and to (Hz)", "band"),
         Field("tolerance", "tolerance (1)", "number"),
         Field("error", "error", "choice", ("relative", "peak")),
     ),

@@ -92,6 +92,10 @@ def _job_bar(workspace: Workspace) -> None:
     def on_document(action: Callable[[JobDocument], None]) -> Callable[[], None]:
         return said(lambda: action(workspace.opened))
 
+    def saved() -> None:
+        said(workspace.save)()
+        update()
+
     with ui.row().classes("items-center gap-1"):
         name = ui.label().mark("job")
         buttons = ui.row().classes("items-center gap-1")
@@ -104,7 +108,7 @@ def _job_bar(workspace: Workspace) -> None:
                 undo_tip = ui.tooltip("")
             with redo:
                 redo_tip = ui.tooltip("")
-            save = ui.button("Save", on_click=on_document(JobDocument.save))
+            save = ui.button("Save", on_click=saved)
             save.props("flat dense no-caps")
 
     def update() -> None:
@@ -113,17 +117,17 @@ def _job_bar(workspace: Workspace) -> None:
         if document is None:
             name.set_text("no job open")
             return
-        edited = " (edited)" if document.changed else ""
+        edited = " (edited)" if workspace.unsaved else ""
         name.set_text(workspace.project.name_of(document.path) + edited)
         last, following = document.last_edit, document.next_edit
         undo_tip.set_text(f"Undo: {last}" if last else "Nothing to undo")
         redo_tip.set_text(f"Redo: {following}" if following else "Nothing to redo")
         undo.set_enabled(bool(last))
         redo.set_enabled(bool(following))
-        save.set_enabled(document.changed)
+        save.set_enabled(workspace.unsaved)
 
     update()
-    watch(lambda: workspace.version, update)
+    watch(lambda: (workspace.version, workspace.unsaved), update)
 
 
 def watch(version: Callable[[], object], refresh: Callable[[], Any]) -> None:

@@ -224,7 +224,7 @@ class _Measurement:
     def _edit(self, what: str, edit: edits.Edit) -> None:
         document = self._workspace.opened
         before = edits.listed_lines(document.text)
-        document.edit(what, edit)
+        self._workspace.edit(what, edit)
         after = edits.listed_lines(document.text)
         if after < before:
             rest = f"{after} are left" if after else "all lines of the test are used now"
@@ -265,5 +265,5 @@ def _finding(workspace: Workspace, row: FindingRow) -> None:
             repair = edits.add_repair(row.written, row.test)
             ui.button(
                 f"Repair: {row.written}",
-                on_click=said(lambda: workspace.opened.edit(f"repair {row.written}", repair)),
+                on_click=said(lambda: workspace.edit(f"repair {row.written}", repair)),
             ).props("no-caps")

@@ -155,7 +155,7 @@ class _Mover:
         dof = f"{node}:{sign}{self._direction.value}"
         sensor, self._sensor = self._sensor, ""
         edit = edits.match_sensor(_unsigned(sensor), dof)
-        self._workspace.opened.edit(f"{sensor} at {dof}", edit)
+        self._workspace.edit(f"{sensor} at {dof}", edit)
 
 
 def _unsigned(label: str) -> str:

@@ -47,9 +47,11 @@ def _watched(workspace: Workspace) -> None:
     def state() -> None:
         run = workspace.run
         if run is None:
-            ui.label("Nothing has run since the window was opened.").mark("state")
+            ui.label("This job has not run since the window was opened.").mark("state")
+            if workspace.project.runs():
+                ui.link("Results of earlier runs", "/results")
             return
-        state_of(run)
+        state_of(run, workspace)
         if run.state == "done":
             ui.link("Results", "/results")
 
@@ -84,7 +86,9 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
         number = begun
         place.clear()
         row, column = shown["response"], shown["reference"]
-        values = {} if workspace.run is None else dict(workspace.run.values)
+        run = workspace.run
+        own = run is not None and workspace.is_of_open_job(run)
+        values = dict(run.values) if run is not None and own else {}
         with place:
             if (row, column) not in kept:
                 first = await asked(workspace.ask, curve, {}, test.number, row, column)

@@ -42,7 +42,7 @@ def show(workspace: Workspace) -> None:
 
 def _jobs(workspace: Workspace) -> None:
     ui.label("Jobs of this folder").classes("text-lg")
-    found = workspace.project.jobs()
+    found = workspace.jobs()
     if not found:
         ui.label("None yet: open a demo, or write a new one.")
     for path in found:

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import quote
 
-import tomlkit
 from nicegui import events, ui
-from tomlkit.exceptions import TOMLKitError
 
 from updyn.web import edits
+from updyn.web.form import written_table
 from updyn.web.pages.frame import embedded, said, watch
 from updyn.web.pages.job import no_job
 from updyn.web.pages.picks import hear_picks
@@ -58,13 +57,15 @@ def controls(workspace: Workspace, task: str, *, begin: str) -> None:
         ui.button("Stop", on_click=stop).props("outline no-caps")
 
 
-def state_of(worker: Worker) -> None:
-    """Show how it is with a task: in words, with its notes and its summary.
+def state_of(worker: Worker, workspace: Workspace) -> None:
+    """Show the state of a task in words, with its notes and its summary.
 
     Parameters
     ----------
     worker : Worker
         Of the task.
+    workspace : Workspace
+        What the page shows.
     """
     text, now = _STATES[worker.state], worker.now
     if worker.active and now:
@@ -79,6 +80,8 @@ def state_of(worker: Worker) -> None:
         if worker.active:
             ui.spinner()
         ui.label(text).classes("text-lg").mark("state").props("role=status")
+    if not workspace.is_of_open_job(worker):
+        ui.label(f"Of another job: {workspace.project.name_of(worker.job)}")
     for note in list(worker.notes):
         ui.label(note).classes("opacity-80 whitespace-pre-wrap")
     if worker.message or worker.stages:
@@ -104,28 +107,43 @@ def task_page(task: str) -> Callable[[Workspace], None]:
     def show(workspace: Workspace) -> None:
         if no_job(workspace):
             return
-        work = TASKS[task]
-        ui.label(work.about)
-        _form(workspace, work.table, work.fields)
+        ui.label(TASKS.find(task).about)
+        _form(workspace, task)
         controls(workspace, task, begin="Save and begin")
         if task == "modes":
             _pick_poles(workspace)
 
         @ui.refreshable
         def state() -> None:
-            worker = workspace.workers.get(task)
-            if worker is None:
-                return
-            state_of(worker)
-            written = worker.out / work.page
-            if worker.state == "done" and written.is_file():
-                name = quote(workspace.project.name_of(written))
-                embedded(f"/embedded/page/{name}?{worker.version}", work.page, "85vh")
+            worker = workspace.worker(task)
+            if worker is not None:
+                state_of(worker, workspace)
+            if worker is None or worker.state == "done":
+                _written_pages(workspace, task)
 
         state()
-        watch(lambda: _version(workspace.workers.get(task)), state.refresh)
+        watch(lambda: _version(workspace.worker(task)), state.refresh)
 
     return show
+
+
+def _written_pages(workspace: Workspace, task: str) -> None:
+    """Show the page that the task wrote last for the job, and offer the others of the project."""
+    pages, latest = workspace.pages(task)
+    if not pages:
+        return
+
+    @ui.refreshable
+    def page() -> None:
+        if chosen.value:
+            path = workspace.project.inside(chosen.value)
+            stamp = path.stat().st_mtime_ns if path.is_file() else 0
+            place = f"/embedded/page/{quote(chosen.value)}?{stamp}"
+            embedded(place, TASKS.find(task).page, "85vh")
+
+    chosen = ui.select(pages, value=latest or None, label="Results", on_change=page.refresh)
+    chosen.classes("min-w-96")
+    page()
 
 
 def _version(worker: Worker | None) -> object:
@@ -133,66 +151,65 @@ def _version(worker: Worker | None) -> object:
 
 
 # -- keys of the table -----------------------------------------------------------------------------
-def _form(workspace: Workspace, table: str, fields: tuple[Field, ...]) -> None:
-    """Show the keys of the job's table, to be set."""
+def _form(workspace: Workspace, task: str) -> None:
+    """Show the keys of the job's table, to be set.
 
-    @ui.refreshable
-    def form() -> None:
-        written = _written(workspace.opened.text, table)
-        with ui.row().classes("items-center"):
-            for field in fields:
-                _entry(workspace, table, field, written.get(field.key))
+    The entries stay the same while the job changes: what is typed into one that is made anew
+    meanwhile would be lost.
+    """
+    shown: dict[str, Any] = {}
+    with ui.row().classes("items-center"):
+        for field in TASKS.find(task).fields:
+            shown[field.key] = _entry(workspace, task, field)
+    with ui.row().classes("items-center") as trouble:
+        reason = ui.label().classes("text-negative whitespace-pre-wrap").mark("form")
+        reason.props("role=alert")
+        discard = ui.button("Discard entries", on_click=lambda: workspace.form(task).discard())
+        discard.props("flat dense no-caps")
 
-    form()
-    watch(lambda: workspace.version, form.refresh)
+    def update() -> None:
+        if workspace.document is None:
+            return
+        for key, text in workspace.entries(task).items():
+            entry = shown[key]
+            if isinstance(entry, ui.select) and text not in entry.options:
+                entry.set_options([*entry.options, text])
+            entry.set_value(text)
+        form = workspace.form(task)
+        trouble.set_visibility(bool(form.reason))
+        reason.set_text(f"Not in the job yet: {form.reason}")
+
+    update()
+    watch(lambda: (workspace.version, _state_of_form(workspace, task)), update)
 
 
-def _written(text: str, table: str) -> Mapping[str, Any]:
-    """Return a table of the job as it is written; an empty one where there is none."""
-    try:
-        found = tomlkit.parse(text).unwrap().get(table)
-    except TOMLKitError:
-        return {}
-    return found if isinstance(found, dict) else {}
+def _state_of_form(workspace: Workspace, task: str) -> object:
+    """Return what changes when what a form shows has changed."""
+    form = workspace.form(task)
+    return tuple(form.pending.items()), form.reason
 
 
-def _entry(workspace: Workspace, table: str, field: Field, value: Any) -> None:
+def _entry(workspace: Workspace, task: str, field: Field) -> Any:
     """Show one key."""
-
-    def take(given: Any) -> None:
-        edit = edits.set_key(table, field.key, given)
-        workspace.opened.edit(f"{table}.{field.key}", edit)
+    text = workspace.entries(task)[field.key]
 
     if field.kind == "choice":
 
         def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
-            said(take)(event.value)
+            said(workspace.enter)(task, field.key, str(event.value or ""))
 
-        default = field.choices[0]
-        shown = value if value in field.choices else default
-        ui.select(list(field.choices), value=shown, label=field.label, on_change=chosen).classes(
-            "min-w-40"
-        )
-        return
-    entry = ui.input(field.label, value=_as_text(value)).classes("min-w-56")
+        choices = list(dict.fromkeys([*field.choices, text]))
+        select = ui.select(choices, value=text, label=field.label, on_change=chosen)
+        return select.classes("min-w-40")
 
-    def typed() -> None:
-        text = str(entry.value or "").strip()
-        if text != _as_text(value):
-            said(take)(edits.as_value(field.kind, text, field.label))
+    def typed(event: events.ValueChangeEventArguments[Any]) -> None:
+        said(workspace.note)(task, field.key, str(event.value or ""))
 
-    entry.on("blur", said(typed)).on("keydown.enter", said(typed))
+    def left() -> None:
+        said(workspace.enter)(task, field.key, str(entry.value or ""))
 
-
-def _as_text(value: Any) -> str:
-    """Return a value of the job as it is typed."""
-    if value is None:
-        return ""
-    if isinstance(value, list):
-        return ", ".join(map(_as_text, value))
-    if isinstance(value, dict):
-        return str(value.get("dof", ""))
-    return str(value)
+    entry = ui.input(field.label, value=text, on_change=typed).classes("min-w-56")
+    return entry.on("blur", left).on("keydown.enter", left)
 
 
 def _pick_poles(workspace: Workspace) -> None:
@@ -202,14 +219,15 @@ def _pick_poles(workspace: Workspace) -> None:
         frequency = picked.get("frequency")
         if isinstance(frequency, int | float) and frequency > 0:
             edit = edits.toggle_pick(float(frequency))
-            said(workspace.opened.edit)(f"pick {frequency:.6g} Hz", edit)
+            said(workspace.edit)(f"pick {frequency:.6g} Hz", edit)
 
     hear_picks(take)
 
     @ui.refreshable
     def picks() -> None:
-        found = _written(workspace.opened.text, "modes").get("pick", [])
-        text = ", ".join(f"{item:.7g}" for item in found)
+        found = written_table(workspace.opened.text, "modes").get("pick", [])
+        items = found if isinstance(found, list) else [found]
+        text = ", ".join(f"{item:.7g}" for item in items if isinstance(item, int | float))
         said_ = f"Picked for the job: {text} Hz." if text else "Nothing is picked: all are taken."
         ui.label(said_).mark("picks")
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import events, ui
+from tomlkit.exceptions import TOMLKitError
 
+from updyn.errors import InputError, UpdynError
 from updyn.web import edits
 from updyn.web.looking import CHOICES, Separability, UnknownRow, View, identifiability
-from updyn.web.pages.frame import asked, complain, embedded, said, watch
+from updyn.web.pages.frame import asked, embedded, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.pages.picks import hear_picks
 from updyn.web.workspace import Workspace
@@ -35,29 +37,20 @@ async def show(workspace: Workspace) -> None:
     """
     if no_job(workspace):
         return
-    picked: set[str] = set()
+    choices = _Choices(workspace)
 
     def take(message: Mapping[str, Any]) -> None:
         groups = message.get("groups")
-        picked.clear()
-        if isinstance(groups, list):
-            picked.update(map(str, groups))
-        choices.refresh()
+        choices.pick(set(map(str, groups)) if isinstance(groups, list) else set())
 
     hear_picks(take)
-    kept: dict[str, View] = {}
-
-    @ui.refreshable
-    def choices() -> None:
-        if "view" in kept:
-            _choices(workspace, kept["view"], picked)
 
     # side by side, on a narrow screen one below the other
     with ui.row().classes("w-full items-start max-md:flex-col md:flex-nowrap"):
         picture = ui.column().classes("w-full md:w-1/2")
         picture.set_visibility(False)
         with ui.column().classes("w-full md:flex-1 min-w-0"):
-            choices()
+            choices.show()
 
             @ui.refreshable
             async def determined() -> None:
@@ -65,12 +58,11 @@ async def show(workspace: Workspace) -> None:
                 if view is None:
                     return
                 troubles(view)
-                kept["view"] = view
                 if view.has_picture and not picture.visible:  # it stays while the job is edited
                     picture.set_visibility(True)
                     with picture:
                         _structure()
-                choices.refresh()
+                choices.take(view)
                 if view.wrong:
                     return
                 found = await asked(workspace.ask, identifiability)
@@ -78,6 +70,7 @@ async def show(workspace: Workspace) -> None:
                     _separability(found)
                     _table(workspace, view, found)
 
+            watch(lambda: workspace.version, choices.update)
             watch(lambda: workspace.version, determined.refresh)
             await determined()
 
@@ -88,51 +81,99 @@ def _structure() -> None:
     ui.label("A click on a node shows the groups there.").classes("text-sm opacity-80")
 
 
-def _choices(workspace: Workspace, view: View, picked: set[str]) -> None:
-    """Show a box for each quantity of each group, or of the groups at a picked node."""
-    chosen = {quantity: set[str]() for quantity in CHOICES}
-    for unknown in view.unknowns:
-        if unknown.quantity in chosen:
-            chosen[unknown.quantity].add(unknown.group)
+class _Choices:
+    """A box for each quantity of each group, or of the groups at a picked node.
 
-    def toggled(group: str, quantity: str) -> Any:
-        def change(event: events.ValueChangeEventArguments[Any]) -> None:
-            names = {each: set(groups) for each, groups in chosen.items()}
-            (names[quantity].add if event.value else names[quantity].discard)(group)
-            if not any(names.values()) and len(view.unknowns) == 1:
-                complain("a job needs one unknown at least; choose another one first")
-                boxes[group, quantity].set_value(True)
-                return
-            edit = edits.set_unknowns(names, view.able)
-            said(workspace.opened.edit)(f"{group}.{quantity}", edit)
+    The boxes stay the same while the job is edited: a click on one that is made anew meanwhile
+    would be lost.
 
-        return change
+    Parameters
+    ----------
+    workspace : Workspace
+        With the job.
+    """
 
-    boxes: dict[tuple[str, str], ui.checkbox] = {}
-    groups = [name for name in view.groups if name in picked] or view.groups
-    if len(groups) < len(view.groups):
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._groups: list[str] = []
+        self._able: Mapping[str, list[str]] = {}
+        self._picked: set[str] = set()
+        self._boxes: dict[tuple[str, str], ui.checkbox] = {}
 
-        def everything() -> None:
-            picked.clear()
-            frame.clear()
-            with frame:
-                _choices(workspace, view, picked)
+    def show(self) -> None:
+        """Make the part of the page, empty until a view of the job is taken."""
+        self._place = ui.column().classes("w-full")
 
-        ui.button("Show all groups", on_click=everything).props("flat dense no-caps")
-    frame = ui.column().classes("w-full overflow-auto").style("max-height: 420px")
-    columns = " ".join(["auto"] * (1 + len(CHOICES)))  # as wide as their names
-    with frame, ui.grid(columns=columns).classes("items-center gap-x-4 md:gap-x-8 gap-y-0"):
-        ui.label("group").classes("font-bold")
-        for quantity in CHOICES:
-            ui.label(quantity.replace("_", " ")).classes("font-bold")
+    def take(self, view: View) -> None:
+        """Take the groups of a model; the boxes are made anew where they are others."""
+        if (view.groups, view.able) != (self._groups, self._able):
+            self._groups, self._able = view.groups, view.able
+            self._draw()
+
+    def pick(self, groups: set[str]) -> None:
+        """Show the boxes of some groups; of all where the model has none of them."""
+        self._picked = groups
+        self._draw()
+
+    def update(self) -> None:
+        """Show what the job says now."""
+        chosen = self._chosen()
+        for (group, quantity), box in self._boxes.items():
+            box.set_value(group in chosen[quantity])
+
+    def _chosen(self) -> dict[str, set[str]]:
+        """Return the groups that the job chooses as its text is now, by quantity."""
+        try:
+            return edits.chosen_groups(self._workspace.opened.text, self._able)
+        except (UpdynError, TOMLKitError, RecursionError):  # shown as a fault of the job
+            return {quantity: set() for quantity in self._able}
+
+    def _draw(self) -> None:
+        """Make the boxes."""
+        self._place.clear()
+        self._boxes = {}
+        groups = [name for name in self._groups if name in self._picked] or self._groups
+        if not groups:
+            return
+        with self._place:
+            if len(groups) < len(self._groups):
+                every = ui.button("Show all groups", on_click=lambda: self.pick(set()))
+                every.props("flat dense no-caps")
+            columns = " ".join(["auto"] * (1 + len(CHOICES)))  # as wide as their names
+            frame = ui.column().classes("w-full overflow-auto").style("max-height: 420px")
+            with frame, ui.grid(columns=columns).classes("items-center gap-x-4 md:gap-x-8 gap-y-0"):
+                ui.label("group").classes("font-bold")
+                for quantity in CHOICES:
+                    ui.label(quantity.replace("_", " ")).classes("font-bold")
+                self._draw_boxes(groups)
+
+    def _draw_boxes(self, groups: Sequence[str]) -> None:
+        """Make a row of boxes for each group."""
+        chosen = self._chosen()
         for group in groups:
             ui.label(group)
             for quantity in CHOICES:
                 box = ui.checkbox(value=group in chosen[quantity]).props("dense")
-                box.set_enabled(group in view.able[quantity])
-                box.on_value_change(toggled(group, quantity))
-                boxes[group, quantity] = box
+                box.set_enabled(group in self._able[quantity])
+                box.on_value_change(self._toggled(group, quantity))
                 box._props["aria-label"] = f"{group} {quantity}"
+                self._boxes[group, quantity] = box
+
+    def _toggled(
+        self, group: str, quantity: str
+    ) -> Callable[[events.ValueChangeEventArguments[Any]], None]:
+        """Return what is done when a box is clicked."""
+
+        def change(event: events.ValueChangeEventArguments[Any]) -> None:
+            names = self._chosen()
+            if bool(event.value) == (group in names[quantity]):
+                return  # the box shows what the job says
+            (names[quantity].add if event.value else names[quantity].discard)(group)
+            edit = edits.set_unknowns(names, self._able)
+            said(self._workspace.edit)(f"{group}.{quantity}", edit)
+            self.update()  # as it was, where the edit is refused
+
+        return change
 
 
 def _separability(found: Separability) -> None:
@@ -187,9 +228,10 @@ def _bounds(workspace: Workspace, view: View, unknown: UnknownRow) -> None:
         able = view.able.get(unknown.quantity, view.groups)
 
         def take() -> None:
-            if low.value is not None and high.value is not None:
-                edit = edits.set_bounds(unknown.name, low.value, high.value, able)
-                workspace.opened.edit(f"bounds of {unknown.name}", edit)
+            if low.value is None or high.value is None:
+                raise InputError("a bound is missing; expected two numbers")
+            edit = edits.set_bounds(unknown.name, low.value, high.value, able)
+            workspace.edit(f"bounds of {unknown.name}", edit)
             dialog.close()
 
         with ui.row():

@@ -1,0 +1,48 @@
+"""`new_faults`: what an edit would make wrong with the text of a job."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from updyn.errors import JobError
+from updyn.job import load_job
+
+__all__ = ["new_faults"]
+
+#: What a command may leave out of a job, as `load_job` takes it.
+_READINGS: tuple[dict[str, bool], ...] = ({}, {"before_test": True}, {"of_test": True})
+
+
+def new_faults(path: Path, before: str, after: str) -> list[str]:
+    """Return what is wrong with a text of a job that was not wrong with the one before.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    before, after : str
+        Its text before and after an edit.
+
+    Returns
+    -------
+    list of str
+        Without file and line; empty where every command that could read the text still can.
+    """
+    found: dict[str, None] = {}
+    for reading in _READINGS:
+        known = _faults(path, before, **reading)
+        found |= dict.fromkeys(
+            each for each in _faults(path, after, **reading) if each not in known
+        )
+    return list(found)
+
+
+def _faults(path: Path, text: str, **reading: bool) -> list[str]:
+    """Return what is wrong with a text, for commands that read a job in one way."""
+    try:
+        load_job(path, text=text, **reading)
+    except JobError as error:
+        place = re.compile(rf"^{re.escape(str(path))}(:\d+)?: ")  # an edit moves lines
+        return [place.sub("", line) for line in str(error).splitlines()]
+    return []

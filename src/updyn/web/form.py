@@ -1,0 +1,158 @@
+"""`Form`: entries of a table of the job, held back until the job is complete with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from updyn.errors import UpdynError
+from updyn.web.document import JobDocument
+from updyn.web.edits import as_value, set_keys
+from updyn.web.faults import new_faults
+from updyn.web.tasks import Field
+
+__all__ = ["Form", "written_table"]
+
+
+class Form:
+    """The keys of one table that a page offers, as texts.
+
+    Parameters
+    ----------
+    table : str
+        Of the job.
+    fields : sequence of Field
+        Its keys that are offered.
+
+    Attributes
+    ----------
+    pending : dict of str to str
+        By key, the entries that are not in the job.
+    reason : str
+        Why they are not; empty where it was not tried.
+    """
+
+    def __init__(self, table: str, fields: Sequence[Field]) -> None:
+        self._table = table
+        self._fields = {field.key: field for field in fields}
+        self.pending: dict[str, str] = {}
+        self.reason = ""
+
+    def entries(self, text: str) -> dict[str, str]:
+        """Return what each entry shows: what was typed, else what the job says.
+
+        Parameters
+        ----------
+        text : str
+            The job.
+
+        Returns
+        -------
+        dict of str to str
+            By key.
+        """
+        return {**self._written(text), **self.pending}
+
+    def note(self, key: str, entry: str, text: str) -> None:
+        """Take an entry as it is typed.
+
+        Parameters
+        ----------
+        key : str
+            Of the table.
+        entry : str
+            What was typed.
+        text : str
+            The job.
+        """
+        if entry.strip() == self._written(text)[key]:
+            self.pending.pop(key, None)
+        else:
+            self.pending[key] = entry
+        if not self.pending:
+            self.reason = ""
+
+    def commit(self, document: JobDocument) -> None:
+        """Write the entries into the job as one edit, if it has no new fault then.
+
+        Parameters
+        ----------
+        document : JobDocument
+            The job.
+        """
+        if not self.pending:
+            return
+        try:
+            values = self._values(document.text)
+            changed = document.with_change(set_keys(self._table, values))
+        except UpdynError as error:
+            self.reason = str(error)
+            return
+        self.reason = "; ".join(new_faults(document.path, document.text, changed))
+        if not self.reason:
+            names = ", ".join(f"{self._table}.{key}" for key in self.pending)
+            self.pending.clear()
+            document.replace(names, changed)
+
+    def discard(self) -> None:
+        """Forget the entries that are not in the job."""
+        self.pending.clear()
+        self.reason = ""
+
+    def _written(self, text: str) -> dict[str, str]:
+        """Return what the job says, as it is typed; a choice that it leaves out as its default."""
+        table = written_table(text, self._table)
+        found = {key: _as_text(table.get(key)) for key in self._fields}
+        for key, field in self._fields.items():
+            if field.choices and not found[key]:
+                found[key] = field.choices[0]
+        return found
+
+    def _values(self, text: str) -> dict[str, Any]:
+        """Return the values of the pending entries; None for one that is empty."""
+        table = written_table(text, self._table)
+        found = {}
+        for key, entry in self.pending.items():
+            field = self._fields[key]
+            value = as_value(field.kind, entry, field.label)
+            present = table.get(key)
+            if isinstance(value, list) and isinstance(present, list):
+                known = {_as_text(item): item for item in present}
+                value = [known.get(item, item) for item in value]  # with the rest of its table
+            found[key] = value
+        return found
+
+
+def written_table(text: str, table: str) -> Mapping[str, Any]:
+    """Return a table of a job as it is written; an empty one where there is none.
+
+    Parameters
+    ----------
+    text : str
+        The job.
+    table : str
+        Its name.
+
+    Returns
+    -------
+    mapping of str to object
+    """
+    try:
+        found = tomlkit.parse(text).unwrap().get(table)
+    except (TOMLKitError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _as_text(value: Any) -> str:
+    """Return a value of the job as it is typed."""
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return ", ".join(map(_as_text, value))
+    if isinstance(value, dict):
+        return str(value.get("dof", ""))
+    return str(value)
