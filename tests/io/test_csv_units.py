@@ -120,8 +120,10 @@ def test_real_values_have_to_be_stated(tmp_path):
     path = put(tmp_path, "# quantity: receptance\nfreq_Hz,H(1:X/1:X) abs\n1,2\n3,4\n")
     with pytest.raises(FormatError, match="has abs; expected"):
         updyn.read_frf(path, real_valued=True)
-    with pytest.raises(OptionError, match=r"real_valued=True: .*im"):
+    with pytest.raises(FormatError, match="imaginary part, which contradicts real_valued=True"):
         updyn.read_frf(put(tmp_path, VALID), real_valued=True)
+    path = put(tmp_path, VALID.replace("10,3,4", "10,3,0"))
+    assert updyn.read_frf(path, real_valued=True).values[0, 0, 0] == 3.0
 
 
 # -- decimal commas, quotes, minus signs --------------------------------------------------------------

@@ -35,7 +35,7 @@ from updyn.io.atomic import atomic_path
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
 from updyn.io.dof_table import read_geometry
-from updyn.io.items import placed, utf8_text
+from updyn.io.items import check_phase, placed, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
 from updyn.units import Unit, find_unit, split_ratio
 
@@ -104,7 +104,7 @@ def read_frf(
     duplicates : {"raise"}
         For the sake of the other formats; a column stands once.
     real_valued : bool
-        Whether the values are real, their phase 0 or pi: columns ``re`` without ``im``.
+        Whether the values are real because their phase is 0 or pi: columns ``re`` need no ``im``.
 
     Returns
     -------
@@ -133,6 +133,7 @@ def read_frf(
     _check_complete(header.columns, rows, references, real_valued, path, number)
     units = _units(header.columns, unit, path, number)
     arrays = _arrays(header.columns, units, table[:, 1:], rows, references, path)
+    check_phase(arrays["values"], real_valued, "the table", path)
     with placed(path):
         return FRF(
             table[:, 0],
@@ -380,13 +381,13 @@ def _check_complete(
     for column in columns:
         kinds.setdefault(column.pair, set()).add(column.kind)
     optional = [kind for kind in _OPTIONAL if any(kind in held for held in kinds.values())]
-    forms = (["re"],) if real_valued else (["re", "im"], ["abs", "phase_deg"])
+    forms = [["re", "im"], ["abs", "phase_deg"], *([["re"]] if real_valued else [])]
     for response in rows:
         for reference in references:
             held = kinds.get((response, reference), set())
             found = [kind for kind in _WHAT[:4] if kind in held]
             if found not in forms:
-                raise _incomplete(f"H({response}/{reference})", found, real_valued, path, line)
+                raise _incomplete(f"H({response}/{reference})", found, path, line)
             for kind in optional:
                 if kind not in held:
                     raise FormatError(
@@ -396,25 +397,18 @@ def _check_complete(
                     )
 
 
-def _incomplete(
-    name: str, found: Sequence[str], real_valued: bool, path: str | Path, line: int
-) -> FormatError | OptionError:
+def _incomplete(name: str, found: Sequence[str], path: str | Path, line: int) -> FormatError:
     """Return the error for a pair whose columns are no FRF."""
-    held = " and ".join(found) or "no column"
-    if real_valued and "im" in found:
-        return OptionError(
-            f"real_valued=True: {path} has {held} of {name}; expected re alone",
-            key=("real_valued",),
-        )
-    expected = "re alone" if real_valued else "re and im, or abs and phase_deg"
+    is_real = list(found) == ["re"]
     hint = ""
-    if list(found) == ["re"]:
-        hint = "; if the values are real, their phase 0 or pi, give real_valued=True"
+    if is_real:
+        hint = "; if the values are real because their phase is 0 or pi, state real_valued=True"
     return FormatError(
-        f"header: {name} has {held}; expected {expected}, for every pair of response and"
-        f" reference{hint}",
+        f"header: {name} has {' and '.join(found) or 'no column'}; expected re and im, or abs and"
+        f" phase_deg, for every pair of response and reference{hint}",
         path,
         line,
+        key=("real_valued",) if is_real else (),
     )
 
 
