@@ -1,5 +1,7 @@
 """Abaqus matrix files: every way to write one matrix, held and internal DOFs, groups by step, set, element and file."""
 
+import time
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -264,6 +266,12 @@ def test_internal_nodes_follow_the_largest_of_the_others(tmp_path):
     expected = np.linalg.solve(Z, np.eye(5))[np.ix_([0, 3], [1])]
     frf = updyn.response(model, [30.0], ["1:X", "4:X"], ["2:X"])
     np.testing.assert_allclose(frf.values[0], expected, rtol=1e-12)
+
+
+def test_internal_nodes_with_mass_are_told_where_nothing_says_positions(tmp_path):
+    two_parts(tmp_path, mass=(1.0, 2.0, 1.5, 1.0, 0.1))
+    with pytest.warns(UpdynWarning, match=r"case.toml: internal degrees of freedom have mass, and"):
+        read_model(tmp_path / "case.toml")
 
 
 def test_condensed_internal_nodes_change_no_response_also_when_a_group_changes(tmp_path):
@@ -585,6 +593,22 @@ def test_matrices_in_the_deck_scaled_and_supported(tmp_path):
         updyn.write_properties(
             {"K": {"stiffness": 2.0}}, tmp_path / "use.inp", tmp_path / "new.inp"
         )
+
+
+def test_a_set_of_a_billion_nodes_is_refused_soon(tmp_path):
+    job(tmp_path, stiffness=rows(K, keep="lower"))
+    text = USAGE.format(mass=rows(M))
+    (tmp_path / "use.inp").write_text(
+        text.replace("*BOUNDARY", "*NSET, NSET=big, GENERATE\n1, 1000000000\n*BOUNDARY", 1)
+    )
+    with pytest.raises(FormatError, match=r"use.inp:\d+: \*NSET: the sets .* more than 10000000"):
+        read_model(tmp_path / "use.inp")
+    (tmp_path / "use.inp").write_text(
+        text.replace("*BOUNDARY", "*NSET, NSET=big, GENERATE\n1, 4000000\n*BOUNDARY\nbig, 1", 1)
+    )
+    start = time.monotonic()
+    assert read_model(tmp_path / "use.inp").dofs.labels == ["7:RZ"]
+    assert time.monotonic() - start < 10.0
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The reader of input decks: cards, includes, sets, elements, materials, units; messages with file and line."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -319,3 +320,77 @@ def test_materials_that_are_solids():
     check_materials([*solids, ("massless", 2e11, None)], system("m"), "d.inp")
     check_materials([("steel", 2.1e5, 7.85e-9)], system("mm"), "d.inp")
     check_materials([("steel", 3.0e7, 7.3e-4)], system("in"), "d.inp")
+
+
+def timed(limit=5.0):
+    """Return a function that fails if more seconds have passed since."""
+    start = time.monotonic()
+
+    def check():
+        assert time.monotonic() - start < limit
+
+    return check
+
+
+def with_sets(*lines, after="*NSET, NSET=Fixed"):
+    return bar().replace(after, "\n".join([*lines, after]), 1)
+
+
+def test_generate_makes_members_of_what_there_is(tmp_path):
+    check = timed()
+    lines = ["*NSET, NSET=big, GENERATE", "2, 1000000000, 2", "*NSET, NSET=none, GENERATE"]
+    lines += ["1000, 2000", "*ELSET, ELSET=all, GENERATE", "1, 1000000000"]
+    model, _, deck, _ = parts_of(tmp_path / "bar.inp", with_sets(*lines))
+    np.testing.assert_array_equal(deck.nsets["BIG"], np.arange(2, 43, 2))
+    np.testing.assert_array_equal(deck.elsets["ALL"], np.arange(1, 13))
+    assert not len(deck.nsets["NONE"])
+    # What is handed to ccx ends with the last node and the last element.
+    sets = {c.need(c.name): [r.text for r in c.rows] for c in model if c.name in ("NSET", "ELSET")}
+    assert sets["big"] == ["2, 42, 2"]
+    assert sets["all"] == ["1, 12, 1"]
+    assert sets["none"] == []
+    assert sets["Fixed"] == ["1, 6, 1"]
+    check()
+
+
+@pytest.mark.parametrize("kind", ["NSET", "ELSET"])
+def test_sets_that_double_themselves_hold_each_member_once(tmp_path, kind):
+    check = timed()
+    lines = [f"*{kind}, {kind}=s0", "1, 2, 3, 4"]
+    for n in range(1, 41):
+        lines += [f"*{kind}, {kind}=s{n}", f"s{n - 1}, s{n - 1}"]
+    model, _, deck, _ = parts_of(tmp_path / "bar.inp", with_sets(*lines))
+    found = deck.nsets if kind == "NSET" else deck.elsets
+    np.testing.assert_array_equal(found["S40"], [1, 2, 3, 4])
+    last = [card for card in model if card.get(kind) == "s40"]
+    assert [row.text for row in last[0].rows] == ["1, 2, 3, 4"]
+    check()
+
+
+def test_sets_have_a_limit_that_names_the_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("updyn.io.keyword_deck.sets._MOST_MEMBERS", 100)
+    lines = ["*NSET, NSET=all, GENERATE", "1, 42", "*NSET, NSET=a", "all", "*NSET, NSET=b", "all"]
+    with pytest.raises(
+        FormatError, match=r"bar.inp:\d+: \*NSET: the sets up to here have more than 100"
+    ):
+        parts_of(tmp_path / "bar.inp", with_sets(*lines))
+    parts_of(tmp_path / "bar.inp", with_sets(*lines[:4]))
+
+
+def test_files_that_double_are_refused_soon(tmp_path):
+    check = timed()
+    for n in range(15):
+        include = f"*INCLUDE, INPUT=f{n + 1}.inp\n"
+        (tmp_path / f"f{n}.inp").write_text(include + include)
+    (tmp_path / "f15.inp").write_text("*NODE\n1,0,0,0\n")
+    with pytest.raises(
+        FormatError, match=r"f\d+.inp:\d: \*INCLUDE, INPUT=.*: files are included again"
+    ):
+        read_cards(tmp_path / "f0.inp")
+    for n in range(15, 25):
+        (tmp_path / f"f{n}.inp").write_text(f"*INCLUDE, INPUT=f{n + 1}.inp\n")
+    for n in range(15):
+        (tmp_path / f"f{n}.inp").write_text(f"*INCLUDE, INPUT=f{n + 1}.inp\n")
+    with pytest.raises(FormatError, match=r"files include files 20 deep"):
+        read_cards(tmp_path / "f0.inp")
+    check()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,10 @@ from updyn.geometry import Geometry
 from updyn.io.consistent_units import System, check_materials
 from updyn.io.items import placed
 from updyn.io.keyword_deck.cards import Card, Row, number, whole
+from updyn.io.keyword_deck.sets import Sets, joined
 from updyn.io.keyword_deck.structure import (
     Property,
     heading_of,
-    read_members,
     read_nodes,
     read_properties,
     split_steps,
@@ -114,36 +113,35 @@ class DeckFacts:
         FormatError
             If a card cannot be read.
         """
-        sets: dict[str, list[NDArray[np.int64]]] = {}
+        sets = Sets()
         for card in self.cards:
             name = card.get("ELSET")
             if name and card.name == "ELEMENT":
-                sets.setdefault(name.upper(), []).append(_element_numbers(card))
+                sets.add(name, _element_numbers(card))
             elif name and card.name == "ELSET":
-                sets.setdefault(name.upper(), []).append(read_members(card, sets))
-        return {name: np.unique(np.concatenate(parts)) for name, parts in sets.items()}
+                sets.read(card)
+        return {name: sets.members(name) for name in sets}
 
-    def held(self) -> list[tuple[int, int]]:
-        """Return node and dof (1 to 6) of every support of the model and of its first step.
+    def held(self) -> NDArray[np.int64]:
+        """Return node and dof (1 to 6) of every support of the model and its first step, (n, 2).
 
         Raises
         ------
         FormatError
             If a line cannot be read, names a node set that is not there, or does not hold at 0.
         """
-        sets: dict[str, list[NDArray[np.int64]]] = {}
-        out: list[tuple[int, int]] = []
+        sets = Sets()
+        found = []
         first_step = self.steps[0] if self.steps else ()
         for card in (*self.cards, *first_step):
             name = card.get("NSET")
             if card.name == "NODE" and name:
-                sets.setdefault(name.upper(), []).append(read_nodes(card)[0])
+                sets.add(name, read_nodes(card)[0])
             elif card.name == "NSET":
-                sets.setdefault(card.need("NSET").upper(), []).append(read_members(card, sets))
+                sets.read(card)
             elif card.name == "BOUNDARY":
-                for row in card.rows:
-                    out += _held(card, row, sets)
-        return out
+                found += [_held(card, row, sets) for row in card.rows]
+        return joined([part.reshape(-1) for part in found]).reshape(-1, 2)
 
     def by_material(
         self, changes: Mapping[str, Mapping[str, float]]
@@ -216,17 +214,17 @@ def read_facts(path: Path, cards: Sequence[Card]) -> DeckFacts:
     return DeckFacts(path, title, tuple(model), tuple(map(tuple, steps)), properties, sections)
 
 
-def _held(
-    card: Card, row: Row, sets: Mapping[str, list[NDArray[np.int64]]]
-) -> list[tuple[int, int]]:
+def _held(card: Card, row: Row, sets: Sets) -> NDArray[np.int64]:
+    """Return node and dof of the supports of a line, shape (n, 2)."""
     fields = row.fields
     if fields[0].upper() in sets:
-        nodes = np.unique(np.concatenate(sets[fields[0].upper()])).tolist()
+        nodes = sets.members(fields[0].upper())
+        sets.count(len(nodes), card, row)
     elif fields[0].isdecimal():
-        nodes = [whole(fields[0], card, row)]
+        nodes = np.array([whole(fields[0], card, row)], dtype=np.int64)
     else:
         raise card.error(
-            f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), sets)}", row
+            f"*BOUNDARY: no node set {fields[0]!r}; {suggest(fields[0].upper(), [*sets])}", row
         )
     if len(fields) == 2 and fields[1].upper() in _SUPPORTS:
         directions: tuple[int, ...] = _SUPPORTS[fields[1].upper()]
@@ -243,7 +241,8 @@ def _held(
         )
     if len(fields) > 3 and fields[3] and number(fields[3], card, row) != 0.0:
         raise card.error(f"*BOUNDARY: found {row.text!r}; a support holds at 0", row)
-    return list(product(nodes, directions))
+    both = np.repeat(nodes, len(directions)), np.tile(directions, len(nodes))
+    return np.stack(both, axis=1).astype(np.int64)
 
 
 def _element_numbers(card: Card) -> NDArray[np.int64]:

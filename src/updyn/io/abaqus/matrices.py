@@ -385,7 +385,7 @@ def assemble(
     geometry: Geometry | None = None,
     title: str = "",
     internal: str = "keep",
-    held: Sequence[tuple[int, int]] = (),
+    held: NDArray[np.int64] | None = None,
 ) -> Model:
     """Build a model.
 
@@ -405,7 +405,7 @@ def assemble(
         For the record.
     internal : {"keep", "condense"}
         What becomes of internal nodes; see `updyn.io.abaqus.model.read_model`.
-    held : sequence of (int, int)
+    held : ndarray of int, shape (n, 2), optional
         Node and dof (1 to 6) of supports that are not in the matrices.
 
     Returns
@@ -443,6 +443,8 @@ def assemble(
         inner = inner[keep]
         _condense(matrices, parts, known, inner, path)
         keep = ~inner
+    elif geometry is None:
+        _warn_of_masses(matrices, inner & keep, path)
     known = known[np.flatnonzero(keep)]
     groups = {}
     for part, own in zip(parts, matrices, strict=True):
@@ -453,6 +455,21 @@ def assemble(
         groups[part.name] = _group(part, si, path)
     with placed(path):
         return Model.from_groups(groups, known, geometry=geometry, title=title)
+
+
+def _warn_of_masses(
+    matrices: Sequence[Mapping[str, Matrix]], inner: NDArray[np.bool_], path: Path
+) -> None:
+    """Warn of internal degrees of freedom with mass, which look like translations of nodes."""
+    for own in matrices:
+        if "mass" in own and inner.any() and own["mass"][inner].count_nonzero():
+            warnings.warn(
+                f"{path}: internal degrees of freedom have mass, and no deck says where the nodes"
+                " are: the masses that updyn info shows count them as translations",
+                UpdynWarning,
+                stacklevel=4,
+            )
+            return
 
 
 def _restricted(matrices: Mapping[str, Any], keep: NDArray[np.bool_]) -> dict[str, Any]:
@@ -487,16 +504,24 @@ def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Lab
     return labels, labels.dofs
 
 
+def _is_among(numbers: NDArray[np.int64], ascending: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which numbers are in a row that is ascending and not empty."""
+    at = np.searchsorted(ascending, numbers)
+    return np.asarray(ascending[np.minimum(at, len(ascending) - 1)] == numbers)
+
+
 def _free(
     matrices: Sequence[Mapping[str, Matrix]],
     dofs: DofSet,
-    supports: Sequence[tuple[int, int]],
+    supports: NDArray[np.int64] | None,
     path: Path,
 ) -> NDArray[np.bool_]:
     """Return which degrees of freedom are neither held nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
-    codes = np.array(supports, dtype=np.int64).reshape(-1, 2) @ _CODE
-    held = np.isin(np.column_stack([dofs.nodes, dofs.axes + 1]) @ _CODE, codes)
+    held = np.zeros(len(dofs), dtype=np.bool_)
+    if supports is not None and len(supports):
+        codes = np.column_stack([dofs.nodes, dofs.axes + 1]) @ _CODE
+        held |= _is_among(codes, np.sort(supports @ _CODE))
     for own in matrices:
         for what, A in own.items():
             if what == "stiffness":

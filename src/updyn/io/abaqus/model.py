@@ -94,10 +94,10 @@ def read_model(
         facts = read_facts(path, read_cards(path))
         if facts.assemblies:
             parts = assembled_parts(facts)
-            held = facts.held()
+            held: NDArray[np.int64] | None = facts.held()
         else:
             parts = generated_parts(facts, job or path.stem)
-            held = []  # the matrices that a step wrote have its supports in them
+            held = None  # the matrices that a step wrote have its supports in them
         drawn = facts.drawn(units)
         return assemble(
             parts, units, path, geometry=drawn, title=facts.title, internal=internal, held=held

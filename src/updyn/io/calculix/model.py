@@ -168,6 +168,7 @@ def read_parts(
     model, step = storage_deck(cards)
     check_model(model)
     deck = read_deck(path, model)
+    model = list(deck.cards)
     types = {}
     for block in deck.elements:
         elset = block.card.get("ELSET")

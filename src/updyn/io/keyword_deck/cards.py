@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from updyn.errors import FormatError, suggest
 from updyn.foreign.confinement import check_inside
+from updyn.io.inclusion import DEEPEST, Inclusions
 from updyn.io.items import is_file, nearest, unreadable
 from updyn.io.text_numbers import check_last_line, real_of, whole_of
 
@@ -24,7 +25,6 @@ __all__ = ["Card", "Row", "number", "read_cards", "short_number", "whole"]
 #: Both programs read the first twenty characters of a field; CalculiX drops what follows without a
 #: word.
 FIELD_WIDTH = 20
-_DEEPEST = 20  # files that include files
 #: Last lines that need no line break: a comment, the end of a step or of an assembly.
 _ENDS = re.compile(rb"(?:\*\*.*|\*END [A-Z]{4,})?", re.IGNORECASE)
 #: Keywords whose data lines Abaqus may read from another file, INPUT=.
@@ -149,19 +149,20 @@ def read_cards(path: str | Path) -> list[Card]:
         keyword; the message says file and line.
     """
     path = Path(path)
-    return _grouped(_lines(path, path.parent, ()), path)
+    inclusions = Inclusions()
+    return _grouped(_lines(path, _source(path), path.parent, (), inclusions), path)
 
 
-def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple[Path, int, str]]:
+def _lines(
+    path: Path, lines: list[str], folder: Path, within: tuple[Path, ...], inclusions: Inclusions
+) -> Iterator[tuple[Path, int, str]]:
     """Yield file, line number and text of every line that is no comment.
 
     Included files stand in their place, and keyword lines that continue are joined.
     """
     joined = ""
     start = 0
-    source = _source(path)
-    check_last_line(source, path, harmless=_ENDS)
-    for at, line in enumerate(source.splitlines(), 1):
+    for at, line in enumerate(lines, 1):
         text = line.strip()
         if not text or text.startswith("**"):
             continue
@@ -182,18 +183,36 @@ def _lines(path: Path, folder: Path, within: tuple[Path, ...]) -> Iterator[tuple
         if name == "INCLUDE" or (given and name in _DATA_ELSEWHERE):
             inner = _included(name, given, path, start, folder)
             chain = (*within, path)
-            if inner.resolve() in [p.resolve() for p in chain] or len(chain) > _DEEPEST:
+            if inner.resolve() in [p.resolve() for p in chain]:
                 raise FormatError(
                     f"*{name}, INPUT={inner.name}: the file includes itself", path, start
                 )
-            yield from _lines(inner, folder, chain)
+            if len(chain) > DEEPEST:
+                raise FormatError(
+                    f"*{name}, INPUT={inner.name}: files include files {DEEPEST} deep; expected"
+                    " less",
+                    path,
+                    start,
+                )
+            source = _source(inner)
+            excess = inclusions.excess(inner.resolve(), len(source))
+            if excess is not None:
+                raise FormatError(f"*{name}, INPUT={inner.name}: {excess}", path, start)
+            yield from _lines(inner, source, folder, chain, inclusions)
     if joined:
         raise FormatError(
             f"the keyword line ends with a comma and the file ends there: {joined!r}", path, start
         )
 
 
-def _source(path: Path) -> str:
+def _source(path: Path) -> list[str]:
+    """Return the lines of a file."""
+    text = _text(path)
+    check_last_line(text, path, harmless=_ENDS)
+    return text.splitlines()
+
+
+def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:

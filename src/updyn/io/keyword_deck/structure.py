@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from updyn.errors import FormatError, suggest
 from updyn.io.keyword_deck.cards import Card, Row, number, short_number, whole
+from updyn.io.keyword_deck.sets import Sets, distinct, joined
 from updyn.shapes import HEXAHEDRON, PYRAMID, TETRAHEDRON, WEDGE, Shape
 
 __all__ = [
@@ -27,7 +28,6 @@ __all__ = [
     "drawn",
     "heading_of",
     "read_deck",
-    "read_members",
     "read_nodes",
     "read_properties",
     "split_steps",
@@ -112,6 +112,9 @@ class KeywordDeck:
         Members of each set, ascending.
     sections : tuple of Section
         The solid sections.
+    cards : tuple of Card
+        The cards of the model, with sets that a program can read in time
+        (`updyn.io.keyword_deck.sets.Sets.read`).
     """
 
     path: Path
@@ -121,11 +124,12 @@ class KeywordDeck:
     nsets: Mapping[str, NDArray[np.int64]]
     elsets: Mapping[str, NDArray[np.int64]]
     sections: tuple[Section, ...]
+    cards: tuple[Card, ...]
 
     def elements_of(self, material: str) -> NDArray[np.int64]:
         """Return the numbers of the elements that are made of a material, ascending."""
         own = [self.elsets[s.elset] for s in self.sections if s.material == material.upper()]
-        return np.unique(_joined(own))
+        return distinct(joined(own))
 
 
 def split_steps(cards: Sequence[Card]) -> tuple[list[Card], list[list[Card]]]:
@@ -172,38 +176,36 @@ def read_deck(path: str | Path, model: Sequence[Card]) -> KeywordDeck:
         a type that is not read, or an element has no section or two.
     """
     path = Path(path)
-    nsets: dict[str, list[NDArray[np.int64]]] = {}
-    elsets: dict[str, list[NDArray[np.int64]]] = {}
-    numbers: list[NDArray[np.int64]] = []
-    places: list[NDArray[np.float64]] = []
-    blocks: list[Elements] = []
+    nodes = [read_nodes(card) for card in model if card.name == "NODE"]
+    if not nodes:
+        raise FormatError("the deck has no *NODE", path)
+    numbers, places = map(np.concatenate, zip(*nodes, strict=True))
+    blocks = [_elements(card) for card in model if card.name == "ELEMENT"]
+    nsets = Sets(numbers)
+    elsets = Sets(joined([block.numbers for block in blocks]))
+    next_nodes, next_block = iter(nodes), iter(blocks)
     sections: list[Section] = []
+    cards: list[Card] = []
     for card in model:
         if card.name == "NODE":
-            own, xyz = read_nodes(card)
-            numbers.append(own)
-            places.append(xyz)
-            _add(nsets, card.get("NSET"), own)
+            nsets.add(card.get("NSET"), next(next_nodes)[0])
         elif card.name == "ELEMENT":
-            block = _elements(card)
-            blocks.append(block)
-            _add(elsets, card.get("ELSET"), block.numbers)
+            elsets.add(card.get("ELSET"), next(next_block).numbers)
         elif card.name in ("NSET", "ELSET"):
-            sets = nsets if card.name == "NSET" else elsets
-            _add(sets, card.need(card.name), read_members(card, sets))
+            card = (nsets if card.name == "NSET" else elsets).read(card)
         elif card.name == "SOLID SECTION":
             elset = card.need("ELSET").upper()
             sections.append(Section(elset, card.need("MATERIAL").upper(), card))
-    if not numbers:
-        raise FormatError("the deck has no *NODE", path)
+        cards.append(card)
     deck = KeywordDeck(
         path,
-        np.concatenate(numbers),
-        np.concatenate(places),
+        numbers,
+        places,
         tuple(blocks),
-        {name: np.unique(_joined(parts)) for name, parts in nsets.items()},
-        {name: np.unique(_joined(parts)) for name, parts in elsets.items()},
+        {name: nsets.members(name) for name in nsets},
+        {name: elsets.members(name) for name in elsets},
         tuple(sections),
+        tuple(cards),
     )
     _check_nodes(deck)
     _check_sections(deck)
@@ -297,55 +299,6 @@ def _why_not(kind: str) -> str:
     return f"*ELEMENT: type {kind!r} is not read; {suggest(kind, [*SOLIDS, *POINTS])}"
 
 
-def read_members(card: Card, sets: Mapping[str, list[NDArray[np.int64]]]) -> NDArray[np.int64]:
-    """Return the members of an ``*NSET`` or ``*ELSET`` card, which may name sets above it.
-
-    Raises
-    ------
-    FormatError
-        If a line is not as expected, or names a set that is not there.
-    """
-    card.only(card.name, "GENERATE", "UNSORTED", "INTERNAL")
-    found: list[NDArray[np.int64]] = []
-    for row in card.rows:
-        fields = row.fields
-        if "GENERATE" in card.parameters:
-            if len(fields) not in (2, 3):
-                raise card.error(
-                    f"*{card.name}, GENERATE: found {row.text!r}; expected first, last, step", row
-                )
-            first, last, *given = [whole(field, card, row) for field in fields]
-            step = given[0] if given else 1
-            if step < 1 or last < first:
-                raise card.error(
-                    f"*{card.name}, GENERATE: {first} to {last} by {step} holds nothing", row
-                )
-            found.append(np.arange(first, last + 1, step, dtype=np.int64))
-            continue
-        for text in filter(None, fields):
-            if text.lstrip("-").isdecimal():
-                found.append(np.array([whole(text, card, row)], dtype=np.int64))
-            elif text.upper() in sets:
-                found += sets[text.upper()]
-            else:
-                raise card.error(
-                    f"*{card.name}: no set {text!r} so far; {suggest(text.upper(), sets)}", row
-                )
-    return _joined(found)
-
-
-def _joined(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return arrays end to end, which may be none."""
-    return np.concatenate([np.empty(0, dtype=np.int64), *parts])
-
-
-def _add(
-    sets: dict[str, list[NDArray[np.int64]]], name: str | None, members: NDArray[np.int64]
-) -> None:
-    if name:
-        sets.setdefault(name.upper(), []).append(members)
-
-
 # -- checks -------------------------------------------------------------------------------------
 def _check_nodes(deck: KeywordDeck) -> None:
     twice = _twice(deck.nodes)
@@ -360,7 +313,7 @@ def _check_nodes(deck: KeywordDeck) -> None:
                 " which is not in the deck",
                 _row_of(block.card, int(block.numbers[at])),
             )
-    twice = _twice(_joined([block.numbers for block in deck.elements]))
+    twice = _twice(joined([block.numbers for block in deck.elements]))
     if twice is not None:
         last = [block.card for block in deck.elements if twice in block.numbers][-1]
         raise last.error(f"*ELEMENT: element {twice} stands twice", _row_of(last, twice))
@@ -390,7 +343,7 @@ def _check_sections(deck: KeywordDeck) -> None:
                 f" {suggest(section.elset, deck.elsets)}"
             )
         members.append(deck.elsets[section.elset])
-    taken = _joined(members)
+    taken = joined(members)
     twice = _twice(taken)
     if twice is not None:
         *_, one, two = [s for s in deck.sections if twice in deck.elsets[s.elset]]
