@@ -149,3 +149,18 @@ def test_a_changed_file_is_refused(tmp_path, change, message):
     with pytest.raises(FormatError, match=message) as caught:
         read_model(path)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_numbers_in_the_other_byte_order(tmp_path):
+    path = tmp_path / "model.h5"
+    given = model(with_geometry=True)
+    write_model(given, path)
+    with h5py.File(path, "r+") as file:
+        places = []
+        file.visititems(lambda name, item: places.append(name) if hasattr(item, "dtype") else None)
+        for name in places:
+            array = file[name][()]
+            if array.dtype.kind in "iuf":
+                del file[name]
+                file[name] = array.astype(array.dtype.newbyteorder(">"))
+    assert_same_model(read_model(path), given)

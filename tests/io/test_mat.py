@@ -231,6 +231,109 @@ def test_files_that_matlab_itself_wrote():
         read_variables(data / "corrupted_zlib_data.mat")
 
 
+@pytest.mark.parametrize("stiffness", [K, sp.csc_array(K)], ids=["full", "sparse"])
+def test_matrices_of_truth_values_and_of_complex_numbers_that_are_real(path, save, stiffness):
+    save(path, {"K": stiffness.astype(complex), "M": np.eye(2) == 1, "dofs": TABLE})
+    found = read_model(path)
+    np.testing.assert_array_equal(found.stiffness.toarray(), K)
+    np.testing.assert_array_equal(found.mass.toarray(), np.eye(2))
+    save(path, {"K": stiffness, "M": sp.csc_array(np.eye(2) == 1), "dofs": TABLE})
+    np.testing.assert_array_equal(read_model(path).mass.toarray(), np.eye(2))
+    save(path, {"K": stiffness * (1 + 0.1j), "M": M, "dofs": TABLE})
+    with pytest.raises(FormatError, match="stiffness: found complex numbers; damping goes into"):
+        read_model(path)
+
+
+def test_big_endian_matrices_of_version_5():
+    """Of a SPARC, as scipy brings it along; the numbers are those of other machines."""
+    data = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
+    if not (data / "testmatrix_6.1_SOL2.mat").is_file():
+        pytest.skip("this scipy comes without its test data")
+    found = read_variables(data / "testmatrix_6.1_SOL2.mat")["testmatrix"]
+    assert found.dtype.isnative
+    np.testing.assert_array_equal(found, [[1, 2, 3, 4, 5], [2, 0, 0, 0, 0], [3, 0, 0, 0, 0]])
+    assert sp.csr_array(found).nnz == 7
+
+
+# -- version 4 --------------------------------------------------------------------------------------
+def save_4(path, variables):
+    scipy.io.savemat(path, variables, format="4", oned_as="column")
+
+
+def variable_4(name, kind, array, order="<"):
+    """Bytes of a variable of version 4: header, name and numbers by columns (MAT-File Format)."""
+    array = np.atleast_2d(np.asarray(array))
+    head = np.array([kind, *array.shape, 0, len(name) + 1], dtype=f"{order}i4")
+    return head.tobytes() + name.encode() + b"\0" + array.astype(f"{order}f8").tobytes("F")
+
+
+@pytest.mark.parametrize("stiffness", [K, sp.csc_array(K)], ids=["full", "sparse"])
+@pytest.mark.parametrize("dofs", [TABLE, np.array(["1:X ", "2:RZ"])], ids=["table", "char"])
+def test_a_model_of_version_4(path, stiffness, dofs):
+    save_4(path, {"K": stiffness, "M": M, "loss_factor": 0.02, "dofs": dofs})
+    assert_same_model(updyn.read_model(path), EXPECTED)
+    assert_same_model(updyn.read_model(path, format="mat"), EXPECTED)
+
+
+@pytest.mark.parametrize(("kind", "order"), [(0, "<"), (1000, ">")])
+def test_the_bytes_of_version_4_in_both_orders(path, kind, order):
+    parts = {"K": K, "M": M, "dofs": TABLE, "loss_factor": 0.02}
+    path.write_bytes(b"".join(variable_4(n, kind, a, order) for n, a in parts.items()))
+    assert_same_model(updyn.read_model(path), EXPECTED)
+
+
+def test_frfs_of_version_4_have_two_axes(path):
+    H = np.array([[1.0 - 2j, 3.0], [4.0, 5.0 + 1j]])
+    table = np.array([[3.0, -3.0], [4.0, 5.0]])
+    save_4(path, {"freq": [1.0, 2.0], "H": H, "responses": table, "references": [[3.0, 1.0]]})
+    found = updyn.read_frf(path, quantity="mobility")
+    np.testing.assert_array_equal(found.values[:, :, 0], H)
+
+
+def test_records_of_version_4(path):
+    save_4(path, {"f": np.arange(5.0), "a": np.arange(5.0) ** 2, "fs": 100.0})
+    found = updyn.read_records(path, values=["f", "a"], rate="fs")
+    np.testing.assert_array_equal(found.values[0], [np.arange(5.0), np.arange(5.0) ** 2])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (variable_4("K", 0, K)[:-1], "cut short or damaged in variable 1, at byte 0 of 53"),
+        (
+            variable_4("K", 0, K) + variable_4("M", 0, M)[:9],
+            "cut short or damaged in variable 2, at byte 54",
+        ),
+        (variable_4("K", 0, K) * 2, "variable 'K' stands twice"),
+        (variable_4("K", 2000, K, ">"), "variable 1: type 2000"),
+        (variable_4("K", 60, K), "variable 1: type 60"),
+        (variable_4("s", 2, K), "not a readable MATLAB file"),
+        (b"K = [1 2; 3 4];" + bytes(130), "not a MATLAB file: it starts with b'K = "),
+        (b"MATLAB", "not a MATLAB file"),
+    ],
+)
+def test_what_is_not_of_version_4_is_refused(path, content, message):
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=rf"case\.mat: {message}"):
+        updyn.read_model(path)
+
+
+def test_files_that_matlab_4_wrote():
+    """MATLAB's own bytes, as scipy brings them along, big-endian."""
+    data = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
+    if not (data / "testdouble_4.2c_SOL2.mat").is_file():
+        pytest.skip("this scipy comes without its test data")
+    wave = np.arange(0.0, 2 * np.pi + 0.1, np.pi / 4)[:9]
+    found = read_variables(data / "testdouble_4.2c_SOL2.mat")["testdouble"]
+    np.testing.assert_allclose(found, [wave])
+    text = read_variables(data / "teststring_4.2c_SOL2.mat")["teststring"]
+    assert text == ['"Do nine men interpret?" "Nine men," I nod.']
+    sparse = read_variables(data / "testsparse_4.2c_SOL2.mat")["testsparse"]
+    assert (sparse.shape, sparse.nnz) == ((3, 5), 7)
+    both = read_variables(data / "testmulti_4.2c_SOL2.mat")
+    assert sorted(both) == ["a", "theta"]
+
+
 @pytest.mark.parametrize(
     ("write", "read", "whole"), [(write_model, read_model, model()), (write_frf, read_frf, frf())]
 )

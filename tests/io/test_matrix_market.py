@@ -77,6 +77,17 @@ def test_every_cut_of_a_matrix_is_refused(tmp_path):
                 read_matrix(tmp_path / "K.mtx", 2)
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+@pytest.mark.parametrize("header", [str.upper, str.lower, str.title])
+def test_the_header_in_any_case_and_behind_a_byte_order_mark(folder, mark, header):
+    first, rest = SYMMETRIC.split("\n", 1)
+    expected = read_model(folder / "m.toml").stiffness.toarray()
+    (folder / "K.mtx").write_text(f"{mark}{header(first)}\n{rest}", encoding="utf-8")
+    np.testing.assert_array_equal(read_model(folder / "m.toml").stiffness.toarray(), expected)
+    with pytest.raises(FormatError, match="one matrix alone is not a model"):
+        read_model(folder / "K.mtx")
+
+
 @pytest.mark.parametrize("dofs", ["node,direction\n# two\n1,X\n\n2,X\n", "dof\n1:X\n2:X"])
 def test_tables_of_dofs(folder, dofs):
     (folder / "dofs.csv").write_text(dofs)

@@ -6,13 +6,16 @@ import re
 import tomllib
 from pathlib import Path
 
+import h5py
+import meshio
+import numpy as np
 import pytest
 
 import updyn
-from meshes import MSH
+from meshes import MSH, block
 from places import ROOT
 from updyn.elements.mesh import structure_from_mesh
-from updyn.elements.structure import tube
+from updyn.elements.structure import Solid, structure, tube
 from updyn.errors import FormatError, OptionError, UpdynWarning
 
 pytestmark = pytest.mark.kernels
@@ -94,3 +97,70 @@ def test_what_a_mesh_does_not_say_is_asked_for(mesh: Path) -> None:
         updyn.read_model(
             mesh, unit="mm", materials={"top": {"thickness": 0.01, **STEEL}}, grounded=["foot"]
         )
+
+
+# -- MED --------------------------------------------------------------------------------------------
+#: Order of the nodes of MED files, of which the solids are mirrored (Gmsh: med2mshNodeIndex).
+MIRRORED = {
+    "tetra": [0, 2, 1, 3],
+    "tetra10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+    "hexahedron": [0, 3, 2, 1, 4, 7, 6, 5],
+    "hexahedron20": [0, 3, 2, 1, 4, 7, 6, 5, 11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17],
+}
+
+
+def write_med(
+    path: Path, kind: str, nodes: int, is_mirrored: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Write a block of two halves and a held face; return its positions and its cells."""
+    xyz, cells = block((2, 1, 1), (1.0, 0.6, 0.4), nodes)
+    half = xyz[cells - 1].mean(axis=1)[:, 0] < 0.5
+    written = cells[:, MIRRORED[kind]] if is_mirrored else cells
+    mesh = meshio.Mesh(
+        xyz,
+        [(kind, written - 1)],
+        cell_data={"cell_tags": [np.where(half, -7, -8)]},
+        point_data={"point_tags": np.where(xyz[:, 0] == 0.0, 2, 0)},
+    )
+    mesh.cell_tags = {-7: ["left", "all of it"], -8: ["right", "all of it"]}
+    mesh.point_tags = {2: ["held"]}
+    mesh.write(path)
+    return xyz, cells
+
+
+@pytest.mark.parametrize("is_mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "nodes"), [("tetra", 4), ("tetra10", 10), ("hexahedron", 8), ("hexahedron20", 20)]
+)
+def test_med_files(tmp_path: Path, kind: str, nodes: int, is_mirrored: bool) -> None:
+    path = tmp_path / "a.med"
+    xyz, cells = write_med(path, kind, nodes, is_mirrored)
+    model = updyn.read_model(
+        path,
+        unit="m",
+        materials={"left": STEEL, "right": {**STEEL, "E": 1.0e11}},
+        leave_out=["all of it"],
+        grounded=["held"],
+    )
+    assert set(model.groups) == {"left", "right"}
+    half = xyz[cells - 1].mean(axis=1)[:, 0] < 0.5
+    parts = [
+        Solid("left", cells[half], **STEEL),
+        Solid("right", cells[~half], **{**STEEL, "E": 1.0e11}),
+    ]
+    held = np.flatnonzero(xyz[:, 0] == 0.0) + 1
+    built = structure(xyz, parts, grounded=held.tolist())
+    assert model.dofs == built.dofs
+    for name in ("stiffness", "mass"):
+        given, expected = getattr(model, name), getattr(built, name)
+        assert abs(given - expected).max() <= 1e-12 * abs(expected).max()
+
+
+def test_a_file_with_the_suffix_med_that_is_no_mesh(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.med", "w") as file:
+        file["x"] = [1.0]
+    with pytest.raises(FormatError, match=r"a\.med: not a mesh that can be read"):
+        updyn.read_model(tmp_path / "a.med", unit="m", materials={})
+    (tmp_path / "b.med").write_text("text")
+    with pytest.raises(FormatError, match=r"b\.med: not a readable mesh"):
+        updyn.read_model(tmp_path / "b.med", unit="m", materials={})

@@ -37,6 +37,32 @@ def test_plain_matrices_are_one_group_called_model(path):
     assert_same_model(read_model(path), expected)
 
 
+@pytest.mark.parametrize("dtype", [">f8", ">f4", ">i4", "<i2", "c16", ">c8"])
+@pytest.mark.parametrize("is_sparse", [False, True])
+def test_matrices_of_any_type_and_byte_order(path, dtype, is_sparse):
+    stored = {"model.K": K.astype(dtype), "model.M": np.eye(2, dtype=bool)}
+    if is_sparse:
+        for name, array in list(stored.items()):
+            csr = sp.csr_array(array.astype(array.dtype.newbyteorder("=")))
+            parts = {"data": csr.data, "indices": csr.indices, "indptr": csr.indptr}
+            del stored[name]
+            stored |= {f"{name}.{part}": values for part, values in parts.items()}
+        stored["model.K.data"] = stored["model.K.data"].astype(dtype)
+        stored["model.K.indptr"] = stored["model.K.indptr"].astype(">i4")
+    np.savez(path, dofs=LABELS, **stored)
+    found = read_model(path)
+    np.testing.assert_array_equal(found.stiffness.toarray(), K)
+    np.testing.assert_array_equal(found.mass.toarray(), np.eye(2))
+
+
+def test_frfs_in_the_other_byte_order(path):
+    arrays = frf_arrays()
+    arrays["H"] = arrays["H"].astype(">c16")
+    arrays["freq"] = np.array(arrays["freq"], ">f8")
+    np.savez(path, **arrays)
+    np.testing.assert_array_equal(read_frf(path).values, frf_arrays()["H"])
+
+
 def test_dofs_as_a_table_of_node_and_direction(path):
     np.savez(path, K=K, M=M, dofs=np.array([[12, 3], [-4, 6]]))
     assert read_model(path).dofs.labels == ["12:Z", "-4:RZ"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,13 @@ _ELEMENTS: Mapping[str, type[Any]] = {
     "tetra10": Solid,
     "hexahedron": Solid,
     "hexahedron20": Solid,
+}
+#: Nodes of a mirrored solid in the order of VTK.
+_MIRRORED = {
+    "tetra": [0, 2, 1, 3],
+    "tetra10": [0, 2, 1, 3, 6, 5, 4, 7, 9, 8],
+    "hexahedron": [0, 3, 2, 1, 4, 7, 6, 5],
+    "hexahedron20": [0, 3, 2, 1, 4, 7, 6, 5, 11, 10, 9, 8, 15, 14, 13, 12, 16, 19, 18, 17],
 }
 _KEYWORD = re.compile(r"\*\s*(\w[\w ]*)")  # of an Abaqus deck
 #: Name of an HDF5 file in an XDMF file.
@@ -252,6 +259,8 @@ def read_mesh(path: str | PathLike[str], *, unit: str) -> Mesh:
     numbers = _node_numbers(path)
     found = _read(path)
     xyz = _positions(path, found.points)
+    if path.suffix.lower() == ".med":
+        found = replace(found, cells=[_unmirrored(one, xyz) for one in found.cells])
     if numbers is None:
         numbers = np.arange(1, len(xyz) + 1)
     if len(numbers) != len(xyz):
@@ -326,6 +335,23 @@ def _positions(path: Path, points: NDArray[Any]) -> NDArray[np.float64]:
     if not np.isfinite(xyz).all():
         raise FormatError("a position is not finite", path)
     return xyz
+
+
+def _unmirrored(cells: _Cells, xyz: NDArray[np.float64]) -> _Cells:
+    """Return solids in the order of nodes that encloses a positive volume.
+
+    Solids of MED are mirrored against those of VTK (Gmsh, GModelIO_MED.cpp, med2mshNodeIndex), but
+    meshio writes and reads them in the order of VTK. Both have the same edges.
+    """
+    order = _MIRRORED.get(cells.type)
+    if order is None or not len(cells.data) or cells.data.shape[1] != len(order):
+        return cells
+    # From the first corner along three edges, those of the first face in its order.
+    ends = [1, 2, 3] if cells.type.startswith("tetra") else [1, 3, 4]
+    corners = xyz[cells.data[:, [0, *ends]]]
+    volume = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    data = np.where((volume < 0.0)[:, None], cells.data[:, order], cells.data)
+    return _Cells(cells.type, cells.dim, data)
 
 
 def _within(path: Path, what: str, members: NDArray[Any], size: int) -> NDArray[np.intp]:

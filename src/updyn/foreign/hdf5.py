@@ -17,7 +17,7 @@ import numpy as np
 
 from updyn.errors import FormatError
 from updyn.foreign.limits import Limits, limits_of
-from updyn.foreign.plain import Other
+from updyn.foreign.plain import Other, to_native
 
 __all__ = ["Content", "has_no_variable", "load", "plain_value"]
 
@@ -206,7 +206,7 @@ def _values(dataset: Any) -> Any:
     if h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
         return np.asarray(dataset.asstr()[()], dtype=object)
     if dataset.dtype.kind in "biufcS" and dataset.shape is not None:
-        return np.asarray(dataset[()])
+        return to_native(np.asarray(dataset[()]))
     return Other(str(dataset.dtype))
 
 
@@ -226,7 +226,7 @@ def plain_value(value: Any) -> Any:
         return value if isinstance(value, str) else value.decode("utf-8", "replace")
     array = np.asarray(value)
     if array.dtype.kind in "biufcSU":
-        return array
+        return to_native(array)
     if array.dtype.kind == "O" and all(isinstance(text, str) for text in array.flat):
         return array
     return Other(str(array.dtype))

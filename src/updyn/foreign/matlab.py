@@ -1,4 +1,4 @@
-"""MATLAB files as plain data: versions 5 to 7.2 by scipy, 7.3 by h5py.
+"""MATLAB files as plain data: versions 4 to 7.2 by scipy, 7.3 by h5py.
 
 Numbers are arrays with the axes of MATLAB, texts and cells of texts are lists of texts, structs are
 mappings, sparse matrices are `updyn.foreign.plain.Sparse`. A variable, or a field of a struct, that
@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -31,10 +31,14 @@ from scipy.io.matlab import (
 from updyn.errors import FormatError
 from updyn.foreign.hdf5 import Content
 from updyn.foreign.limits import Limits, limits_of
-from updyn.foreign.plain import Sparse, Unread
+from updyn.foreign.plain import Sparse, Unread, to_native
 
 __all__ = ["load"]
 
+_HEADER_4 = 20  # bytes
+_TYPES_4 = 1000  # types below are those of a little-endian file
+_BYTES_4 = (8, 4, 4, 2, 2, 1)  # by the tens of the type
+_CONTENT_4 = (0, 1, 2)  # full, text, sparse
 _HEADER_5 = 128  # bytes
 _COMPRESSED_5 = 15
 _VARIABLES_5 = (14, _COMPRESSED_5)
@@ -80,11 +84,20 @@ def load(path: str) -> dict[str, Any]:
         with h5py.File(path, "r") as file:
             return _File73(file, path).variables()
     with Path(path).open("rb") as raw:
-        if raw.read(10) in (b"MATLAB 7.0", b"MATLAB 7.3"):
-            raise FormatError(
-                "MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path
-            )
-    return _variables_5(path)
+        start = raw.read(_HEADER_5)
+    if start.startswith((b"MATLAB 7.0", b"MATLAB 7.3")):
+        raise FormatError(
+            "MATLAB 7.3 file without a readable HDF5 part: cut short or damaged", path
+        )
+    if 0 in start[:4]:  # the text that version 5 begins with has none
+        return _variables(_elements_4(path), path)
+    if start[126:128] in (b"IM", b"MI"):
+        return _variables(_elements_5(path), path)
+    raise FormatError(
+        f"not a MATLAB file: it starts with {start[:16]!r}; expected the header of version 5"
+        " ('MATLAB 5.0 MAT-file', 128 bytes), HDF5 (version 7.3), or a variable of version 4",
+        path,
+    )
 
 
 class _UnusableError(FormatError):
@@ -99,10 +112,10 @@ def _kept(read: Callable[..., Any], *given: Any) -> Any:
         return Unread(str(error).removeprefix(f"{error.path}: "))
 
 
-# -- version 5 ----------------------------------------------------------------------------------
-def _variables_5(path: str) -> dict[str, Any]:
+# -- versions 4 and 5 ---------------------------------------------------------------------------
+def _variables(elements: Iterable[bytes], path: str) -> dict[str, Any]:
     variables: dict[str, Any] = {}
-    for element in _elements_5(path):
+    for element in elements:
         for name, value in _stored_5(element, path).items():
             if name.startswith("__"):
                 continue
@@ -135,6 +148,42 @@ def _stored_5(element: bytes, path: str) -> dict[str, Any]:
     return stored
 
 
+def _elements_4(path: str) -> Iterator[bytes]:
+    """Yield each variable of a file of version 4 as a file of its own, its length checked.
+
+    A variable is five whole numbers (type, rows, columns, whether it is complex, length of its
+    name), the name, and the numbers (MathWorks, MAT-File Format, chapter 2).
+    """
+    limits = limits_of(path)
+    with Path(path).open("rb") as file:
+        at = 0
+        number = 1
+        while at < limits.size:
+            fault = f"cut short or damaged in variable {number}, at byte {at} of {limits.size}"
+            head = file.read(_HEADER_4)
+            if len(head) < _HEADER_4:
+                raise FormatError(fault, path)
+            # Thousands are the byte order, 0 or 1; the type of a big-endian file is never 0.
+            is_little = int.from_bytes(head[:4], "little") < _TYPES_4
+            kind, *sizes = np.frombuffer(head, "<i4" if is_little else ">i4").tolist()
+            order, stored, content = kind // 1000, kind // 10 % 100, kind % 10
+            if order != (not is_little) or stored >= len(_BYTES_4) or content not in _CONTENT_4:
+                raise FormatError(
+                    f"variable {number}: type {kind}; expected a full or sparse matrix or a text of"
+                    " version 4, in IEEE numbers",
+                    path,
+                )
+            rows, columns, is_complex, named = sizes
+            length = named + rows * columns * (1 + is_complex) * _BYTES_4[stored]
+            if min(rows, columns) < 0 or is_complex not in (0, 1) or named < 1:
+                raise FormatError(fault, path)
+            if at + _HEADER_4 + length > limits.size:
+                raise FormatError(fault, path)
+            yield head + file.read(length)
+            at += _HEADER_4 + length
+            number += 1
+
+
 def _elements_5(path: str) -> Iterator[bytes]:
     """Yield each variable as a file of its own, all lengths and checksums of the file checked.
 
@@ -156,8 +205,6 @@ def _check_5(path: str) -> list[tuple[int, int]]:
     unpacked = 0
     with Path(path).open("rb") as file:
         header = file.read(_HEADER_5)
-        if len(header) < _HEADER_5 or header[126:128] not in (b"IM", b"MI"):
-            raise FormatError("not a MATLAB file of version 5: no complete header", path)
         order: Literal["little", "big"] = "little" if header[126:128] == b"IM" else "big"
         at = _HEADER_5
         places: list[tuple[int, int]] = []
@@ -194,7 +241,9 @@ def _check_compressed(file: BinaryIO, length: int, limits: Limits, unpacked: int
 def _item_5(value: Any, name: str, path: str) -> Any:
     if sp.issparse(value):
         csc = sp.csc_array(value)
-        return Sparse(csc.shape, csc.data, csc.indices, csc.indptr)
+        if csc.nnz != value.nnz:
+            raise FormatError(f"{name}: an entry stands twice", path)
+        return Sparse(csc.shape, to_native(csc.data), csc.indices, csc.indptr)
     if isinstance(value, MatlabOpaque) and value.size == 1:
         fields = _object_fields(value)
         kind = fields.get("_Class") or fields.get("s2") or "object"
@@ -206,7 +255,7 @@ def _item_5(value: Any, name: str, path: str) -> Any:
     if value.dtype.kind == "U":
         return _rows(value.ravel().tolist())
     if value.dtype != object:
-        return value
+        return to_native(value)
     cells = _vector(value, name, path)
     if not cells or not all(isinstance(cell, mat_struct) for cell in cells):
         return [_cell(_item_5(cell, name, path), name, i, path) for i, cell in enumerate(cells)]
@@ -338,7 +387,7 @@ class _File73:
 
     def _values(self, dataset: Any) -> NDArray[Any]:
         self._content.check(dataset)
-        return np.asarray(dataset[()])
+        return to_native(np.asarray(dataset[()]))
 
 
 def _is_array(members: dict[str, Any]) -> bool:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Other", "Sparse", "Unread", "decode", "encode"]
+__all__ = ["Other", "Sparse", "Unread", "decode", "encode", "to_native"]
 
 _KINDS = "biufcSU"
 
@@ -70,6 +70,17 @@ class Sparse:
     data: NDArray[Any]
     indices: NDArray[Any]
     indptr: NDArray[Any]
+
+
+def to_native(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array in the byte order of this machine, which scipy.sparse needs.
+
+    Parameters
+    ----------
+    array : ndarray
+        In any byte order.
+    """
+    return array if array.dtype.isnative else array.astype(array.dtype.newbyteorder("="))
 
 
 def encode(value: Any) -> Iterator[bytes | memoryview]:

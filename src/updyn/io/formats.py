@@ -47,6 +47,8 @@ class Format:
     can : tuple of str
         Of ``read_frf``, ``write_frf``, ``read_model``, ``write_model``, ``read_geometry``,
         ``read_modes``, ``write_modes``, ``read_records``, ``write_properties``, ``read_contents``.
+    needs_magic : bool
+        Whether every file of the format starts with one of `magic`. If not, its suffix is enough.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Format:
     suffixes: tuple[str, ...]
     magic: tuple[bytes, ...]
     can: tuple[str, ...]
+    needs_magic: bool = True
 
 
 _FRF = ("read_frf", "write_frf")
@@ -69,8 +72,11 @@ _OP2_STARTS = tuple(
     for words in (3, 2)
 )
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-#: The first releases of MATLAB that wrote version 7.3 called it 7.0.
+_ARRAYS = (*_FRF, *_MODEL, "read_records")
+#: The first releases of MATLAB that wrote version 7.3 called it 7.0. Version 4 has no mark.
 _MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.0 MAT-file", b"MATLAB 7.3 MAT-file")
+#: MED is HDF5.
+_MESH = (".msh", ".vtu", ".vtk", ".med")
 _EXODUS = (".exo", ".e", ".ex2", ".exii", ".g", ".gen")
 _DECK = ("read_model", "write_properties")
 #: A header of 100 words (flags: whole numbers), of file type 4 or 2.
@@ -83,6 +89,7 @@ _BUILT_IN = (
         (".uff", ".unv", ".uf", ".bunv"),
         (b"    -1",),
         (*_FRF, "read_geometry", "read_records", *_MODES),
+        needs_magic=False,
     ),
     Format(
         "netcdf",
@@ -93,7 +100,7 @@ _BUILT_IN = (
     ),
     Format("hdf5", "updyn.io.hdf5", (".h5", ".hdf5"), (_HDF5,), _MODEL),
     Format("npz", "updyn.io.npz", (".npz",), (b"PK\x03\x04",), (*_FRF, *_MODEL)),
-    Format("mat", "updyn.io.matlab", (".mat",), _MATLAB, (*_FRF, *_MODEL, "read_records")),
+    Format("mat", "updyn.io.matlab", (".mat",), _MATLAB, _ARRAYS, needs_magic=False),
     Format("csv", "updyn.io.csv", (".csv", ".txt"), (), (*_FRF, "read_geometry", "read_records")),
     Format("mtx", "updyn.io.matrix_market", (".mtx", ".toml"), (), _MODEL),
     Format("ansys", "updyn.io.ansys.properties", (".cdb", ".mac"), (), ("write_properties",)),
@@ -107,7 +114,7 @@ _BUILT_IN = (
     Format("abaqus", "updyn.io.abaqus.model", (".inp", ".mtx"), (), (*_MODEL, "write_properties")),
     Format("lvm", "updyn.io.lvm", (".lvm",), (b"LabVIEW Measurement",), ("read_records",)),
     Format("wav", "updyn.io.wav", (".wav",), (b"RIFF", b"RIFX"), ("read_records",)),
-    Format("mesh", "updyn.io.mesh", (".msh", ".vtu", ".vtk", ".med"), (), ("read_model",)),
+    Format("mesh", "updyn.io.mesh", _MESH, (_HDF5,), ("read_model",), needs_magic=False),
     Format("exodus", "updyn.io.exodus", _EXODUS, (_HDF5, b"CDF"), ("read_geometry",)),
 )
 #: All formats in order of preference where several share a suffix.
@@ -152,7 +159,7 @@ def find_format(path: str | Path, verb: str, name: str | None = None) -> Format:
             return by_magic[0]
         # A file that does not start as a binary format says is not of that format, whatever its
         # suffix.
-        candidates = [f for f in able if not f.magic or f.name == "uff"]
+        candidates = [f for f in able if not f.magic or not f.needs_magic]
     for candidate in candidates:
         if suffix in candidate.suffixes:
             return candidate

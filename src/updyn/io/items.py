@@ -100,7 +100,7 @@ def compressed(
         twice.
     """
     for name, array, kinds in (
-        ("data", data, "iufc"),
+        ("data", data, "biufc"),
         ("indices", indices, "iu"),
         ("indptr", indptr, "iu"),
     ):
@@ -163,17 +163,31 @@ def dofs(given: Any, name: str, path: str | Path) -> DofSet:
 def matrix(given: Any, name: str, path: str | Path) -> Matrix:
     """Return a matrix, sparse as CSR or a two-dimensional array.
 
+    Truth values are 0 and 1, and complex numbers without an imaginary part are real.
+
     Raises
     ------
     FormatError
         If the item called `name` is not that.
     """
     if sp.issparse(given):
-        return sp.csr_array(given)
-    array = numbers(given, name, path)
+        out = sp.csr_array(given)
+        out.data = _plain_entries(out.data)
+        return out
+    is_logical = isinstance(given, np.ndarray) and given.dtype.kind == "b"
+    array = numbers(_plain_entries(given) if is_logical else given, name, path)
     if array.ndim != 2:
         raise FormatError(f"{name}: found shape {array.shape}; expected (N, N)", path)
-    return array
+    return _plain_entries(array)
+
+
+def _plain_entries(entries: NDArray[Any]) -> NDArray[Any]:
+    """Return entries as real numbers if they are truth values, or have no imaginary part."""
+    if entries.dtype.kind == "b":
+        return entries.astype(np.float64)
+    if entries.dtype.kind == "c" and not entries.imag.any():
+        return np.ascontiguousarray(entries.real)
+    return entries
 
 
 def numbers(given: Any, name: str, path: str | Path) -> NDArray[Any]:

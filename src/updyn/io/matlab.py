@@ -1,4 +1,4 @@
-"""MATLAB ``.mat`` files: versions 5 to 7.3 are read, version 5 is written.
+"""MATLAB ``.mat`` files: versions 4 to 7.3 are read, version 5 is written.
 
 Of a model or of FRFs, variables, or the fields of the one struct that the file holds, are named as
 in `updyn.io.named`, those of a model also as the user says (`updyn.io.model_variables`); of time

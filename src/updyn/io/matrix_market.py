@@ -40,7 +40,7 @@ from updyn.io.abaqus.table import read_table as read_abaqus_table
 from updyn.io.atomic import atomic_path
 from updyn.io.damping import DAMPING, plain_damping
 from updyn.io.items import placed
-from updyn.io.matrix_market_file import BANNER, read_matrix
+from updyn.io.matrix_market_file import has_banner, read_matrix
 from updyn.io.model_table import GENERAL, ModelTable, write_tables
 from updyn.io.nastran.matrices import names_nastran_files
 from updyn.io.nastran.matrices import read_table as read_nastran_table
@@ -95,8 +95,8 @@ def read_model(path: str | Path, *, unit: str = "m", internal: str = "keep") -> 
 def _refuse_matrix(path: Path) -> None:
     """Refuse a file that is a matrix, not a TOML file."""
     with path.open("rb") as file:
-        start = file.read(16)
-    if start.startswith(BANNER):
+        start = file.read(32)
+    if has_banner(start):
         raise FormatError(
             "one matrix alone is not a model: write a small TOML file beside it and read that. It"
             ' holds: dofs = "dofs.csv" (header "dof", then one label a line such as 12:Z), and for'

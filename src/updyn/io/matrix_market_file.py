@@ -8,6 +8,7 @@ Pozo and Remington, The Matrix Market Exchange Formats, NISTIR 5935 (1996).
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +22,10 @@ from updyn.io.items import unreadable
 from updyn.io.text_numbers import check_last_line, number_rows
 from updyn.model import Matrix
 
-__all__ = ["BANNER", "read_matrix"]
+__all__ = ["has_banner", "read_matrix"]
 
-BANNER = b"%%MatrixMarket"
+_BANNER = "%%matrixmarket"  # compared in lower case
+_MARK = codecs.BOM_UTF8
 _HEADER = "'%%MatrixMarket matrix coordinate real symmetric' or the like"
 _LAYOUTS = {"coordinate": 3, "array": 2}  # numbers on the line of the size
 _FIELDS = ("real", "double", "integer", "unsigned-integer")
@@ -45,6 +47,12 @@ class _Head:
     size: tuple[int, ...]  # rows, columns, and of coordinates the number of entries
     body: bytes
     line: int  # on which the body begins
+
+
+def has_banner(start: bytes) -> bool:
+    """Return whether a file that starts so is of this format."""
+    text = start.removeprefix(_MARK).decode("ascii", "replace")
+    return text.lower().startswith(_BANNER)
 
 
 def read_matrix(path: Path, n: int) -> Matrix:
@@ -91,7 +99,7 @@ def read_matrix(path: Path, n: int) -> Matrix:
 
 def _head(raw: bytes, path: Path) -> _Head:
     """Take the header, the comments and the line of the size off the text."""
-    at = 0
+    at = len(_MARK) if raw.startswith(_MARK) else 0
     number = 0
     words: list[str] = []
     while at < len(raw):
@@ -112,7 +120,7 @@ def _head(raw: bytes, path: Path) -> _Head:
 def _banner(line: bytes, path: Path) -> list[str]:
     """Return layout, field and symmetry, in lower case."""
     words = line.decode("ascii", "backslashreplace").lower().split()
-    if len(words) != 5 or not line.startswith(BANNER) or words[1] != "matrix":
+    if len(words) != 5 or words[0] != _BANNER or words[1] != "matrix":
         raise FormatError(f"found {' '.join(words)[:60]!r}; expected {_HEADER}", path, 1)
     layout, field, symmetry = words[2:]
     if layout not in _LAYOUTS:

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from updyn.dofs import Dof
 from updyn.errors import FormatError
 from updyn.foreign.limits import limits_of
+from updyn.foreign.plain import to_native
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
 from updyn.io.items import compressed, kind_of, library, listed
@@ -227,7 +228,7 @@ def _array(stream: IO[bytes], name: str, path: str | Path) -> NDArray[Any]:
             f"{name}: says {dtype} of shape {shape}, but {len(content)} bytes follow", path
         )
     flat = np.frombuffer(content, dtype)
-    return flat.reshape(shape, order="F" if in_columns else "C")
+    return to_native(flat.reshape(shape, order="F" if in_columns else "C"))
 
 
 def _nested(arrays: dict[str, NDArray[Any]], path: str | Path) -> dict[str, Any]:
