@@ -424,8 +424,19 @@ def _scales(
             f"responses of several quantities ({said}); estimate them one by one",
             key=("responses",),
         )
+    for name, label in forces.items():
+        _check_angular(name, label, loads[name], "excitation")
+    for name, label in labels.items():
+        _check_angular(name, label, found[name], "responses")
     factors = [one.factor for one in (*loads.values(), *found.values())]
     return next(iter(kinds)), np.array(factors)
+
+
+def _check_angular(name: str, label: str, unit: Unit, key: str) -> None:
+    """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
+    if unit.angular != Dof.parse(label).direction.startswith("R"):
+        what = "an angle or a moment" if unit.angular else "a translation or a force"
+        raise DataError(f"channel {name!r} at {label}: its unit is one of {what}", key=(key, name))
 
 
 def _in_band(freq: _Real, band: tuple[float, float] | None) -> NDArray[np.bool_]:

@@ -198,3 +198,22 @@ def test_labelled_arrays_are_records():
 def test_what_cannot_be_estimated_is_refused(options, message):
     with pytest.raises((DataError, OptionError), match=message):
         updyn.estimate_frf(hits.records(), **{"excitation": FORCE} | options)
+
+
+@pytest.mark.parametrize(
+    ("force", "response", "units", "message"),
+    [
+        ("1:Z", "2:RZ", ("N", "g"), "'2:RZ' at 2:RZ: its unit is one of a translation or a force"),
+        ("1:RZ", "2:Z", ("N", "m"), "'1:RZ' at 1:RZ: its unit is one of a translation or a force"),
+        ("1:Z", "2:Z", ("N", "rad/s"), "'2:Z' at 2:Z: its unit is one of an angle or a moment"),
+        ("1:RZ", "2:RZ", ("N m", "rad"), ""),
+    ],
+)
+def test_units_of_rotations(force, response, units, message):
+    values = hits.records(n_hits=2).values[:, :2]
+    records = Records.of(values, hits.STEP, [force, response], units)
+    if not message:
+        assert updyn.estimate_frf(records, [force]).quantity == "receptance"
+        return
+    with pytest.raises(DataError, match=message):
+        updyn.estimate_frf(records, [force])

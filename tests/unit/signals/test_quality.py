@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,17 @@ import pytest
 
 import hits
 import updyn
+from places import DATA
 from updyn.errors import DataError
+from updyn.signals.records import Records
+
+
+@pytest.fixture(scope="module")
+def impact(tmp_path_factory):
+    """Five hits, sample data of pyFRF 1.1.4."""
+    path = tmp_path_factory.mktemp("lvm") / "impact.lvm"
+    path.write_bytes(lzma.decompress((DATA / "cases" / "impact.lvm.xz").read_bytes()))
+    return updyn.read_records(path)
 
 
 def found(records, **options):
@@ -133,3 +144,67 @@ def test_a_response_that_is_cut_off():
     assert found(hits.records(seconds=1.0)) == [
         ("cut-off", name, record) for record in (1, 2, 3, 4) for name in ("1:Z", "2:Z")
     ]
+
+
+# -- the wrong channel as the force ---------------------------------------------------------------
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("wrong", ["1:Z", "2:Z"])
+@pytest.mark.parametrize("quantity", ["displacement", "acceleration"])
+def test_a_ringing_sensor_named_as_the_force_is_questioned(seed, wrong, quantity):
+    sound = hits.records(noise=1e-3, seed=seed, seconds=10.0)
+    values = sound.values.copy()
+    if quantity == "acceleration":
+        values[:, 1:] = np.gradient(np.gradient(values[:, 1:], axis=2), axis=2) / hits.STEP**2
+    (one,) = updyn.check_records(replace(sound, values=values), wrong, band=(1.0, 80.0))
+    assert (one.kind, one.channel, one.record) == ("no-pulse", wrong, None)
+    assert one.value > 20.0
+    assert f"{wrong}: the force is no pulse; it swings for" in one.statement
+    assert "Channel hammer is a pulse of" in one.statement
+    assert one.remedy.startswith("Name hammer as the excitation if it is the hammer")
+
+
+def test_a_real_sensor_named_as_the_force_is_questioned(impact):
+    (one,) = updyn.check_records(impact, "Acceleration (Trigger)")
+    assert one.kind == "no-pulse"
+    # Its hits last for about 10 samples of 19.5 us, its sensor rings for 26 ms.
+    assert "it swings for 26.3 ms. Channel Force (Trigger) is a pulse of 0.195 ms" in one.statement
+
+
+@pytest.mark.parametrize("after", [10, 40, 200])
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_a_second_hit_is_a_pulse_all_the_same(share, after):
+    force = hits.pulse(4096)
+    force += share * np.roll(force, after)
+    values = np.vstack([force, hits.displacement(force)])[None]
+    records = Records.of(values, hits.STEP, ["hammer", "1:Z", "2:Z"], ["N", "m", "m"])
+    assert "no-pulse" not in [one[0] for one in found(records)]
+
+
+def shaker(kind, seed, n=4096):
+    """Forces of a shaker over a record: random, burst random, sine bursts and sweeps."""
+    rng, t = np.random.default_rng(seed), np.arange(n) * hits.STEP
+    burst = (t > 0.2) & (t < 0.5 * t[-1])
+    if kind == "random":
+        return rng.standard_normal(n)
+    if kind == "burst random":
+        return rng.standard_normal(n) * burst
+    if kind == "burst sine":
+        return np.sin(2.0 * np.pi * hits.FREQUENCY[seed % 3] * t) * burst
+    return np.sin(2.0 * np.pi * (2.0 * t + 0.5 * 98.0 / t[-1] * t**2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["random", "burst random", "burst sine", "sweep"])
+def test_a_shaker_is_not_questioned(kind, seed):
+    parts = []
+    for number in range(3):
+        force = shaker(kind, 3 * number + seed)
+        parts.append(np.vstack([force, hits.displacement(force)]))
+    records = Records.of(parts, hits.STEP, ["hammer", "1:Z", "2:Z"], ["N", "m", "m"])
+    assert "no-pulse" not in [one[0] for one in found(records)]
+
+
+def test_a_channel_that_is_zero_is_no_pulse():
+    sound = hits.records(seconds=10.0)
+    silent = changed(sound, slice(None), 1, np.zeros_like)
+    assert "no-pulse" not in [one[0] for one in found(silent)]

@@ -24,6 +24,7 @@ from updyn.signals.quality.hits import (
     short_force,
     start_of_hit,
 )
+from updyn.signals.quality.pulse import no_pulse
 from updyn.signals.quality.together import leakage, level_dependence
 from updyn.signals.records import Records, records_of
 
@@ -63,7 +64,8 @@ def check_records(
     Returns
     -------
     tuple of RecordFinding
-        By record, then by channel; those of several records together come last, ``"leakage"`` of
+        By record, then by channel; ``"no-pulse"``, of a force that is none, is the only one, as all
+        others depend on the force. Those of several records together come last, ``"leakage"`` of
         segments and ``"level-dependence"`` of a single force alone. `estimate_frf`
         leaves out nothing by itself: pass ``reject={finding.record: finding.kind}`` for those that
         are to go.
@@ -102,6 +104,12 @@ def check_records(
             rows.append(given.index(name))
             if not given.values[:, rows[-1]].any():
                 raise DataError(f"channel {name!r}: the force is zero throughout")
+    others = [row for row in range(len(given.channels)) if row not in rows]
+    if segment is None:
+        for row in rows:
+            wrong = tuple(no_pulse(given.values, given.step, given.channels, row, others))
+            if wrong:
+                return wrong  # all else is told by the force
     found: list[RecordFinding] = []
     alike: list[RecordFinding] = []
     if segment is None:
@@ -114,7 +122,6 @@ def check_records(
             found += _of_lasting(given, number)
     for row, name in enumerate(given.channels):
         found += mains(given.values[:, row], given.step, segment is not None, band, name)
-    others = [row for row in range(len(given.channels)) if row not in rows]
     if len(rows) > 1:
         return tuple(found)
     for row in others:

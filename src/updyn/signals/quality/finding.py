@@ -14,8 +14,8 @@ class RecordFinding:
     Attributes
     ----------
     kind : str
-        ``"clipped"``, ``"double-hit"``, ``"short-force"``, ``"cut-off"``, ``"leakage"``,
-        ``"drift"``, ``"mains"``, ``"noise-floor"`` or ``"level-dependence"``.
+        ``"no-pulse"``, ``"clipped"``, ``"double-hit"``, ``"short-force"``, ``"cut-off"``,
+        ``"leakage"``, ``"drift"``, ``"mains"``, ``"noise-floor"`` or ``"level-dependence"``.
     channel : str
         Which channel.
     record : int or None
