@@ -172,7 +172,7 @@ def test_json_is_for_any_program(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
     assert (found["format"], found["schema"], found["dt"], found["rigid"]) == (
         "updyn plant",
-        2,
+        3,
         None,
         1,
     )
@@ -301,6 +301,101 @@ def test_a_byte_that_is_wrong_is_noticed_or_means_nothing(suffix: str, tmp_path:
     assert noticed > 40
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_flipped_bit_changes_no_number(suffix: str, tmp_path: Path) -> None:
+    path, rng = tmp_path / f"p{suffix}", np.random.default_rng(17)
+    updyn.write_plant(PLANTS["sampled"], path)
+    content, refused = path.read_bytes(), 0
+    for bit in rng.choice(8 * len(content), 400, replace=False).tolist():
+        mutant = bytearray(content)
+        mutant[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(mutant)
+        try:
+            found = updyn.read_plant(path)
+        except FormatError as error:
+            refused += path.name in str(error)
+        else:
+            assert_same(found, PLANTS["sampled"])
+    assert refused > 200
+
+
+CHANGES: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "a digit": lambda p: p["C"][1].__setitem__(0, p["C"][1][0] + 2**-52),
+    "a sign": lambda p: p["D"][0].__setitem__(0, -0.0 if p["D"][0][0] == 0.0 else -p["D"][0][0]),
+    "the band": lambda p: p.update(band=[0.05, 2.6]),
+    "a name": lambda p: p["inputs"][0].update(name="2:RZ"),
+    "a fact": lambda p: p["facts"].update(more=1),
+    "the schema": lambda p: p.update(schema=2),
+    "the digest": lambda p: p.update(sha256="0" * 64),
+    "no digest": lambda p: p.update(sha256=3),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_change_is_refused_with_its_remedy(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    updyn.write_plant(PLANTS["continuous"], path)
+    changed(CHANGES[name], path)
+    with pytest.raises(FormatError, match=r"is not what was written.*remove 'sha256'") as error:
+        updyn.read_plant(path)
+    assert str(error.value).startswith(f"{path}: sha256: ")
+
+
+def test_a_wanted_change_is_read_without_the_digest(tmp_path: Path) -> None:
+    path = tmp_path / "p.json"
+    updyn.write_plant(PLANTS["continuous"], path)
+    changed(lambda p: (p.update(band=[0.1, 2.0]), p.pop("sha256")), path)
+    assert updyn.read_plant(path).band == (0.1, 2.0)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_files_of_earlier_versions_are_read(suffix: str, tmp_path: Path) -> None:
+    """Schema 2 has no digest, schema 1 no relative error and no zeros either."""
+    one, path = PLANTS["continuous"], tmp_path / f"p{suffix}"
+    for schema, without in ((2, ("sha256",)), (1, ("sha256", "relative_error", "zero_shift"))):
+        updyn.write_plant(one, path)
+        if suffix == ".json":
+            items = json.loads(path.read_text(encoding="utf-8")) | {"schema": schema}
+            for name in without:
+                del items[name]
+            path.write_text(json.dumps(items), encoding="utf-8")
+        else:
+            load = np.load if suffix == ".npz" else scipy.io.loadmat
+            found = {k: v for k, v in load(path).items() if k not in without and k[:2] != "__"}
+            save = np.savez if suffix == ".npz" else scipy.io.savemat
+            save(
+                path,
+                **(
+                    {**found, "schema": schema}
+                    if suffix == ".npz"
+                    else {"mdict": {**found, "schema": float(schema)}}
+                ),
+            )
+        found = updyn.read_plant(path)
+        np.testing.assert_array_equal(found.A, one.A)
+        assert np.isnan(found.relative_error) == (schema == 1 or np.isnan(one.relative_error))
+
+
+def test_programs_may_write_a_plant_in_another_form(tmp_path: Path) -> None:
+    """The digest is of the content: order, layout and the form of a number are free."""
+    path = tmp_path / "p.json"
+    updyn.write_plant(PLANTS["sampled"], path)
+    items = json.loads(path.read_text(encoding="utf-8"))
+    items["band"] = [0.05, 25e-1]
+    path.write_text(json.dumps(items, sort_keys=True, indent=4), encoding="utf-8")
+    assert updyn.read_plant(path).A.tobytes() == PLANTS["sampled"].A.tobytes()
+
+
+def test_the_digest_is_the_same_in_all_formats(tmp_path: Path) -> None:
+    found = set()
+    for suffix in SUFFIXES:
+        updyn.write_plant(PLANTS["sampled"], tmp_path / f"p{suffix}")
+    found.add(json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))["sha256"])
+    found.add(str(np.load(tmp_path / "p.npz")["sha256"]))
+    found.add(str(scipy.io.loadmat(tmp_path / "p.mat")["sha256"][0]))
+    assert len(found) == 1
+
+
 def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
     items = json.loads(path.read_text(encoding="utf-8"))
     change(items)
@@ -312,7 +407,7 @@ def changed(change: Callable[[dict[str, Any]], Any], path: Path) -> None:
     [
         (lambda p: p.pop("B"), "'B' is missing"),
         (lambda p: p.update(eror=1), "unknown name 'eror'; did you mean 'error'"),
-        (lambda p: p.update(schema=3), "schema: found 3"),
+        (lambda p: p.update(schema=4), "schema: found 4"),
         (lambda p: p.update(dt=-0.1), r"dt: found -0\.1"),
         (lambda p: p.update(band=[2.0, 1.0]), "band: found"),
         (lambda p: p.update(band="all"), "band: expected real numbers, found str"),
@@ -358,10 +453,10 @@ def test_a_text_that_is_not_json(tmp_path: Path) -> None:
     path = tmp_path / "p.json"
     updyn.write_plant(PLANTS["one"], path)
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('"schema": 2,', '"schema": 2'), encoding="utf-8")
+    path.write_text(text.replace('"schema": 3,', '"schema": 3'), encoding="utf-8")
     with pytest.raises(FormatError, match=r"p\.json:4: not JSON"):
         updyn.read_plant(path)
-    path.write_text(text.replace('"schema": 2,', '"schema": 2, "schema": 2,'), encoding="utf-8")
+    path.write_text(text.replace('"schema": 3,', '"schema": 3, "schema": 3,'), encoding="utf-8")
     with pytest.raises(FormatError, match="'schema' stands twice"):
         updyn.read_plant(path)
     path.write_text(text.replace('"error": 0.013', '"error": NaN'), encoding="utf-8")

@@ -2,7 +2,8 @@
 
 Items (`plant_items`), as ``.json`` has them::
 
-    format, schema            "updyn plant", 2; 1 without the last two items is read as well
+    format, schema            "updyn plant", 3; earlier ones are read as well: 2 without sha256, 1
+                              without relative_error and zero_shift, too
     A, B, C, D                (n, n), (n, n_u), (n_y, n), (n_y, n_u), in SI units
     dt, delay                 sampling interval in s, None if continuous; intervals of delay in A
     inputs                    {name, unit, weights, rotation} of each; weights by DOF label
@@ -11,6 +12,7 @@ Items (`plant_items`), as ``.json`` has them::
     tolerance, error, peak_error, route, rigid, modes, facts    see `updyn.control.plant.Plant`
     relative_error            None: not known
     zero_shift                {output, input, frequency, shift, depth, plant_depth} of each zero
+    sha256                    digest of all other items; may be left out, by who edits a file
 
 Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outputs`` alike, by
 (`flat_items`)::
@@ -28,8 +30,10 @@ Formats of arrays and texts (``.mat``, ``.npz``) replace ``inputs``, and ``outpu
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -48,9 +52,9 @@ from updyn.store.values import from_text, to_text
 
 __all__ = ["FORMAT", "NO_PLANT", "build_plant", "flat_items", "nested_items", "plant_items"]
 
-FORMAT, SCHEMA = "updyn plant", 2
-#: Schemas that are read; the first has no relative error.
-_READ = (1, 2)
+FORMAT, SCHEMA = "updyn plant", 3
+#: Schemas that are read.
+_READ = (1, 2, 3)
 #: Ends the message about a file of something else.
 NO_PLANT = "this file holds no plant"
 
@@ -71,6 +75,7 @@ _KEYS = (
     "facts",
 )
 _LATER = ("relative_error", "zero_shift")
+_DIGEST = "sha256"
 _ZERO = tuple(f.name for f in fields(ZeroShift))
 _PORT = ("name", "unit", "weights", "rotation")
 _FLAT_PORTS = ("{}s", "{}_units", "{}_rotation", "{}_weight", "{}_weight_port", "{}_weight_dof")
@@ -81,7 +86,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
     outputs = []
     for port, quantity in zip(plant.output_ports, plant.quantities, strict=True):
         outputs.append({**_port_items(port, port.motion_unit(quantity)), "quantity": quantity})
-    return {
+    items = {
         "format": FORMAT,
         "schema": SCHEMA,
         "dt": plant.dt,
@@ -98,6 +103,7 @@ def plant_items(plant: Plant) -> dict[str, Any]:
         "zero_shift": [_finite(asdict(zero)) for zero in plant.zero_shift],
         **{name: getattr(plant, name) for name in _MATRICES},
     }
+    return {**items, _DIGEST: _digest(items)}
 
 
 def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
@@ -118,8 +124,9 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
             f" {' and '.join(map(str, _READ))}",
             path,
         )
+    written = items
     items = _EARLIER | dict(items) if items["schema"] == 1 else items
-    _complete(items, (*_KEYS, *_LATER, *_MATRICES), "", path)
+    _complete(items, (*_KEYS, *_LATER, *_MATRICES), "", path, optional=(_DIGEST,))
     inputs = _ports(items["inputs"], "input", _PORT, path)
     outputs = _ports(items["outputs"], "output", (*_PORT, "quantity"), path)
     dt, band = items["dt"], _numbers(items["band"], 1, "band", path)
@@ -146,7 +153,7 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
     for name in _COUNTS:
         given[name] = _count(items[name], name, path)
     with placed(path):
-        return Plant(
+        plant = Plant(
             **given,
             input_ports=tuple(port for port, _ in inputs),
             output_ports=tuple(port for port, _ in outputs),
@@ -158,6 +165,41 @@ def build_plant(items: Mapping[str, Any], path: str | Path) -> Plant:
             facts=dict(items["facts"]),
             relative_error=_known(items["relative_error"], "relative_error", path),
             zero_shift=_zeros(items["zero_shift"], path),
+        )
+    _check_digest(written, path)
+    return plant
+
+
+def _digest(items: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of all items but itself; order and form of arrays do not matter."""
+    content = {}
+    for name, value in items.items():
+        if name != _DIGEST:
+            own = value if name == "facts" else _listed(value)
+            content[name] = json.loads(to_text(own, "a plant"))
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _listed(value: Any) -> Any:
+    """Return a value with lists in place of arrays and tuples, and all numbers as float."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {name: _listed(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_listed(one) for one in value]
+    return float(value) if is_number(value) else value
+
+
+def _check_digest(items: Mapping[str, Any], path: str | Path) -> None:
+    """Check the digest of items, where they have one."""
+    if _DIGEST in items and items[_DIGEST] != _digest(items):
+        raise FormatError(
+            f"{_DIGEST}: the content of the file is not what was written: its digest is another"
+            " one. It is damaged, or was edited; restore it, or write it again. If the change is"
+            f" wanted, remove {_DIGEST!r}",
+            path,
         )
 
 
@@ -214,7 +256,7 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
     known = dict.fromkeys([*_KEYS, *_LATER, *_MATRICES, *ports, "quantities"])
     if _single(flat.get("schema"), "schema", path) == 1:
         flat = {"relative_error": np.array(np.nan), "zero_shift": "[]"} | dict(flat)
-    _complete(flat, list(known), "", path)
+    _complete(flat, list(known), "", path, optional=(_DIGEST,))
     single: dict[str, Any] = {}
     for name in ("schema", "dt", *_COUNTS, *_NUMBERS, "relative_error"):
         single[name] = _single(flat[name], name, path)
@@ -240,6 +282,7 @@ def nested_items(flat: Mapping[str, Any], path: str | Path) -> dict[str, Any]:
         "facts": from_text(_text(flat["facts"], "facts", path), "facts", path),
         "zero_shift": from_text(_text(flat["zero_shift"], "zero_shift", path), "zero_shift", path),
         **{name: flat[name] for name in _MATRICES},
+        **{name: _text(flat[name], name, path) for name in (_DIGEST,) if name in flat},
     }
 
 
@@ -343,8 +386,14 @@ def _ports(
     return out
 
 
-def _complete(found: Mapping[str, Any], expected: Any, place: str, path: str | Path) -> None:
-    known_only(list(map(str, found)), expected, path, place)
+def _complete(
+    found: Mapping[str, Any],
+    expected: Sequence[str],
+    place: str,
+    path: str | Path,
+    optional: Sequence[str] = (),
+) -> None:
+    known_only(list(map(str, found)), [*expected, *optional], path, place)
     for name in expected:
         if name not in found:
             message = f"{place}: {name!r} is missing".removeprefix(": ")
