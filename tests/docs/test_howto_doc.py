@@ -87,7 +87,7 @@ def test_ansys() -> None:
         fields = line.split()
         if len(fields) == 19 and fields[8] == "20" and fields[0] == "1" and int(fields[10]) > 20:
             deck[i] = f"{2:10d}" + line[10:]
-    at = next(i for i, line in enumerate(deck) if line.strip().upper() == "/PREP7")
+    at = deck.index("*ENDIF")  # NUMOFF above it numbers materials anew
     deck[at + 1 : at + 1] = ["MP,EX,2,1.69E+07", "MP,NUXY,2,0.31", "MP,DENS,2,4.1408E-04"]
     Path("beam.cdb").write_text("\n".join(deck))
     truth = updyn.read_model("beam.emat").scaled(
