@@ -272,7 +272,7 @@ FRFS: dict[str, tuple[Callable[[Path], None], str]] = {
         frf_npz(H=np.ones((1, 2, 3)) * 1j),
         "found shape (1, 2, 3), expected (lines, responses, references) = (3, 2, 1)",
     ),
-    "magnitude.npz": (frf_npz(H=np.ones((3, 2, 1))), "a magnitude without phase cannot be used"),
+    "magnitude.npz": (frf_npz(H=np.ones((3, 2, 1))), "magnitudes and decibels are no FRFs"),
     "no_quantity.npz": (frf_npz(quantity=None), "no 'quantity'"),
     "impedance.npz": (frf_npz(quantity="impedance"), "force over a motion"),
     "lines_fall.npz": (frf_npz(freq=FREQ[::-1]), "lines must increase"),
