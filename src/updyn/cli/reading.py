@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,12 @@ from updyn.io import (
     read_modes,
     read_records,
 )
-from updyn.io.formats import find_format
+from updyn.io.formats import FORMATS, find_format
 from updyn.io.items import is_file
 from updyn.registry import Registry
+from updyn.store.netcdf import read_dataset
 from updyn.store.result import read_result
+from updyn.store.uncertainty import read_uncertainty
 
 __all__ = ["FILE_KINDS", "FileKind", "read_anything"]
 
@@ -95,12 +98,22 @@ def _is_of_geometry(path: Path) -> bool:
     return found.can == ("read_geometry",) and path.suffix.lower() in found.suffixes
 
 
+def _is_of_uncertainty(path: Path) -> bool:
+    """Return whether a file was written by `updyn.write_uncertainty`."""
+    try:
+        read_dataset(path, "uncertainty", "draws or profiles")
+    except InputError:
+        return False
+    return True
+
+
 #: Kinds of content by name, in the order in which a file is tried. A room or another package adds
 #: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
 FILE_KINDS: Registry[FileKind] = Registry(
     "kind of file",
     "updyn.file_kinds",
     {
+        "written": "updyn.cli.written:WRITTEN",
         "contents": FileKind(
             "contents of several kinds",
             read_contents,
@@ -111,6 +124,13 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
+        "uncertainty": FileKind(
+            "draws or profiles",
+            read_uncertainty,
+            lambda found: found.summary(),
+            _is_of_uncertainty,
+            is_tried=False,
+        ),
         "records": FileKind(
             "time records", read_records, describe_records, _is_of_records, is_beside=True
         ),
@@ -171,6 +191,14 @@ def read_anything(
         except InputError as error:
             reasons[kind] = error
     shown = _likely(path, reasons) or list(reasons)
+    if len(shown) > 1 and not any(FILE_KINDS[kind].recognises(path) for kind in kinds):
+        known = sorted(set(chain.from_iterable(f.suffixes for f in FORMATS.values())))
+        nouns = [FILE_KINDS[kind].noun for kind in shown]
+        raise FormatError(
+            f"neither content nor suffix {path.suffix!r} is of a known format of"
+            f" {', '.join(nouns[:-1])} or {nouns[-1]}; known suffixes: {', '.join(known)}",
+            path,
+        )
     if len(shown) == 1:
         raise reasons[shown[0]]
     why = "".join(f"\n  as {FILE_KINDS[k].noun}: {_without_path(reasons[k])}" for k in shown)

@@ -168,20 +168,29 @@ def _text(path: Path) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise JobError(f"byte {raw[error.start]:#04x} is not UTF-8; TOML is", path, line) from error
+        text = f"byte {raw[error.start]:#04x} is not UTF-8; TOML is{_other_file(path)}"
+        raise JobError(text, path, line) from error
+
+
+def _other_file(path: Path) -> str:
+    """Return the end of a message on a file whose suffix is not that of a job; else nothing."""
+    if path.suffix.lower() == ".toml":
+        return ""
+    return f"; expected a job file (TOML), and updyn info {path.name} prints what this file holds"
 
 
 def _not_toml(error: tomllib.TOMLDecodeError, text: str, path: Path) -> JobError:
     """Return an error of `tomllib` with the line as that of the job file."""
     message = str(error)
     found = _PLACE.search(message)
+    hint = _other_file(path)
     if found is None:
-        return JobError(f"not TOML: {message}", path)
+        return JobError(f"not TOML: {message}{hint}", path)
     message = _TWICE.sub(_declared_twice, message[: found.start()])
     if found[1] is None:
         line = text.rstrip("\n").count("\n") + 1
-        return JobError(f"not TOML: {message} at the end of the file", path, line)
-    return JobError(f"not TOML: {message} at column {found[2]}", path, int(found[1]))
+        return JobError(f"not TOML: {message} at the end of the file{hint}", path, line)
+    return JobError(f"not TOML: {message} at column {found[2]}{hint}", path, int(found[1]))
 
 
 def _declared_twice(found: re.Match[str]) -> str:

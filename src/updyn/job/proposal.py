@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import shlex
 import textwrap
+import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.io import read_frf, read_model
 from updyn.job.folder import relative_path
 from updyn.job.schema import (
+    Job,
     MatchTable,
     MethodTable,
     OutputTable,
@@ -133,8 +135,20 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
     given = {name: value for name, value in stated.items() if value is not None}
     of_model = {name: value for name, value in given.items() if name == "unit"}
     of_frf = {name: value for name, value in given.items() if name != "unit"}
-    model = read_model(model_file, **of_model)
-    frf, has_quantity = _read_frf(frf_file, of_frf)
+    try:
+        model = read_model(model_file, **of_model)
+    except InputError as error:
+        if not _is_measurement(model_file):
+            raise
+        raise _misplaced(model_file, frf_file) from error
+    try:
+        frf, has_quantity = _read_frf(frf_file, of_frf)
+    except InputError as error:
+        for what, is_such in (("model", _is_model), ("job", _is_job)):
+            if is_such(frf_file):
+                text = f"{frf_file} is a {what}; expected a measurement second"
+                raise FormatError(f"{text}: updyn new MODEL MEASUREMENT") from error
+        raise
     inputs = (model_file, frf_file, model, frf, given, has_quantity)
     try:
         return Inputs(*inputs, match(model, frf))
@@ -161,6 +175,40 @@ def _by_coordinates(
             raise
         options |= error.proposal
     return match(model, frf, by="coordinates", **options), options
+
+
+def _misplaced(first: Path, second: Path) -> FormatError:
+    """Return the error on a measurement in the place of the model."""
+    if _is_model(second):
+        right = shlex.join(["updyn", "new", str(second), str(first)])
+        return FormatError(f"{first} is a measurement and {second} a model: swap the two: {right}")
+    return FormatError(
+        f"{first} is a measurement; expected a model first: updyn new MODEL MEASUREMENT"
+    )
+
+
+def _is_measurement(path: Path) -> bool:
+    try:
+        _read_frf(path, {})
+    except InputError:
+        return False
+    return True
+
+
+def _is_model(path: Path) -> bool:
+    try:
+        read_model(path)
+    except InputError:
+        return False
+    return True
+
+
+def _is_job(path: Path) -> bool:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return any(name in content for name in Job.model_fields)
 
 
 def _read_frf(path: Path, stated: dict[str, Any]) -> tuple[FRF, bool]:

@@ -1,0 +1,219 @@
+"""Files that the commands write beside data: results as JSON, pages, headers, journals."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from updyn.cli.reading import FileKind
+from updyn.errors import FormatError
+from updyn.outputs.manifest import FORMAT, Manifest, file_digest
+from updyn.text_table import text_table
+
+__all__ = ["WRITTEN"]
+
+_START = 4096  # bytes that decide what a file is
+_TITLE = re.compile(r"<title>([^<]*)</title>")
+_JOURNAL = b"updyn journal "
+_KEYS = 8  # keys that a message lists
+
+Content = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Json:
+    """A kind of JSON file: the keys that tell it, and its description."""
+
+    keys: tuple[str, ...]
+    describe: Callable[[Content, Path], str]
+
+
+# -- JSON ------------------------------------------------------------------------------------------
+def _result(content: Content, path: Path) -> str:
+    rows = []
+    for one in content["parameters"]:
+        note = f"on the {one['bound']} bound" if one["bound"] else ""
+        if not one["identifiable"]:
+            note = "not determined"
+        rows.append([one["name"], *(_number(one[k]) for k in ("start", "value", "std")), note])
+    return "\n".join(
+        [
+            f"Result of an update, {content['title']!r}: {content['status']} ({content['method']})",
+            *filter(None, [content["message"], content["remedy"]]),
+            "",
+            text_table(("unknown", "start", "value", "std", "note"), rows),
+            "",
+            _beside(path, "run.nc", "updyn info prints its summary"),
+        ]
+    )
+
+
+def _manifest(content: Content, path: Path) -> str:
+    entries = Manifest.read(path.parent).entries
+    rows = []
+    for name, entry in entries.items():
+        file = path.parent / name
+        state = "not there"
+        if file.is_file():
+            state = "unchanged" if file_digest(file) == entry.sha256 else "changed since"
+        rows.append([name, entry.command, state])
+    head = f"Files that updyn wrote into {str(path.parent)!r}:"
+    return "\n".join([head, text_table(("file", "command", "state"), rows, left=(0, 1, 2))])
+
+
+def _control(content: Content, path: Path) -> str:
+    plant, (low, high) = content["plant"], content["band"]
+    texts = [
+        f"Plant for control design, {content['title']!r}, {low:g} to {high:g} Hz",
+        content["source"],
+    ]
+    if plant is None:
+        texts.append(content["message"])
+    else:
+        texts.append(
+            f"order {plant['order']}, largest relative error {plant['relative_error']:.3g} (asked"
+            f" for {content['tolerance']:g})"
+        )
+    return "\n".join([*texts, _beside(path, "plant.html", "the same as a page")])
+
+
+def _comparison(content: Content, path: Path) -> str:
+    rows = [[row["method"], row["status"], row["message"]] for row in content["rows"]]
+    return "\n".join(
+        [
+            f"Comparison of methods, {content['title']!r}, {len(content['unknowns'])} unknowns",
+            text_table(("method", "status", "message"), rows, left=(0, 1, 2)),
+            _beside(path, "compare.html", "the same as a page"),
+        ]
+    )
+
+
+def _plan(content: Content, path: Path) -> str:
+    rows = [[one["name"], _number(one["std"])] for one in content["parameters"]]
+    return "\n".join(
+        [
+            f"Test plan, {content['title']!r}",
+            f"responses: {', '.join(content['responses'])}",
+            f"references: {', '.join(content['references'])}",
+            text_table(("unknown", "expected std"), rows),
+            _beside(path, "plan.html", "the same as a page"),
+        ]
+    )
+
+
+_JSON = (
+    _Json(("status", "method", "parameters"), _result),
+    _Json(("plant", "conversions", "band"), _control),
+    _Json(("rows", "unknowns", "stopped"), _comparison),
+    _Json(("criterion", "responses", "references"), _plan),
+)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}"
+
+
+def _beside(path: Path, name: str, what: str) -> str:
+    """Return where more is, if it lies beside a file."""
+    return f"{path.with_name(name)}: {what}" if path.with_name(name).is_file() else ""
+
+
+def _describe_json(path: Path) -> str:
+    content = _json(path)
+    if content.get("format") == FORMAT:
+        return _manifest(content, path)
+    for kind in _JSON:
+        if all(key in content for key in kind.keys):
+            try:
+                return kind.describe(content, path).rstrip()
+            except (KeyError, TypeError, ValueError, AttributeError) as error:
+                raise FormatError(
+                    f"has the keys {_listed(kind.keys)} of a file of updyn, but not its content"
+                    f" ({type(error).__name__}: {error})",
+                    path,
+                ) from error
+    raise FormatError(
+        "is JSON, but none of the files that updyn writes; its keys:"
+        f" {_listed(list(content)) or 'none'}",
+        path,
+    )
+
+
+def _listed(keys: Sequence[str]) -> str:
+    return ", ".join(map(repr, keys[:_KEYS])) + (", ..." if len(keys) > _KEYS else "")
+
+
+def _json(path: Path) -> Any:
+    """Return the content of a JSON file; None where it is not one."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+# -- pages, headers, journals ----------------------------------------------------------------------
+def _describe_page(path: Path) -> str:
+    start = _start(path)
+    title = _TITLE.search(start)
+    if 'name="generator" content="updyn' not in start:
+        raise FormatError("is a page of another program; updyn reads no HTML", path)
+    name = "" if title is None else f" {html.unescape(title[1])!r}"
+    return f"Page of updyn{name}: open it in a browser; it needs no network"
+
+
+def _describe_header(path: Path) -> str:
+    comment = _start(path).partition("*/")[0]
+    lines = [line.strip(" /*") for line in comment.splitlines()]
+    texts = ["C99 header of a plant", *filter(None, lines)]
+    return "\n".join([*texts, _beside(path, "plant.json", "the same, exactly")]).rstrip()
+
+
+def _describe_journal(path: Path) -> str:
+    command = "plan" if path.name.startswith("plan") else "run"
+    return (
+        f"Journal of an unfinished {command}: updyn {command} JOB.toml --resume (with the same"
+        " --out) goes on from it"
+    )
+
+
+def _start(path: Path) -> str:
+    """Return the first characters of a file."""
+    with path.open("rb") as file:
+        return file.read(_START).decode("utf-8", errors="replace")
+
+
+def _describer(path: Path) -> Callable[[Path], str] | None:
+    """Return what describes a file; None where it is of no such kind."""
+    start, suffix = _start(path), path.suffix.lower()
+    if start.encode().startswith(_JOURNAL):
+        return _describe_journal
+    if suffix in (".html", ".htm") or start.lstrip().lower().startswith("<!doctype html"):
+        return _describe_page
+    if suffix == ".h" and "written by updyn" in start.partition("*/")[0]:
+        return _describe_header
+    if suffix == ".json" and isinstance(content := _json(path), Mapping):
+        return None if content.get("format") == "updyn plant" else _describe_json
+    return None
+
+
+def _is_written(path: Path) -> bool:
+    try:
+        return _describer(path) is not None
+    except OSError:
+        return False
+
+
+def _read(path: Path) -> str:
+    """Return the description of a file that the commands write."""
+    describe = _describer(path)
+    assert describe is not None
+    return describe(path)
+
+
+#: Its content is its description.
+WRITTEN = FileKind("a file that updyn writes", _read, str, _is_written, is_tried=False)
