@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
@@ -126,22 +126,32 @@ class Row:
 
     @property
     def error_max(self) -> float:
-        """Largest size of `errors`; nan where the truth is not known."""
-        return max(map(abs, self.errors.values()), default=math.nan)
+        """Largest size of `errors`.
+
+        inf where one of these unknowns is not determined: its value depends on the path of the fit.
+        nan where the truth is not known.
+        """
+        return max(self._sizes(self.errors), default=math.nan)
 
     @property
     def error_rms(self) -> float:
-        """Root of the mean square of `errors`; nan where the truth is not known."""
+        """Root of the mean square of `errors`; inf and nan as of `error_max`."""
         if not self.errors:
             return math.nan
-        squares = sum(error * error for error in self.errors.values())
+        squares = sum(size * size for size in self._sizes(self.errors))
         return math.sqrt(squares / len(self.errors))
 
     @property
     def error_max_updated(self) -> float:
-        """Largest size of `errors` of the unknowns that it was run with; nan if not known."""
-        updated = [error for name, error in self.errors.items() if name in self.updated]
-        return max(map(abs, updated), default=math.nan)
+        """Largest size of `errors` of the unknowns that it was run with, as of `error_max`."""
+        updated = [name for name in self.errors if name in self.updated]
+        return max(self._sizes(updated), default=math.nan)
+
+    def _sizes(self, names: Iterable[str]) -> list[float]:
+        """Return the sizes of errors, inf of unknowns that are not determined."""
+        return [
+            math.inf if self.std.get(name) == math.inf else abs(self.errors[name]) for name in names
+        ]
 
     @property
     def off_in_std(self) -> float:
@@ -315,7 +325,9 @@ def _number(value: float) -> str:
 
 
 def _error(row: Row, value: float) -> str:
-    return "-" if row.status == "failed" else _number(value)
+    if row.status == "failed":
+        return "-"
+    return "undetermined" if math.isinf(value) else _number(value)
 
 
 def _fewest(row: Row) -> str:

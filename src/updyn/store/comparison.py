@@ -28,8 +28,9 @@ def comparison_to_json(comparison: Comparison) -> dict[str, Any]:
         and ``tolerance`` of the fewest lines; ``stopped`` and ``not_run``; ``rows``, one dict a
         method with what `updyn.comparison.Row` holds: ``method``, ``reference``, ``status``,
         ``message``, ``cannot``, ``needs``, ``n_unknowns`` and ``updated``, ``left``, ``values``,
-        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated``, ``off_in_std``,
-        ``rank``, ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
+        ``std``, ``errors``, ``error_max``, ``error_rms``, ``error_max_updated`` (None where an
+        unknown is not determined, or the truth not known), ``off_in_std``, ``rank``,
+        ``correlation`` (``fitted`` and ``held_out``, each ``before`` and ``after``),
         ``iterations``, ``lines_solved``, ``n_lines``, ``seconds``, ``fewest`` (``count``, ``lines``
         in Hz, ``tried``, ``note``; None where not sought); ``versions``.
     """

@@ -433,3 +433,30 @@ def test_calibration_is_left_out_of_methods_that_know_none(start, data):
 def test_what_stays_open_is_counted(start, unknowns):
     (row,) = updyn.compare(start, measure(), unknowns, ["equation-error"], truth=true_values())
     assert (row.status, row.rank) == ("not-identifiable", 17)
+
+
+def test_errors_of_undetermined_unknowns_are_no_numbers() -> None:
+    """A shaft in two halves without a sensor between them: only the sum of their flexibilities is known."""
+    ends, half = np.diag([0.5, 0.0, 2.0]), np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0, 0, 0]])
+    groups = {
+        "left": updyn.Group(3e4 * half, loss_factor=0.02),
+        "right": updyn.Group(3e4 * half[::-1, ::-1], loss_factor=0.02),
+        "inertias": updyn.Group(mass=ends),
+    }
+    model = updyn.Model.from_groups(groups, ["1:RZ", "2:RZ", "3:RZ"])
+    truth = {"left.stiffness": 0.8, "right.stiffness": 1.2}
+    true = model.scaled({name.split(".")[0]: {"stiffness": v} for name, v in truth.items()})
+    frf = updyn.response(true, np.linspace(10.0, 60.0, 40), ["1:RZ", "3:RZ"], ["1:RZ"])
+    unknowns = updyn.parameters(model, stiffness=["left", "right"])
+    found = updyn.compare(model, frf, unknowns, ["output-error"], truth=truth)
+    (row,) = found
+    assert row.status == "not-identifiable"
+    assert row.error_max == row.error_rms == row.error_max_updated == np.inf
+    assert np.isnan(row.off_in_std)
+    line = next(line for line in found.summary().splitlines() if line.startswith("output-error"))
+    assert line.split().count("undetermined") == 2
+    (stored,) = comparison_to_json(found)["rows"]
+    assert stored["error_max"] is None
+    half_known = {"left.stiffness": 0.8}
+    (row,) = updyn.compare(model, frf, unknowns, ["output-error"], truth=half_known)
+    assert row.error_max == np.inf
