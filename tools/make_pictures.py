@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import updyn
 from updyn.demos import find_demo
-from updyn.style import category
+from updyn.style import PAPER, STATES
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 
@@ -36,11 +36,12 @@ def chain() -> Figure:
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
     axes = figure.add_subplot()
     measured = np.abs(test.values[:, test.responses.labels.index("7:X"), 0])
-    axes.semilogy(test.freq, measured, ".", color="0.45", label="measured, held out of the fit")
+    look = {"color": PAPER[STATES["measured"]], "label": "measured, held out of the fit"}
+    axes.semilogy(test.freq, measured, ".", **look)
     reference = test.references.labels[:1]
-    for number, (name, one) in enumerate((("start", model), ("updated", result.model))):
+    for name, one, dash in (("start", model, ":"), ("updated", result.model, "-")):
         frf = updyn.response(one, lines, ["7:X"], reference, quantity=test.quantity)
-        look = {"color": category(number)[0], "linestyle": ("--", "-")[number], "label": name}
+        look = {"color": PAPER[STATES[name]], "linestyle": dash, "label": name}
         axes.semilogy(lines, np.abs(frf.values[:, 0, 0]), **look)
     axes.set(xlabel="Frequency (Hz)", ylabel=f"{test.quantity} 7:X / {reference[0]}")
     axes.margins(x=0)

@@ -20,14 +20,17 @@ __all__ = [
     "DIVERGING",
     "FIGURE_TEXT",
     "LOOKS",
+    "OTHERS",
     "PAPER",
     "PRINTED",
     "SEQUENTIAL",
     "SIZES",
     "SPACES",
+    "STATES",
     "category",
     "colour_scale",
     "css",
+    "state",
 ]
 
 #: Colours by role on a light ground.
@@ -138,6 +141,11 @@ PRINTED: Mapping[str, str] = {
 }
 #: What a page can be told to look like, whatever the system says.
 LOOKS = ("light", "dark")
+#: The colours of measured data, of the model at the start and of the updated model, by their names
+#: in legends. All figures, pages, pictures and the viewer take them from here.
+STATES: Mapping[str, str] = {"measured": "measured", "start": "before", "updated": "after"}
+#: Roles of the colours of curves that are none of these, beside them.
+OTHERS = ("third", "fourth")
 #: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
 #: the colours are repeated with the next dash.
 CATEGORIES = ("after", "before", "third", "fourth")
@@ -176,6 +184,24 @@ def category(number: int) -> tuple[str, str]:
     """
     round_, place = divmod(number, len(CATEGORIES))
     return PAPER[CATEGORIES[place]], _DASHES[round_ % len(_DASHES)]
+
+
+def state(name: str, other: int = 0) -> str:
+    """Return the role of the colour of measured data or of a model.
+
+    Parameters
+    ----------
+    name : str
+        One of `STATES`, or any other name.
+    other : int
+        Number of the curve among those with other names, from 0.
+
+    Returns
+    -------
+    str
+        A key of `PAPER`.
+    """
+    return STATES.get(name, OTHERS[other % len(OTHERS)])
 
 
 def colour_scale(stops: Sequence[str]) -> list[list[float | str]]:

@@ -10,6 +10,7 @@ import pytest
 
 from places import ROOT
 from updyn import style
+from updyn.frf import FRF
 
 ASSETS = ROOT / "src" / "updyn" / "report" / "assets"
 
@@ -185,3 +186,137 @@ def test_the_variables_have_the_values_of_the_tokens():
     assert "--size-title: 1.9rem;" in light
     assert set(style.DARK) == set(style.PAPER)
     assert set(style.PRINTED) <= set(style.PAPER)
+
+
+# -- measured, start and updated: one colour each, in figures, report, window, viewer and pictures
+STATES = {name: style.PAPER[role] for name, role in style.STATES.items()}
+LINES = np.linspace(1.0, 5.0, 40)
+
+
+def frf(factor: float = 1.0) -> FRF:
+    values = factor / (9.0 - LINES**2 + 0.1j * LINES)
+    return FRF(LINES, values[:, None, None], ["1:X"], ["1:X"], "receptance")
+
+
+def test_the_three_are_told_apart_by_everyone():
+    """CIELAB distance as seen without L or M cones, lightness in grey print, contrast by WCAG 2.2."""
+    for ground in (style.PAPER, style.DARK):
+        colours = [ground[role] for role in style.STATES.values()]
+        for sight in SEEN:
+            for i in range(3):
+                apart = [lab(colours[i], sight) - lab(colours[j], sight) for j in range(i)]
+                assert all(np.linalg.norm(each) >= 15.0 for each in apart)
+        assert all(contrast(colour, ground["ground"]) >= 3.0 for colour in colours)
+    grey = sorted(lab(colour)[0] for colour in STATES.values())
+    assert np.diff(grey).min() >= 11.0
+
+
+def test_start_is_orange_and_updated_is_blue():
+    """Lab hue angle: about 55 degrees is orange, about 265 blue; measured is grey."""
+    hue = {
+        name: np.degrees(np.arctan2(*lab(colour)[:0:-1])) % 360 for name, colour in STATES.items()
+    }
+    assert 40 < hue["start"] < 80
+    assert 230 < hue["updated"] < 290
+    assert np.hypot(*lab(STATES["measured"])[1:]) < 10
+
+
+def test_other_curves_have_none_of_the_three():
+    others = {style.state(name, number) for number, name in enumerate(("computed", "a", "b"))}
+    assert others == set(style.OTHERS)
+    assert not others & set(style.STATES.values())
+
+
+# -- figures of matplotlib
+def test_figures():
+    pytest.importorskip("matplotlib")
+    from updyn import plots
+
+    for computed, labels in (
+        ([frf(1.1), frf(1.2)], None),
+        ([frf(1.1)], ["start"]),
+        ([frf(1.1)], ["updated"]),
+        ([frf(1.1)] * 3, ["updated", "other", "start"]),
+    ):
+        axes = plots.overlay(frf(), *computed, labels=labels).axes[0]
+        shown = {line.get_label(): line.get_color() for line in axes.lines}
+        for name, colour in shown.items():
+            assert colour == STATES.get(name, style.PAPER["third"]), name
+        assert {*shown} >= {"measured", *(labels or ("start", "updated"))}
+
+
+def test_the_picture_of_the_manual():
+    pytest.importorskip("matplotlib")
+    text = (ROOT / "docs" / "pictures" / "chain.svg").read_text(encoding="utf-8")
+    found = set(re.findall(r"(?:stroke|fill): (#[0-9a-f]{6})", text))
+    assert found - {"#ffffff", "#000000"} == set(STATES.values())
+    # the script that draws it has no colour of its own
+    script = (ROOT / "tools" / "make_pictures.py").read_text(encoding="utf-8")
+    assert not re.findall(r"#[0-9a-fA-F]{6}|color=\"", script)
+
+
+# -- report
+def test_the_report():
+    from updyn.report import comparison, scene, unknowns
+    from updyn.report.plots import MODEL_COLOURS
+
+    assert {name: f"@{style.STATES[name]}" for name in ("start", "updated")} == MODEL_COLOURS
+    assert scene._LOOKS["updated"][0] == style.STATES["updated"]
+    assert scene._START_LOOKS["start"][0] == scene._LOOKS["start"][0] == style.STATES["start"]
+    assert scene._LOOKS["test"][0] == style.STATES["measured"]
+    assert unknowns._start_trace(np.ones(2))["marker"]["color"] == MODEL_COLOURS["start"]
+    assert comparison.OTHERS is style.OTHERS
+
+
+def test_the_scripts_of_the_report():
+    """Their words are the names of the three, their keys and classes the roles."""
+    assets = ROOT / "src" / "updyn" / "report" / "assets"
+    script = (assets / "overlay.js").read_text(encoding="utf-8")
+    words = re.search(r"const words = \{(.+)\}", script)
+    assert words is not None
+    named = dict(re.findall(r'(\w+): "(\w+)"', words[1]))
+    assert {name: role for role, name in named.items()} == style.STATES
+    for role in named:
+        assert f'{role}: {{ color: "@{role}"' in script
+        rule = f"i.line.{role} {{ background: var(--{role}); }}"
+        assert rule in (assets / "report.css").read_text(encoding="utf-8")
+
+
+# -- viewer and window
+def test_the_viewer():
+    from updyn.viewer import scene
+
+    assert set(style.STATES.values()) < set(scene.ROLES)
+
+
+def test_the_window():
+    pytest.importorskip("nicegui")
+    from updyn.web.charts import frf_chart, parameter_chart
+    from updyn.web.look import HEAD
+
+    curve = (LINES, frf().values[:, 0, 0])
+    for names in (("measured", "start"), ("measured", "updated", "start"), ("measured", "updated")):
+        chart = frf_chart("receptance", dict.fromkeys(names, curve))
+        for series in chart["series"]:
+            expected = f"updynColour({style.STATES[series['name']]!r})"
+            assert series["lineStyle"][":color"] == expected
+            assert series["itemStyle"][":color"] == expected
+    bars = parameter_chart({"a": 1.0}, {"a": 2.0})["series"][0]
+    assert bars["itemStyle"][":color"] == f"updynColour({style.STATES['updated']!r})"
+    for colour in STATES.values():
+        assert colour in HEAD
+
+
+# -- no other place
+def test_no_other_module_states_a_colour():
+    """But for the child process of the still picture of a model, and grounds of dialogs."""
+    allowed = {"style.py"}
+    found = []
+    for folder in (ROOT / "src" / "updyn", ROOT / "tools", ROOT / "docs" / "site"):
+        for path in folder.rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            if path.name not in allowed and re.search(
+                r"[\"']#[0-9a-fA-F]{6}[\"']|[\"']C[0-9][\"']|tab:", text
+            ):
+                found.append(path.relative_to(ROOT).as_posix())
+    assert found == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from updyn.correlation import Correlation
@@ -21,7 +21,7 @@ from updyn.plots.canvas import (
     phase_axis,
 )
 from updyn.report.plots import wrapped_phase
-from updyn.style import PAPER, category
+from updyn.style import PAPER, STATES, category, state
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +31,9 @@ __all__ = ["frf", "overlay"]
 
 #: Channels of an overlay at most, and lines up to which the measured ones are points.
 _MOST_CHANNELS, _MOST_POINTS = 16, 200
+#: Dashes of the models of an update, and of other computed curves.
+_DASHES = {"start": ":", "updated": "-"}
+_OTHER_DASHES = ("-", "--", "-.", ":")
 _FREQUENCY = "frequency (Hz)"
 
 
@@ -178,7 +181,7 @@ def overlay(
         ones. The quantity is converted.
     labels : sequence of str, optional
         What the computed FRFs are called; by default ``computed``, of two ``start`` and
-        ``updated``.
+        ``updated``. Those of these two names have the colours of the report; others have others.
     level : {"log", "dB", "linear"}
         Scale of the magnitude.
     log_frequency : bool
@@ -259,8 +262,9 @@ def _one_channel(
             axes = made.axes["phase"]
             x, y = wrapped_phase(measured.freq, measured.values[:, 0, 0])
             axes.plot(x, y, **_measured_look(len(measured.freq)))
-            for number, one in enumerate(fitted.values()):
-                look = _computed_look(number, len(fitted)) | _shown(len(one.freq))
+            looks = _computed_looks(fitted)
+            for name, one in fitted.items():
+                look = looks[name] | _shown(len(one.freq))
                 axes.plot(*wrapped_phase(one.freq, one.values[:, 0, 0]), **look)
             phase_axis(axes)
         _frequency_axis(made, log_frequency)
@@ -276,9 +280,10 @@ def _levels(
     i, j = at
     size = level_values(measured.values[:, i, j], level)
     axes.plot(measured.freq, size, label="measured", **_measured_look(len(measured.freq)))
-    for number, (name, one) in enumerate(fitted.items()):
+    looks = _computed_looks(fitted)
+    for name, one in fitted.items():
         size = level_values(one.values[:, i, j], level)
-        look = _computed_look(number, len(fitted)) | _shown(len(one.freq))
+        look = looks[name] | _shown(len(one.freq))
         axes.plot(one.freq, size, label=name, **look)
     own = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
     level_axis(axes, measured.quantity, own, level)
@@ -286,7 +291,7 @@ def _levels(
 
 def _measured_look(n_lines: int) -> dict[str, Any]:
     """Return the look of what was measured: points, or of many lines a wide line below the rest."""
-    colour = PAPER["measured"]
+    colour = PAPER[STATES["measured"]]
     if n_lines <= _MOST_POINTS:
         return {"color": colour, "linestyle": "none", "marker": "o", "markersize": 3.6}
     return {"color": colour, "linewidth": 2.8}
@@ -297,10 +302,12 @@ def _shown(n_lines: int) -> dict[str, Any]:
     return {"marker": "o", "markersize": 5.0} if n_lines == 1 else {}
 
 
-def _computed_look(number: int, count: int) -> dict[str, Any]:
-    """Return the look of a computed curve: start dotted, updated solid; of others as they come."""
-    if count == 2:
-        role, dash = (("before", ":"), ("after", "-"))[number]
-        return {"color": PAPER[role], "linestyle": dash}
-    colour, dash = category(number)
-    return {"color": colour, "linestyle": dash}
+def _computed_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return the looks of computed curves: start dotted, updated solid, others as they come."""
+    looks: dict[str, dict[str, Any]] = {}
+    others = 0
+    for name in names:
+        dash = _DASHES[name] if name in _DASHES else _OTHER_DASHES[others % len(_OTHER_DASHES)]
+        looks[name] = {"color": PAPER[state(name, others)], "linestyle": dash}
+        others += name not in STATES
+    return looks

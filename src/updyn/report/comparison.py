@@ -20,6 +20,7 @@ from updyn.report.data import EVALUATION_BUDGET, computed, fine_grid, keep_lines
 from updyn.report.formats import counted, decibels, extent, number, unit
 from updyn.report.page import assemble
 from updyn.report.plots import (
+    MODEL_COLOURS,
     Figure,
     existing,
     label,
@@ -30,6 +31,7 @@ from updyn.report.plots import (
 )
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template, write_page
+from updyn.style import OTHERS
 from updyn.updating.problem.data import Test
 from updyn.updating.result import UpdateResult
 
@@ -588,8 +590,8 @@ def panel_name(number: int) -> str:
 
 def _overlay(curves: Curves, names: Sequence[str]) -> Figure:
     """Measured, before, and after by some methods, in one figure."""
-    colours = ("@after", "@third", "@fourth")
-    traces = [_curve(curves, curves.before, "before", "@before", "dot")]
+    colours = (MODEL_COLOURS["updated"], *(f"@{role}" for role in OTHERS))
+    traces = [_curve(curves, curves.before, "before", MODEL_COLOURS["start"], "dot")]
     for name, colour, dash in zip(names, colours, ("solid", "dash", "dashdot"), strict=False):
         traces.append(_curve(curves, curves.after[name], f"after, {name}", colour, dash))
     return _frame(curves, [_measured(curves), *traces], _PAIR_HEIGHT)
@@ -597,8 +599,8 @@ def _overlay(curves: Curves, names: Sequence[str]) -> Figure:
 
 def _panel(curves: Curves, name: str) -> Figure:
     traces = [
-        _curve(curves, curves.before, "before", "@before", "dot"),
-        _curve(curves, curves.after[name], "after", "@after", "solid"),
+        _curve(curves, curves.before, "before", MODEL_COLOURS["start"], "dot"),
+        _curve(curves, curves.after[name], "after", MODEL_COLOURS["updated"], "solid"),
     ]
     return _frame(curves, [_measured(curves), *traces], _PANEL_HEIGHT)
 

@@ -14,6 +14,7 @@ from updyn.geometry import Geometry
 from updyn.report.formats import counted, figure_of_agreement, number, padded, percentage
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
+    MODEL_COLOURS,
     PRINTED_CELLS,
     SEQUENTIAL,
     Figure,
@@ -125,9 +126,9 @@ def comac_bars(table: ModalTable) -> Figure | None:
     last, _ = next(reversed(found.values()))
     shown = np.sort(np.argsort(last, kind="stable")[:MOST_SENSORS])
     traces, names = [], labels(sensors[i] for i in shown)
-    looks = {"start": ("@before", "diamond-open"), "updated": ("@after", "circle")}
+    symbols = {"start": "diamond-open", "updated": "circle"}
     for name, (values, n) in found.items():
-        colour, symbol = looks[name]
+        colour, symbol = MODEL_COLOURS[name], symbols[name]
         traces.append(
             {
                 "type": "scatter",

@@ -57,7 +57,7 @@ _GAP = 0.035
 #: Ticks as powers of 10, where plotly would write 2µ.
 _POWERS = {"exponentformat": "power", "showexponent": "all"}
 #: Colours of the two models.
-MODEL_COLOURS = {"start": "@before", "updated": "@after"}
+MODEL_COLOURS = {name: f"@{style.STATES[name]}" for name in ("start", "updated")}
 #: Colours of a scale from -1 to 1, orange below zero and blue above, and of one from 0 to 1.
 DIVERGING = colour_scale(style.DIVERGING)
 SEQUENTIAL = colour_scale(style.SEQUENTIAL)

@@ -20,6 +20,7 @@ from updyn.model import Model
 from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.section import Content
+from updyn.style import STATES
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
 from updyn.updating.modes import LARGEST
 from updyn.updating.result import UpdateResult
@@ -50,11 +51,11 @@ _MOST_REFERENCES = 8
 _SAME = 1e-6
 #: Layers: their colours, and how they are drawn; of a page before any fit.
 _LOOKS = {
-    "updated": ("after", "surface"),
-    "start": ("before", "wire"),
-    "test": ("test", "dots"),
+    "updated": (STATES["updated"], "surface"),
+    "start": (STATES["start"], "wire"),
+    "test": (STATES["measured"], "dots"),
 }
-_START_LOOKS = {"start": ("before", "surface"), "test": ("test", "dots")}
+_START_LOOKS = {"start": (STATES["start"], "surface"), "test": (STATES["measured"], "dots")}
 
 
 def scene_of(
@@ -297,11 +298,8 @@ def _operating(
     if not len(data.freq):
         return None, []
     states = {"measured": data.measured, "start": data.before, "updated": data.after}
-    looks = {
-        "measured": ("test", "dots"),
-        "start": ("before", "wire"),
-        "updated": ("after", "wire"),
-    }
+    styles = {"measured": "dots", "start": "wire", "updated": "wire"}
+    looks = {name: (STATES[name], style) for name, style in styles.items()}
     present = {name: values for name, values in states.items() if values is not None}
     notes = []
     shown = min(len(data.references), _MOST_REFERENCES)

@@ -22,6 +22,7 @@ from updyn.report.formats import (
 )
 from updyn.report.of_unknowns import OfUnknowns, by_figure, names_of
 from updyn.report.plots import (
+    MODEL_COLOURS,
     Figure,
     error_bars,
     existing,
@@ -219,7 +220,7 @@ def _start_trace(start: NDArray[np.float64]) -> dict[str, Any]:
         "y": list(range(len(start))),
         "marker": {
             "symbol": "line-ns-open",
-            "color": "@before",
+            "color": MODEL_COLOURS["start"],
             "size": 14,
             "line": {"width": 2},
         },
@@ -236,6 +237,7 @@ def _estimate_trace(
     symbol: str,
     names: list[str],
 ) -> dict[str, Any]:
+    colour = MODEL_COLOURS["updated"]
     trace: dict[str, Any] = {
         "type": "scatter",
         "mode": "markers",
@@ -245,14 +247,14 @@ def _estimate_trace(
         "text": np.take(names, at).tolist(),
         "marker": {
             "symbol": symbol,
-            "color": "@after",
+            "color": colour,
             "size": 10,
-            "line": {"width": 2, "color": "@after"},
+            "line": {"width": 2, "color": colour},
         },
         "hovertemplate": "%{text}: %{x:.5g}<extra></extra>",
     }
     if np.isfinite(low[at]).all():
-        trace["error_x"] = error_bars(values[at] - low[at], high[at] - values[at], "@after")
+        trace["error_x"] = error_bars(values[at] - low[at], high[at] - values[at], colour)
     return trace
 
 

@@ -62,7 +62,7 @@ def model_scene(
     shown = None
     if modes is not None:
         shapes = motions(body, entries_of(body, geometry, modes.dofs), modes.shapes)
-        layer = Layer("model", "after", "surface", 0, shapes)
+        layer = Layer("model", "plain", "surface", 0, shapes)
         rows = []
         for number, (frequency, loss) in enumerate(
             zip(modes.frequency.tolist(), modes.loss_factor.tolist(), strict=True)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import InputError
+from updyn.style import STATES
 
 __all__ = [
     "ROLES",
@@ -29,8 +30,9 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Whole = NDArray[np.intp]
 
-#: Colours of layers, by their part in the story.
-ROLES = ("after", "before", "test", "measured", "third")
+#: Colours of layers: the three of an update, that of a model of which no more is known, and one of
+#: any other.
+ROLES = (*STATES.values(), "plain", "third")
 #: How a layer is drawn: with faces in the colours of the groups, as lines, or as nodes with lines.
 STYLES = ("surface", "wire", "dots")
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.style import CATEGORIES
+from updyn.style import CATEGORIES, STATES
 from updyn.web.look import colour, text_style
 
 __all__ = [
@@ -27,6 +27,12 @@ __all__ = [
 _UNITS = {"receptance": "m/N", "mobility": "m/s/N", "accelerance": "m/s²/N"}
 #: How magnitudes are drawn.
 SCALES = {"log": "logarithmic", "dB": "decibels", "linear": "linear"}
+#: Lines of curves by name: a wide one for measured data, inside which a curve that fits is seen.
+_LOOKS: Mapping[str, dict[str, Any]] = {
+    "measured": {"width": 4.5},
+    "start": {"width": 1.4, "type": "dotted"},
+    "updated": {"width": 1.6},
+}
 #: Points of a curve beyond which it is thinned.
 _MOST_POINTS = 4000
 _GRID = {"left": 90, "right": 24, "top": 40, "bottom": 60}
@@ -50,6 +56,7 @@ def frf_chart(
         What they are.
     curves : mapping of str to (ndarray, ndarray)
         Lines in Hz, shape (n,), and complex values, shape (n,), by name; the first is measured.
+        ``start`` and ``updated`` have their own colours.
     scale : {"log", "dB", "linear"}
         How magnitudes are drawn.
     band : (float, float), optional
@@ -66,11 +73,12 @@ def frf_chart(
     dict
     """
     unit = _UNITS.get(quantity, "")
-    colours = ["measured", *CATEGORIES]
+    colours = [STATES["measured"], *CATEGORIES]
     many = len(curves) > len(colours)
     series: list[dict[str, Any]] = []
     for number, (name, (freq, values)) in enumerate(curves.items()):
-        own = colours[number % len(colours)]
+        own = STATES.get(name, colours[number % len(colours)])
+        look = _LOOKS.get(name, {"width": 0.8 if many else 1.6})
         series.append(
             {
                 "type": "line",
@@ -78,7 +86,7 @@ def frf_chart(
                 "data": _rows(freq, np.abs(values), scale, points),
                 "showSymbol": False,
                 "silent": many,
-                "lineStyle": {"width": 0.8 if many else 1.6, **colour(own)},
+                "lineStyle": {**look, **colour(own)},
                 "itemStyle": colour(own),
             }
         )
@@ -122,8 +130,8 @@ def coherence_chart(freq: NDArray[np.float64], values: NDArray[Any]) -> dict[str
         "name": "coherence",
         "data": _rows(freq, np.asarray(values, dtype=float), "linear", _MOST_POINTS),
         "showSymbol": False,
-        "lineStyle": {"width": 1.2, **colour("measured")},
-        "itemStyle": colour("measured"),
+        "lineStyle": {"width": 1.2, **colour(STATES["measured"])},
+        "itemStyle": colour(STATES["measured"]),
     }
     chart: dict[str, Any] = {
         "animation": False,
@@ -313,7 +321,7 @@ def parameter_chart(start: Mapping[str, float], now: Mapping[str, float]) -> dic
             {
                 "type": "bar",
                 "name": "value / start",
-                "itemStyle": colour("after"),
+                "itemStyle": colour(STATES["updated"]),
                 "data": [float(f"{now[name] / start[name]:.6g}") for name in names],
             }
         ],

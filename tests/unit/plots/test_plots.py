@@ -147,7 +147,7 @@ def test_an_overlay_has_both_in_the_sign_and_quantity_of_the_measured(data):
     np.testing.assert_array_equal(curves["computed"].get_xdata(), fine)
     degrees = phase.lines[1].get_ydata()
     np.testing.assert_allclose(degrees[np.isfinite(degrees)], np.degrees(np.angle(expected)))
-    assert curves["computed"].get_color() == PAPER["after"]
+    assert curves["computed"].get_color() == PAPER["third"]  # neither start nor updated
 
 
 def test_an_overlay_of_several_channels_has_a_panel_for_each(data, correlation):

@@ -127,7 +127,7 @@ def test_operating_shapes_keep_phase_and_ratio_at_each_line():
         "m/N",
         0,
         entries_of(body, geometry, ["1:Z", "2:Z"]),
-        [Reference("1:Z", [OperatingLayer("measured", "test", "dots", values)])],
+        [Reference("1:Z", [OperatingLayer("measured", "measured", "dots", values)])],
     )
     layer = encoded(Scene([body], operating=operating))["operating"]["references"][0]["layers"][0]
     parts = [
@@ -176,7 +176,8 @@ def test_what_does_not_fit_together_is_refused():
         Colouring("c", "", [("none", "n")], [3], ["t"])
     layer = scene.modes.layers[0]
     with pytest.raises(
-        InputError, match="role 'afterwards' of layer 'model'; expected one of after"
+        InputError,
+        match="role 'afterwards' of layer 'model'; expected one of measured, before, after",
     ):
         dataclasses.replace(layer, role="afterwards")
     short = dataclasses.replace(layer, shapes=layer.shapes[:, 1:])

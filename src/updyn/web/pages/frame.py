@@ -203,7 +203,8 @@ def complain(text: str) -> None:
     text : str
         The message.
     """
-    ui.notify(text, type="negative", timeout=0, close_button="Close", multi_line=True)
+    close = [{"label": "Close", "color": "white"}]
+    ui.notify(text, type="negative", timeout=0, actions=close, multi_line=True)
 
 
 async def asked(function: Callable[..., T], *arguments: Any) -> T | None:

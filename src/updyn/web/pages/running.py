@@ -102,7 +102,7 @@ async def _overlay(workspace: Workspace, test: TestView, start: Mapping[str, flo
             return  # a later step is drawn meanwhile
         curves = {"measured": (test.freq[test.used], test.values[test.used, row, column])}
         if now is not None:
-            curves["now"] = _pair(now)
+            curves["updated"] = _pair(now)
         curves["start"] = _pair(kept[row, column])
         redraw(overlay, frf_chart(test.quantity, curves, scale=shown["scale"]))
         bars.set_visibility(bool(values))
