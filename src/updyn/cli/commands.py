@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -334,7 +335,7 @@ def convert(
     """
     from updyn.io import write_frf, write_model
 
-    if target.exists() and target.resolve() == source.resolve():
+    if target.exists() and os.path.realpath(target) == os.path.realpath(source):
         raise InputError(f"{target}: is the file to read")
     check_free([target], force=force)
     of_frf = {

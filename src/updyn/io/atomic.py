@@ -38,6 +38,8 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         is full.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise FormatError(f"{str(path)!r}: no file can have that name")
     if not path.parent.is_dir():
         raise FormatError(f"the folder {str(path.parent)!r} does not exist", path)
     if path.is_dir():

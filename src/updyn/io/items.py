@@ -449,7 +449,7 @@ def is_file(path: str | Path) -> bool:
     """Return whether there is such a file; of a name that no file can have, that there is none."""
     try:
         return Path(path).is_file()
-    except OSError:  # a name that is too long, a folder that cannot be entered
+    except (OSError, ValueError):  # too long, a null character, a folder that cannot be entered
         return False
 
 
@@ -457,7 +457,7 @@ def is_folder(path: str | Path) -> bool:
     """Return whether there is such a folder; of a name that none can have, that there is none."""
     try:
         return Path(path).is_dir()
-    except OSError:
+    except (OSError, ValueError):
         return False
 
 

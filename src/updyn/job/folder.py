@@ -101,7 +101,7 @@ def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
     UpdynWarning
         If files of an earlier run have other names: its job chose them, or the manifest is forged.
     """
-    inputs = {os.path.realpath(path) for path in _inputs(job)}
+    inputs = {_without_links(path) for path in _inputs(job)}
     now = outputs(job)
     entries = Manifest.read(out).entries
     listed = [name for name, entry in entries.items() if entry.command in _OF_A_RUN]
@@ -161,6 +161,8 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
         input of the job or that updyn did not write as it stands.
     """
     out = default_out(job) if out is None else Path(out)
+    if "\0" in str(out):
+        raise JobError(f"{str(out)!r}: no folder can have that name", job.path)
     names = outputs(job) if names is None else tuple(names)
     if out.exists() and not out.is_dir():
         text = f"the output folder {str(out)!r} is a file; choose another with --out"
@@ -174,10 +176,14 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
         raise JobError(text, job.path)
     targets = [out / name for name in names]
     for target in targets:
+        if "\0" in str(target):
+            raise JobError(f"{str(target)!r}: no file can have that name", job.path)
         if target.is_dir():
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
     written = {os.path.realpath(target) for target in targets}
     for path, what in _inputs(job).items():
+        if _without_links(path) is None:
+            continue  # the reader of the file refuses it, with the line of its key
         relative_path(path, out)  # which job.toml will state
         if os.path.realpath(path) in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
@@ -330,6 +336,14 @@ def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
         table[key] = relative_path(job.beside(named), out)
     else:
         table[key] = [relative_path(job.beside(file), out) for file in named]
+
+
+def _without_links(path: Path) -> str | None:
+    """Return the path of a file without links; None where no file can have that name."""
+    try:
+        return os.path.realpath(path)
+    except ValueError:  # a null character
+        return None
 
 
 def relative_path(path: Path, folder: Path) -> str:

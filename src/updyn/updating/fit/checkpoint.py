@@ -68,6 +68,8 @@ class Checkpoint:
         self._file: FileIO | None = None
         self._broken = False
         self._synced = 0.0
+        if "\0" in str(path):
+            raise OptionError(f"checkpoint {str(path)!r}: no file can have that name")
         if not path.parent.is_dir():
             raise OptionError(f"checkpoint {str(path)!r}: the folder does not exist")
         if resume:
