@@ -333,13 +333,16 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
         If an array is missing, a direction is not one, or a DOF stands twice.
     """
     nodes = take_array(place, "node", path, "iu", 1)
-    texts = take_array(place, "direction", path, "SO", 1).astype("S")
+    texts = take_array(place, "direction", path, "SO", 1)
     axes = np.full(len(texts), -1)
     for i, direction in enumerate(DIRECTIONS):
-        axes[texts == direction.encode()] = i
+        for text in (direction, direction.encode()):
+            if texts.dtype.kind == "O" or isinstance(text, bytes):
+                axes[texts == text] = i
     if (axes < 0).any():
         at = int(np.flatnonzero(axes < 0)[0])
-        found = texts[at].decode("utf-8", "replace")
+        found = texts[at]
+        found = (found.decode("utf-8", "replace") if isinstance(found, bytes) else str(found))[:20]
         raise FormatError(
             f"{place.name}: direction {at + 1} is {found!r}; {suggest(found, DIRECTIONS)}", path
         )

@@ -378,6 +378,29 @@ def test_a_changed_file_is_refused(tmp_path, alter, message):
     assert str(caught.value).startswith(str(path))
 
 
+def with_directions(path, place, directions, dtype):
+    with h5py.File(path, "r+") as file:
+        group = file[place]
+        del group["direction"]
+        group.create_dataset("direction", data=directions, dtype=dtype)
+
+
+@pytest.mark.parametrize("place", ["start_model/dofs", "updated_model/dofs"])
+def test_directions_as_text_of_any_length(tmp_path, place):
+    """As other programs write them; a label that is no direction is named, whatever its letters."""
+    write_result(sample(), tmp_path / "run.nc")
+    texts = h5py.string_dtype("utf-8")
+    with_directions(tmp_path / "run.nc", place, ["Z", "Z"], texts)
+    assert_same_model(read_result(tmp_path / "run.nc").start, sample().start)
+    for found, shown in (("Ü", "Ü"), ("X\u20ac", "X\u20ac"), ("Z" * 50, "Z" * 20)):
+        with_directions(tmp_path / "run.nc", place, ["Z", found], texts)
+        with pytest.raises(FormatError, match=f"/{place}: direction 2 is '{shown}'; "):
+            read_result(tmp_path / "run.nc")
+    with_directions(tmp_path / "run.nc", place, np.array([b"Z", b"\xdc"]), "S2")
+    with pytest.raises(FormatError, match="direction 2 is '\ufffd'"):
+        read_result(tmp_path / "run.nc")
+
+
 def test_other_files_are_refused_by_name(tmp_path):
     write_model(start_model(), tmp_path / "model.h5")
     with pytest.raises(FormatError, match=r"read it with updyn.read_model"):
