@@ -1,6 +1,7 @@
 """Builders of models: beams, drive trains, structures in space and meshes, and constraints.
 
-`MODEL_KINDS` holds the builders that a job file asks for by ``[model] kind = "..."``.
+`MODEL_KINDS` holds the builders that a job file asks for by ``[model] kind = "..."``, and
+`MODEL_QUESTIONS` what is asked about such a table once the band of the test is known.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from updyn.registry import Registry
 if TYPE_CHECKING:
     from updyn.model import Model
 
-__all__ = ["MODEL_KINDS"]
+__all__ = ["MODEL_KINDS", "MODEL_QUESTIONS"]
 
 #: Builders of models by kind: functions from the keys of the table ``[model]`` to a `Model`.
 MODEL_KINDS: Registry[Callable[[Mapping[str, Any]], Model]] = Registry(
@@ -24,4 +25,11 @@ MODEL_KINDS: Registry[Callable[[Mapping[str, Any]], Model]] = Registry(
         "drivetrain": "updyn.elements.drivetrain:drivetrain_from_table",
         "structure": "updyn.elements.structure:structure_from_table",
     },
+)
+
+#: Questions about the table of a kind: functions of its keys and of a band in Hz.
+MODEL_QUESTIONS: Registry[Callable[[Mapping[str, Any], tuple[float, float]], list[str]]] = Registry(
+    "model kind",
+    "updyn.model_questions",
+    {"drivetrain": "updyn.elements.drivetrain:ratio_questions"},
 )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.dynamics.fields import TIERS
-from updyn.elements import MODEL_KINDS
+from updyn.elements import MODEL_KINDS, MODEL_QUESTIONS
 from updyn.errors import (
     DataError,
     DofError,
@@ -91,6 +91,7 @@ def prepare(job: Job) -> Prepared:
         prepared = Prepared(job, tuple(tests), parameters)
         for name in job.tables:
             JOB_TABLES[name].check(prepared)
+    _ask(job, tests)
     return prepared
 
 
@@ -163,6 +164,17 @@ def _model(job: Job) -> Model:
     path = existing_file(job, table.file, "model", "file")
     with key_path("model", otherwise=("file",)):
         return read_model(path, format=table.format, **table.keys)
+
+
+def _ask(job: Job, tests: Sequence[PreparedTest]) -> None:
+    """Warn about what the band of the tests makes doubtful in the table of the model."""
+    kind = job.model.kind
+    if kind is None or kind not in MODEL_QUESTIONS:
+        return
+    freq = np.concatenate([test.freq for test in tests])
+    band = (float(freq.min()), float(freq.max()))
+    for question in MODEL_QUESTIONS[kind](job.model.keys, band):
+        warnings.warn(f"[model] {question}", UpdynWarning, stacklevel=2)
 
 
 def _check_properties(job: Job, parameters: ParameterSet) -> None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from updyn.elements.drivetrain.build import drivetrain, drivetrain_from_table, mounted
+from updyn.elements.drivetrain.build import (
+    drivetrain,
+    drivetrain_from_table,
+    mounted,
+    ratio_questions,
+)
 from updyn.elements.drivetrain.gears import Belt, DualDrive, GearPair, Planetary, Worm
 from updyn.elements.drivetrain.pieces import PARTS, Part
 from updyn.elements.drivetrain.reflection import Reflected, ReflectedPart, reflected
@@ -27,5 +32,6 @@ __all__ = [
     "drivetrain",
     "drivetrain_from_table",
     "mounted",
+    "ratio_questions",
     "reflected",
 ]

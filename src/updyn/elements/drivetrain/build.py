@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -15,7 +16,8 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.elements.checks import check_keys, is_whole, parts_of_table, whole
 from updyn.elements.constraints import Equation, about_axis, constrain, join
 from updyn.elements.drivetrain.pieces import PARTS, Hold, Mass, Part, Piece, Spring, Tie, resolve
-from updyn.errors import ModelError, suggest
+from updyn.elements.drivetrain.ratios import inverted_ratios
+from updyn.errors import ModelError, UpdynWarning, suggest
 from updyn.model import Group, Model
 
 __all__ = [
@@ -24,6 +26,7 @@ __all__ = [
     "drivetrain",
     "drivetrain_from_table",
     "mounted",
+    "ratio_questions",
 ]
 
 _OPTIONS = ("held", "keep", "title")
@@ -98,7 +101,28 @@ def drivetrain(
     ModelError
         If a number is not usable, names collide, ratios contradict each other, or a node has
         neither stiffness, inertia nor damping.
+
+    Warns
+    -----
+    UpdynWarning
+        If a gear ratio may be inverted: with its inverse more natural frequencies are plausible.
     """
+    parts, held, keep = list(parts), _listed(held), _listed(keep)
+    model = _built(parts, held, keep, title)
+    for question in inverted_ratios(parts, lambda others: _built(others, held, keep)):
+        warnings.warn(question, UpdynWarning, stacklevel=2)
+    return model
+
+
+def _listed(nodes: Iterable[int]) -> Iterable[int]:
+    """Return nodes that can be read twice; what is no sequence of nodes is refused later."""
+    return list(nodes) if isinstance(nodes, Iterator) else nodes
+
+
+def _built(
+    parts: Iterable[Part], held: Iterable[int], keep: Iterable[int], title: str = ""
+) -> Model:
+    """Return the model of a train."""
     train = assemble(parts, held)
     groups = {name: _group(name, pieces, train) for name, pieces in _by_group(train).items()}
     if not groups:
@@ -134,6 +158,12 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
     ModelError
         If a key is missing or unknown (the nearest is named), or as `drivetrain`.
     """
+    parts, options = _of_table(table)
+    return drivetrain(parts, **options)
+
+
+def _of_table(table: Mapping[str, Any]) -> tuple[list[Part], dict[str, Any]]:
+    """Return the parts of a table, and the other arguments of `drivetrain`."""
     data = dict(table)
     kind = data.pop("kind", "drivetrain")
     if kind != "drivetrain":
@@ -148,7 +178,33 @@ def drivetrain_from_table(table: Mapping[str, Any]) -> Model:
             "model: a drive train has no parts; expected [[model.shafts]] or others of"
             f" {', '.join(PARTS)}"
         )
-    return drivetrain(parts, **data)
+    return parts, data
+
+
+def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list[str]:
+    """Return a question about each gear ratio that the band of a test makes doubtful.
+
+    Parameters
+    ----------
+    table : mapping
+        As for `drivetrain_from_table`.
+    band : (float, float)
+        Lines of the test in Hz.
+
+    Returns
+    -------
+    list of str
+        Empty where no ratio is in doubt, and where `drivetrain` has asked already.
+    """
+    parts, options = _of_table(table)
+    held, keep = options.get("held", ()), options.get("keep", ())
+
+    def build(others: Iterable[Part]) -> Model:
+        return _built(others, held, keep)
+
+    if inverted_ratios(parts, build):
+        return []
+    return inverted_ratios(parts, build, band)
 
 
 def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:

@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -117,6 +117,15 @@ class GearPair(Part):
 
     node_fields: ClassVar[tuple[str, ...]] = ("a", "b", "housing")
 
+    @property
+    def speeds(self) -> tuple[int, int, float]:
+        """Both nodes, and the speed of a over that of b."""
+        return self.a, self.b, _sizes(f"gear pair {self.name!r}", self)[0]
+
+    def inverted(self) -> GearPair:
+        """Return the part with the inverse of its ratio."""
+        return _swapped(self)
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh and the two wheels."""
         what = f"gear pair {self.name!r}"
@@ -183,6 +192,15 @@ class DualDrive(Part):
     housing: int | None = None
 
     node_fields: ClassVar[tuple[str, ...]] = ("first", "second", "gear", "housing")
+
+    @property
+    def speeds(self) -> tuple[int, int, float]:
+        """Pinion and gear, and the speed of the pinion over that of the gear."""
+        return self.first, self.gear, _sizes(f"dual drive {self.name!r}", self)[0]
+
+    def inverted(self) -> DualDrive:
+        """Return the part with the inverse of its ratio."""
+        return _swapped(self)
 
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return both meshes, the pinions and the gear."""
@@ -264,6 +282,15 @@ class Worm(Part):
 
     node_fields: ClassVar[tuple[str, ...]] = ("worm", "wheel", "housing")
 
+    @property
+    def speeds(self) -> tuple[int, int, float]:
+        """Worm and wheel, and the speed of the worm over that of the wheel."""
+        return self.worm, self.wheel, self.ratio
+
+    def inverted(self) -> Worm:
+        """Return the part with the inverse of its ratio."""
+        return replace(self, ratio=1.0 / self.ratio)
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the mesh, the worm and the wheel."""
         what = f"worm {self.name!r}"
@@ -316,6 +343,15 @@ class Belt(Part):
 
     node_fields: ClassVar[tuple[str, ...]] = ("a", "b", "housing")
 
+    @property
+    def speeds(self) -> tuple[int, int, float]:
+        """Both nodes, and the speed of a over that of b."""
+        return self.a, self.b, self.radii[1] / self.radii[0]
+
+    def inverted(self) -> Belt:
+        """Return the part with the inverse of its ratio."""
+        return replace(self, radii=(self.radii[1], self.radii[0]))
+
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the belt and the pulleys."""
         what = f"belt {self.name!r}"
@@ -326,6 +362,19 @@ class Belt(Part):
         row = (r_a, r_b if self.crossed else -r_b)
         belt = transmission(what, self, (self.a, self.b), row, k, along=True)
         return [belt, *halves(what, self, belt.nodes)]
+
+
+_Wheels = TypeVar("_Wheels", GearPair, DualDrive)
+
+
+def _swapped(part: _Wheels) -> _Wheels:
+    """Return two wheels with the inverse of their ratio."""
+    if part.ratio is not None:
+        return replace(part, ratio=1.0 / part.ratio)
+    if part.teeth is not None:
+        return replace(part, teeth=(part.teeth[1], part.teeth[0]))
+    assert part.radii is not None
+    return replace(part, radii=(part.radii[1], part.radii[0]))
 
 
 def line_of_action(what: str, pressure_angle_deg: float) -> float:

@@ -126,6 +126,15 @@ class Part(ABC):
 
     name: str
 
+    @property
+    def speeds(self) -> tuple[int, int, float] | None:
+        """Two nodes and the speed of the first over that of the second; None without a ratio."""
+        return None
+
+    def inverted(self) -> Part:
+        """Return the part with the inverse of its ratio; a part without a ratio is unchanged."""
+        return self
+
     @abstractmethod
     def pieces(self, new_node: Callable[[], int]) -> list[Piece]:
         """Return the pieces of the part.

@@ -1,0 +1,153 @@
+"""Gear ratios that may be inverted: natural frequencies with a ratio and with its inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dynamics.eigen import mass_rank
+from updyn.dynamics.modes import modes
+from updyn.elements.drivetrain.pieces import Part
+from updyn.errors import UpdynError
+from updyn.model import Model
+
+__all__ = ["PLAUSIBLE", "inverted_ratios"]
+
+_Real = NDArray[np.float64]
+_Band = tuple[float, float]
+
+#: Plausible natural frequencies of a drive train, in Hz. At 10 kHz a shear wave in steel, with a
+#: speed of sqrt(G / rho) = 3.2 km/s (Timoshenko, Vibration Problems in Engineering), has a length
+#: of 0.32 m: wheels and shafts are no lumped inertias there. The largest machines are far above
+#: 0.01 Hz: a telescope of 100 m is modelled by its modes up to 2 Hz (Ranka et al., J. Astron.
+#: Telesc. Instrum. Syst. 2 (2016) 014001).
+PLAUSIBLE: _Band = (0.01, 1e4)
+#: Factor on both ends of the band of a test: a start whose stiffness is off by four, either way.
+_OCTAVE = 2.0
+#: DOFs of the largest train that is examined: a fraction of a second for each ratio.
+_LARGEST = 300
+
+
+def inverted_ratios(
+    parts: Sequence[Part], build: Callable[[Sequence[Part]], Model], band: _Band | None = None
+) -> list[str]:
+    """Return a question about each gear ratio whose inverse gives more plausible frequencies.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        A train that can be built.
+    build : callable
+        Builds the model of parts.
+    band : (float, float), optional
+        Lines of a test in Hz. A ratio is in doubt if no natural frequency lies within an octave of
+        the band and one does with the inverse; without a band, if fewer frequencies are `PLAUSIBLE`
+        than with the inverse.
+
+    Returns
+    -------
+    list of str
+        Empty where no ratio is in doubt, or the train is too large to be examined.
+    """
+    geared = [at for at, part in enumerate(parts) if part.speeds is not None]
+    if not geared:
+        return []
+    found = _frequencies(build(parts))
+    if not _in_doubt(found, band):
+        return []
+    out = []
+    for at in geared:
+        instead = _inverted(parts, [at], build)
+        if _is_better(found, instead, band):
+            out.append(_question([parts[at]], found, instead, band))
+    if not out and len(geared) > 1:
+        instead = _inverted(parts, geared, build)
+        if _is_better(found, instead, band):
+            out.append(_question([parts[at] for at in geared], found, instead, band))
+    return out
+
+
+def _inverted(
+    parts: Sequence[Part], which: Sequence[int], build: Callable[[Sequence[Part]], Model]
+) -> _Real:
+    """Return the natural frequencies with some ratios inverted; none where that cannot be built."""
+    others = [part.inverted() if at in which else part for at, part in enumerate(parts)]
+    try:
+        return _frequencies(build(others))
+    except UpdynError:  # the ratios of two ways between the same shafts have to agree
+        return np.zeros(0)
+
+
+def _frequencies(model: Model) -> _Real:
+    """Return the natural frequencies in Hz without rigid-body modes; none where not computed."""
+    if model.n_dofs > _LARGEST:
+        return np.zeros(0)
+    try:
+        found = modes(model, mass_rank(model.mass)).frequency
+    except UpdynError:
+        return np.zeros(0)
+    return np.asarray(found[found > 0.0])
+
+
+def _outside(found: _Real) -> _Real:
+    low, high = PLAUSIBLE
+    return np.asarray(found[(found < low) | (found > high)])
+
+
+def _near(found: _Real, band: _Band) -> _Real:
+    low, high = band[0] / _OCTAVE, band[1] * _OCTAVE
+    return np.asarray(found[(found >= low) & (found <= high)])
+
+
+def _in_doubt(found: _Real, band: _Band | None) -> bool:
+    if band is None:
+        return len(_outside(found)) > 0
+    return len(found) > 0 and len(_near(found, band)) == 0
+
+
+def _is_better(found: _Real, instead: _Real, band: _Band | None) -> bool:
+    """Return whether the inverse of a ratio in doubt gives more plausible frequencies."""
+    if band is not None:
+        return len(_near(instead, band)) > 0
+    return len(instead) > 0 and len(_outside(instead)) < len(_outside(found))
+
+
+def _question(parts: Sequence[Part], found: _Real, instead: _Real, band: _Band | None) -> str:
+    names = ", ".join(repr(part.name) for part in parts)
+    ask, they = "is the ratio inverted", "its inverse"
+    if len(parts) > 1:
+        ask, they = "are the ratios inverted", "their inverses"
+    meant = []
+    for part in parts:
+        assert part.speeds is not None
+        first, second, ratio = part.speeds
+        meant.append(f"node {first} turns {_ratio(ratio)} times as fast as node {second}")
+    if band is None:
+        low, high = PLAUSIBLE
+        outside = _listed(_outside(found))
+        said = f"the train has natural frequencies outside {low:g} to {high:g} Hz: {outside}"
+    else:
+        low, high = band
+        said = (
+            "no natural frequency of the train lies within an octave of the band of the test,"
+            f" {low:g} to {high:g} Hz: {_listed(found)}"
+        )
+    return (
+        f"{names}: {ask}? As stated, {', '.join(meant)}, and {said}; with {they} they are"
+        f" {_listed(instead)}"
+    )
+
+
+def _ratio(ratio: float) -> str:
+    """Return a ratio as text, one below 1 as a fraction."""
+    if abs(ratio) >= 1.0:
+        return f"{ratio:.6g}"
+    return f"{'-' if ratio < 0 else ''}1/{abs(1.0 / ratio):.6g}"
+
+
+def _listed(frequencies: _Real, most: int = 4) -> str:
+    shown = ", ".join(f"{f:.5g}" for f in frequencies[:most])
+    more = ", ..." if len(frequencies) > most else ""
+    return f"{shown}{more} Hz"
