@@ -293,6 +293,8 @@ class Bars(ComparisonSection):
         error = "Largest error of an unknown"
         if comparison.truth:
             error += f"; dashed: {comparison.tolerance:g}"
+        if any(math.isinf(row.error_max) for row in comparison):
+            error += "; no bar where an unknown is not determined"
         return {
             "bars": [
                 ("error", "Error", f"{error}."),

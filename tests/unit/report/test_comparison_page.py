@@ -99,7 +99,8 @@ def test_a_panel_for_each_method_that_gave_an_answer(found, figures, text):
     assert figures["panel-0"]["data"][2]["y"] == figures["pair"]["data"][2]["y"]
 
 
-def test_bars(found, figures):
+def test_bars(found, figures, text):
+    assert "no bar where an unknown is not determined" in text
     error = figures["error"]
     shown = dict(zip(error["layout"]["yaxis"]["ticktext"], error["data"][0]["x"], strict=True))
     assert found["reduced-frf"].status == "not-identifiable"
