@@ -1,7 +1,12 @@
 """``python -m updyn``: the command line."""
 
+import signal
 import sys
 
-from updyn.cli import main
+# Ctrl-C before the command line has its handlers, and after it, ends the process without a word.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-sys.exit(main())
+from updyn.cli import main  # noqa: E402
+
+if __name__ == "__main__":
+    sys.exit(main())

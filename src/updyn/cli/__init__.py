@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import Any
-
-from cyclopts import App, CycloptsError
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 from updyn import __version__
 from updyn.cli.signals import ending_at_once, stop_code
@@ -26,8 +25,11 @@ from updyn.cli.terminal import (
     print_note,
     warnings_as_notes,
 )
-from updyn.errors import UpdynError
+from updyn.errors import OptionError, UpdynError
 from updyn.registry import Registry
+
+if TYPE_CHECKING:
+    from cyclopts import App
 
 __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "NOT_DETERMINED", "STOPPED", "TERMINATED", "main"]
 
@@ -82,6 +84,8 @@ def app(*, listed: bool = False) -> App:
     listed : bool
         Whether the commands are to be listed, each with what it does, and none is called.
     """
+    from cyclopts import App
+
     made = App(
         name="updyn",
         version=__version__,
@@ -110,20 +114,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         The exit code.
     """
-    encode_anything()
-    words = sys.argv[1:] if arguments is None else list(arguments)
+    with suppress(KeyboardInterrupt):
+        return _run(arguments)
+    return stop_code()  # while a message was printed
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run a command, print its error where there is one, and return the exit code."""
     with warnings_as_notes():
         try:
             with ending_at_once():
-                made = app(listed=not any(word in COMMANDS for word in words))
-                command, bound, _ = made.parse_args(words, exit_on_error=False, print_error=False)
-                code = command(*bound.args, **bound.kwargs)
-                if code == STOPPED:
-                    return stop_code()
-                return code if isinstance(code, int) else DONE
-        except CycloptsError as error:
-            known = [word for word in words[:1] if word in COMMANDS]
-            return print_error(f"{error}\nTry: {' '.join(['updyn', *known, '--help'])}")
+                encode_anything()
+                code = _call(sys.argv[1:] if arguments is None else list(arguments))
+                return stop_code() if code == STOPPED else code
         except UpdynError as error:
             return print_error(str(error))
         except OSError as error:
@@ -133,3 +136,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             print_note("stopped; no results were written", "yellow")
             return stop_code()
+
+
+def _call(words: list[str]) -> int:
+    """Call the command that the words name, and return its exit code."""
+    from cyclopts import CycloptsError
+
+    made = app(listed=not any(word in COMMANDS for word in words))
+    try:
+        command, bound, _ = made.parse_args(words, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        known = [word for word in words[:1] if word in COMMANDS]
+        raise OptionError(f"{error}\nTry: {' '.join(['updyn', *known, '--help'])}") from error
+    code = command(*bound.args, **bound.kwargs)
+    return code if isinstance(code, int) else DONE

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 from updyn.cli.terminal import STOPPED, TERMINATED, print_note
 
@@ -19,6 +21,8 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _GRACE = 3.0
 #: How long a signal waits for its handler before it is answered, in s.
 _ANSWER = 0.2
+#: How long a signal waits that is sent again, in s.
+_AGAIN = 0.02
 _LEAVING = "Leaving at once."
 #: The latest of them that has come; what was stopped in order asks for it.
 _latest = [int(signal.SIGINT)]
@@ -66,7 +70,8 @@ def watched(
     before = [(number, signal.signal(number, handle)) for number in STOP_SIGNALS]
     woken = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
     try:
-        yield
+        with _raised_again():
+            yield
     finally:
         signal.set_wakeup_fd(woken)
         for number, handler in before:
@@ -74,6 +79,41 @@ def watched(
         theirs.close()
         watching.join()
         ours.close()
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, whose system call it interrupts where the system can."""
+    main = threading.main_thread().ident
+    if sys.platform == "win32" or main is None:
+        signal.raise_signal(number)
+    else:
+        signal.pthread_kill(main, number)
+
+
+@contextmanager
+def _raised_again() -> Iterator[None]:
+    """Send a signal again whose `KeyboardInterrupt` was lost.
+
+    A handler can be called in a destructor or in a callback of a C library. Python prints what is
+    raised there and goes on.
+    """
+    before, timers = sys.unraisablehook, list[threading.Timer]()
+
+    def hook(lost: Any) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            before(lost)
+            return
+        timers.append(threading.Timer(_AGAIN, _send, (_latest[0],)))
+        timers[-1].daemon = True
+        timers[-1].start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in timers:
+            timer.cancel()
 
 
 class LastResort:
@@ -105,7 +145,13 @@ def _end(code: int) -> None:
 
 @contextmanager
 def ending_at_once() -> Iterator[None]:
-    """Let a signal end the command that is under way, where it has nothing to stop in order."""
+    """Let a signal end the command that is under way, where it has nothing to stop in order.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After a signal, whatever was raised: libraries turn an interrupt into errors of their own.
+    """
     last, handled = LastResort(), threading.Event()
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
@@ -120,5 +166,9 @@ def ending_at_once() -> Iterator[None]:
     try:
         with watched(interrupt, answer):
             yield
+    except Exception:
+        if handled.is_set():
+            raise KeyboardInterrupt from None
+        raise
     finally:
         last.cancel()
