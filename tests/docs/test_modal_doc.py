@@ -7,6 +7,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+import pytest
 
 import updyn
 from pages import ROOT
@@ -50,4 +51,4 @@ def test_figures_of_the_chain(
             if figure.strip().startswith("<"):
                 assert found < float(figure.strip()[2:])
             else:
-                assert f"{float(f'{found:.1g}'):g}" == figure.strip(), (name, noise, found)
+                assert found == pytest.approx(float(figure), rel=0.15), (name, noise)

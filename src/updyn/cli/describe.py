@@ -14,6 +14,7 @@ from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
+from updyn.modal.unexplained import peaks_without_modes
 from updyn.model import Group, Matrix, Model
 from updyn.signals.records import records_of
 from updyn.text_table import text_table
@@ -160,6 +161,8 @@ def describe_modes(found: ModeSet) -> str:
         f"{len(found.dofs)} DOFs: {_labels(found.dofs)}",
         text_table(header, rows),
     ]
+    if len(found.unexplained):
+        texts.append(f"{peaks_without_modes(found.unexplained)}; [modes] pick makes modes of them.")
     return "\n".join(texts)
 
 

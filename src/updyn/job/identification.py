@@ -139,13 +139,20 @@ def _picked(
 
 
 def _pole(found: ModeSet, frequency: float) -> float | None:
-    """Return the frequency of the stable pole that was clicked; None of one of a mode, or of none.
+    """Return the frequency of the pole that was picked; None of one of a mode, or of none.
 
-    A click gives it to seven digits, so that a frequency that is written by hand means a mode.
+    A click gives it to seven digits, so that a frequency that is written by hand means a mode, or a
+    peak that no mode belongs to where that is nearer.
     """
     diagram = found.diagram
     if diagram is None:
         return None
+    peaks = found.unexplained
+    if len(peaks):
+        peak = float(peaks[int(np.argmin(np.abs(peaks - frequency)))])
+        apart = abs(peak - frequency)
+        if apart <= min(_NEAR * frequency, float(np.min(np.abs(found.frequency - frequency)))):
+            return peak
     stable = diagram.frequency[diagram.stable]
     clicked = stable[np.abs(stable / frequency - 1.0) < _CLICKED]
     width = found.frequency * found.loss_factor
@@ -168,6 +175,9 @@ def _mode(found: ModeSet, frequency: float) -> float:
         stable = diagram.frequency[diagram.stable]
         near = float(stable[int(np.argmin(np.abs(stable - frequency)))])
         text += f", the nearest stable pole of the diagram at {near:.7g} Hz"
+    if len(found.unexplained):
+        peak = float(found.unexplained[int(np.argmin(np.abs(found.unexplained - frequency)))])
+        text += f", the nearest peak without a mode at {peak:.6g} Hz"
     raise JobError(text)
 
 

@@ -24,7 +24,7 @@ __all__ = ["ModeSet"]
 
 _Real = NDArray[np.float64]
 
-#: What a set is made of, the diagram apart.
+#: What a set is made of, apart from the diagram and peaks without a mode.
 _FIELDS = (
     "frequency",
     "shapes",
@@ -73,6 +73,8 @@ class ModeSet:
         not known.
     diagram : Diagram, optional
         The stabilisation diagram from which the modes were found.
+    unexplained : array_like of float, shape (m,)
+        Frequencies in Hz of significant peaks of the measurement to which no mode belongs.
 
     Raises
     ------
@@ -102,6 +104,7 @@ class ModeSet:
     std_loss_factor: _Real
     std_shapes: _Real | None
     diagram: Diagram | None
+    unexplained: _Real
     digest: str = field(init=False)
 
     def __init__(
@@ -118,6 +121,7 @@ class ModeSet:
         std_loss_factor: ArrayLike | None = None,
         std_shapes: ArrayLike | None = None,
         diagram: Diagram | None = None,
+        unexplained: ArrayLike = (),
     ) -> None:
         labels = DofSet(dofs)
         f = _array("frequency", frequency, np.float64)
@@ -168,6 +172,9 @@ class ModeSet:
         object.__setattr__(self, "dofs", labels)
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "diagram", diagram)
+        peaks = np.sort(_array("unexplained", unexplained, np.float64).reshape(-1))
+        peaks.flags.writeable = False
+        object.__setattr__(self, "unexplained", peaks)
         object.__setattr__(self, "digest", hashed.hexdigest())
 
     def __len__(self) -> int:
@@ -208,7 +215,7 @@ class ModeSet:
         return curves(self.frequency, [damping], titles, log_y=False, stems=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        names = (*_FIELDS, "diagram")
+        names = (*_FIELDS, "diagram", "unexplained")
         return _restored, ({name: getattr(self, name) for name in names},)
 
     def to_pandas(self) -> pd.DataFrame:
@@ -279,7 +286,7 @@ class ModeSet:
         given = {name: getattr(self, name) for name in _FIELDS} | {"dofs": dofs}
         if source is not None:
             given["source"] = source
-        return ModeSet(**given, diagram=self.diagram)
+        return ModeSet(**given, diagram=self.diagram, unexplained=self.unexplained)
 
     @property
     def phase_collinearity(self) -> _Real:
@@ -346,6 +353,7 @@ class ModeSet:
             std_loss_factor=self.std_loss_factor[keep],
             std_shapes=None if self.std_shapes is None else self.std_shapes[:, keep],
             diagram=self.diagram,
+            unexplained=self.unexplained,
         )
 
 

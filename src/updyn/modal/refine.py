@@ -11,13 +11,14 @@ estimated from the residual of the fit. Standard deviations are those of the nor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.channels import Columns
+from updyn.modal.envelope import Envelope
 from updyn.modal.vector_fitting import Basis
 
 __all__ = [
@@ -27,8 +28,10 @@ __all__ = [
     "Solved",
     "Weights",
     "Window",
+    "deviance",
     "errors_of",
     "moved",
+    "pole_deviation",
     "reweighted",
     "solved",
 ]
@@ -69,6 +72,8 @@ class Window:
         Poles that are fitted with free residues, but not moved.
     apart : ndarray of complex, shape (p, n_f) or (1, 1)
         What was taken out of the channels; their noise is a share of all that they were.
+    envelope : Envelope
+        Of the noise, by which lines are independent or not.
     """
 
     basis: Basis
@@ -76,6 +81,21 @@ class Window:
     Y: _Complex
     beside: _Complex
     apart: _Complex = field(default_factory=lambda: np.zeros((1, 1), dtype=np.complex128))
+    envelope: Envelope = field(default_factory=Envelope.white)
+
+    @property
+    def measured(self) -> _Complex:
+        """The channels as they were measured, shape (p, n_f).
+
+        The fractions of modes far away may be larger than all that was measured: their sum with the
+        polynomial is small at low frequencies, and not they.
+        """
+        return np.asarray(self.Y + self.apart)
+
+    def of_lines(self, chosen: NDArray[np.bool_]) -> Window:
+        """Return the window of some of its lines."""
+        apart = self.apart if self.apart.shape[1] == 1 else self.apart[:, chosen]
+        return replace(self, x=self.x[chosen], Y=self.Y[:, chosen], apart=apart)
 
     def width(self, poles: _Complex) -> _Real:
         """Return the distance of the half-power points from poles, in the unit of x, shape (k,)."""
@@ -88,16 +108,57 @@ class Window:
         third = float(np.sort(distance)[min(2, len(distance) - 1)])
         return np.asarray(distance <= max(float(self.width(np.array([pole]))[0]), third))
 
-    def columns(self, poles: _Complex) -> NDArray[Any]:
-        """Return the functions of which the channels are sums, shape (rows, m); poles first."""
+    @property
+    def powers(self) -> _Complex:
+        """The polynomial for all modes outside, shape (n_f, degree + 1)."""
         middle = 0.5 * (self.x[0] + self.x[-1])
         reach = max(float(np.abs(self.x[-1] - middle)), _TINY)
-        powers = ((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1)
+        return np.asarray(((self.x[:, None] - middle) / reach) ** np.arange(self.basis.degree + 1))
+
+    def columns(self, poles: _Complex) -> NDArray[Any]:
+        """Return the functions of which the channels are sums, shape (rows, m); poles first."""
+        powers = self.powers
         if self.basis.mirrored:  # far modes have complex tails
             powers = np.hstack([powers, 1j * powers])
         fractions = self.basis.fractions(self.x, poles)
         beside = self.basis.fractions(self.x, self.beside)
         return self.basis.parts(np.hstack([fractions, beside, powers]))
+
+    def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
+        """Return the variance of residues in the noise over that in white noise, shape (k,).
+
+        Parameters
+        ----------
+        poles : ndarray of complex, shape (k,)
+            The poles.
+        weights : Weights
+            Of the values.
+        moving : bool
+            Return that of the poles, and not of their residues.
+        """
+        if len(self.envelope.power) == 1:
+            return np.ones(len(poles))
+        # Of a pole with a mirror image the fraction near the lines is all that counts.
+        fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.beside]))
+        A = np.hstack([fractions, self.powers]) * weights.common[:, None]
+        if moving:
+            T = weights.common[:, None] / (self.x[:, None] - poles) ** 2
+            Q = np.linalg.qr(A)[0]
+            beyond = np.asarray(T - Q @ (Q.conj().T @ T), dtype=np.complex128)
+            return self.envelope.inflation(beyond)
+        out = np.ones(len(poles))
+        for r in range(len(poles)):
+            Q = np.linalg.qr(np.delete(A, r, axis=1))[0]
+            own = A[:, r : r + 1]
+            out[r] = self.envelope.inflation(own - Q @ (Q.conj().T @ own))[0]
+        return out
+
+    def follows(self, Q: NDArray[Any]) -> float:
+        """Return how much of the noise orthonormal columns follow, over that of white noise."""
+        n_f = len(self.x)
+        if len(Q) > n_f:  # real and imaginary parts
+            Q = Q[:n_f] + 1j * Q[n_f:]
+        return float(np.mean(self.envelope.inflation(Q)))
 
     def derivatives(self, poles: _Complex) -> NDArray[Any]:
         """Return functions of which derivatives by the poles are sums, shape (rows, k or 2 k)."""
@@ -190,6 +251,11 @@ class Weights:
         level = np.sqrt(np.mean(size, axis=1, keepdims=True)) + _TINY
         return cls(level, np.ones((1, size.shape[1])))
 
+    @property
+    def common(self) -> _Real:
+        """Inverse deviations of the lines, the same for all channels, shape (n_f,)."""
+        return np.asarray(np.exp(-np.mean(np.log(self.line), axis=0)))
+
     def of_channels(self, chosen: NDArray[np.bool_]) -> Weights:
         """Return the weights of some channels."""
         return Weights(*(a[chosen] if len(a) > 1 else a for a in (self.channel, self.line)))
@@ -230,6 +296,8 @@ class Solved:
         Squared errors in units of their standard deviations.
     normals, gradients : ndarray, shapes (p, n, n) and (p, n)
         Of the cost of each channel by the poles, as `Window.mixed` has them.
+    inflation : float
+        How much of the noise the fit follows, over how much of white noise it would.
     """
 
     poles: _Complex
@@ -242,6 +310,7 @@ class Solved:
     squared: _Real
     normals: NDArray[Any]
     gradients: NDArray[Any]
+    inflation: float
     cost: float = field(init=False)
     normal: NDArray[Any] = field(init=False)
     gradient: NDArray[Any] = field(init=False)
@@ -259,7 +328,7 @@ class Solved:
     @property
     def squares(self) -> _Real:
         """Squared errors, each divided by the share of noise that the fit leaves of it."""
-        left, n_f = 1.0 - self.columns.leverage(), self.error.shape[1]
+        left, n_f = 1.0 - self.inflation * self.columns.leverage(), self.error.shape[1]
         if left.shape[1] > n_f:  # real and imaginary parts
             left = 0.5 * (left[:, :n_f] + left[:, n_f:])
         return np.asarray(self.left / np.maximum(left, _LEFT))
@@ -331,8 +400,23 @@ class Errors:
         return cls(np.zeros(p), np.zeros((0, p), dtype=np.complex128))
 
 
-def errors_of(window: Window, fitted: Solved) -> list[Errors]:
-    """Return the errors of the residues of each pole, in noise with the deviations of the weights.
+def deviance(fitted: Solved) -> float:
+    """Return -2 log of the likelihood of a fit with its likeliest noise, up to a constant."""
+    variance = Noise.of(fitted.squares, fitted.size).deviation(fitted.size) ** 2
+    return 2.0 * float(np.sum(np.log(variance) + fitted.left / variance))
+
+
+def pole_deviation(window: Window, fitted: Solved, weights: Weights) -> _Real:
+    """Return standard deviations of the poles' real and imaginary parts, shape (2, k).
+
+    In noise with the deviations of the weights, correlated over lines as the envelope says.
+    """
+    own = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
+    return np.asarray(fitted.deviation * own)
+
+
+def errors_of(window: Window, fitted: Solved, weights: Weights) -> list[Errors]:
+    """Return the errors of the residues of each pole, in noise as for `pole_deviation`.
 
     Of the normal equations of poles and residues together: residues follow the poles by
     -A^+ dA/dpoles, and at the poles fitted have the noise of a linear fit.
@@ -348,10 +432,13 @@ def errors_of(window: Window, fitted: Solved) -> list[Errors]:
     if not basis.mirrored:
         common = np.concatenate([common, 1j * common])  # of both parts of the poles
     errors = []
+    residue = window.inflation(fitted.poles, weights)
+    pole = np.sqrt(window.inflation(fitted.poles, weights, moving=True))
     for r, own in enumerate(fitted.own):
         noise = np.trace(fitted.columns.covariance(own), axis1=1, axis2=2).real
         noise = np.broadcast_to(noise * (0.5 if basis.mirrored else 1.0), p)
-        errors.append(Errors(noise * fitted.level[:, 0] ** 2, common[:, r]))
+        noise = noise * residue[r] * fitted.level[:, 0] ** 2
+        errors.append(Errors(noise, common[:, r] * pole[r]))
     return errors
 
 
@@ -428,4 +515,17 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
     normals = np.matmul(back, np.matmul(columns.beyond(functions)[0], mixed))
     gradients = np.matmul(back, (weighted @ functions.conj())[:, :, None])[:, :, 0]
     size = np.abs(window.Y + window.apart - error) ** 2
-    return Solved(poles, residues, error, size, found, level, columns, squared, normals, gradients)
+    inflation = window.follows(columns.Q)
+    return Solved(
+        poles,
+        residues,
+        error,
+        size,
+        found,
+        level,
+        columns,
+        squared,
+        normals,
+        gradients,
+        inflation,
+    )

@@ -14,8 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.refine import Errors, Solved, Weights, Window, errors_of, moved, solved
-from updyn.modal.search import seen
+from updyn.modal.refine import (
+    Errors,
+    Solved,
+    Weights,
+    Window,
+    errors_of,
+    moved,
+    pole_deviation,
+    solved,
+)
+from updyn.modal.search import Seen
 
 __all__ = ["Mode", "Weighted", "is_split_off", "modes_of"]
 
@@ -75,8 +84,8 @@ class Mode:
         Of the residues.
     quality : float
         Share that it explains of what the others leave, within its half-power band.
-    seen : float
-        How large its part of the FRFs is there, as a share of all of them.
+    seen : Seen
+        How it shows there.
     everywhere : bool
         Whether more than one run knows it.
     added : int
@@ -90,7 +99,7 @@ class Mode:
     residues: _Complex
     errors: Errors
     quality: float
-    seen: float
+    seen: Seen
     everywhere: bool = True
     added: int = -1
     by_channel: _Complex | None = None
@@ -113,7 +122,7 @@ def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> 
     runs : tuple of ndarray of int, shapes (p,)
         Numbers of the response and of the reference of each channel, either of which may be runs.
     """
-    modes, errors = [], errors_of(fit.window, fit.solved)
+    modes, errors = [], errors_of(fit.window, fit.solved, fit.weights)
     for bundle in _bundles(fit):
         for alike, roving in _alike(fit, bundle, runs):
             least = np.inf
@@ -196,6 +205,10 @@ def _alike(
     if left:
         parts.append(([bundle[r] for r in left], runs))
     return parts
+
+
+def _is_damped(pole: complex, window: Window) -> bool:
+    return bool((-pole.real if window.basis.mirrored else pole.imag) > 0.0)
 
 
 def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
@@ -284,21 +297,27 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp], least: float
     count = int(runs.max()) + 1
     for run in range(count):
         own = runs == run
-        alone = Window(window.basis, window.x, window.Y[own], beside)
+        alone = Window(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
         weights = fit.weights.of_channels(own)
         one = moved(alone, begin, weights)
+        stays = not _is_damped(one.poles[0], window)  # a run that does not know the mode
+        if stays:
+            one = solved(alone, begin, weights)
         cost += one.cost
         if _criterion(fit, cost, count, 1) >= least:
             return None
         residues[own] = one.residues[0]
         squares[own] = one.left
         found.append(one.poles[0])
-        deviations.append(one.deviation[:, 0])
-        (errors,) = errors_of(alone, one)
+        deviation = pole_deviation(alone, one, weights)[:, 0]
+        deviations.append(np.full(2, np.inf) if stays else deviation)
+        (errors,) = errors_of(alone, one, weights)
         noise[own] = errors.noise
         common.append(np.zeros((len(errors.common), p), dtype=np.complex128))
         common[-1][:, own] = errors.common
     each, std = np.array(found), np.array(deviations).T
+    if not np.isfinite(std).any():
+        return None
     sure = 1.0 / np.maximum(std, 1e-12 * np.abs(begin)) ** 2
     parts = np.array([each.real, each.imag])
     mean = np.sum(parts * sure, axis=1) / np.sum(sure, axis=1)
@@ -326,7 +345,7 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
     mode = _mode(
         fit,
         complex(found.poles[r]),
-        found.deviation[:, r],
+        pole_deviation(window, found, fit.weights)[:, r],
         found.residues[r],
         errors,
         found.left,
@@ -347,6 +366,8 @@ def _mode(
     window = fit.window
     at = window.near(pole)
     weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
-    weight = np.broadcast_to(weight, left.shape)[:, at]
-    quality = 1.0 - np.sum(left[:, at] * weight) / max(np.sum(without[:, at] * weight), 1e-300)
-    return Mode(pole, std, residues, errors, float(quality), seen(window, pole, residues, at))
+    weight = np.broadcast_to(weight, left.shape)
+    quality = 1.0 - np.sum((left * weight)[:, at]) / max(np.sum((without * weight)[:, at]), 1e-300)
+    worths = np.sum((without - left) * weight, axis=1)
+    shows = Seen.of(window, pole, residues, at, worths)
+    return Mode(pole, std, residues, errors, float(quality), shows)

@@ -1,18 +1,28 @@
 """The modes of a window, one after the other: each the one that explains most of the residual.
 
 The poles that stay in a stabilisation diagram, the neighbourhood of those already found (a close
-pair may look like one pole) and an even grid are tried. A mode is taken where it lowers the cost by
-more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-464).
+pair may look like one pole) and an even grid are tried. A mode is accepted if it lowers the
+deviance by more than its free values would by chance (G. Schwarz, Ann. Stat. 6 (1978) 461-464),
+times the inflation of the variance by noise that is correlated over lines (`envelope`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.modal.refine import ROUGH, Solved, Weights, Window, moved, reweighted
+from updyn.modal.refine import ROUGH, Solved, Weights, Window, deviance, moved, reweighted, solved
 
-__all__ = ["LEAST", "SEEN", "chance", "searched", "seen"]
+__all__ = [
+    "LEAST",
+    "Seen",
+    "chance",
+    "is_mode",
+    "search_window",
+    "shows_on_lines",
+]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -22,23 +32,35 @@ _Real = NDArray[np.float64]
 #: explain most (of 40 modes with 5 % noise 96.0 % are found instead of 98.2 %, of 60 modes 88.5 %
 #: instead of 91.5 %; of spurious ones there are 15 instead of 16).
 LEAST = 0.1
-#: Least part of the FRFs that a mode has at its own frequency.
-SEEN = 0.1
+#: Least share that a mode has of all channels together at its own frequency; its inverse is the
+#: largest that other modes may cancel.
+_SEEN = 0.1
+#: Least share that a mode of a light part has of one channel, so that it shows as a peak there.
+_PEAK = 0.5
 #: Poles without these that are tried before the search ends.
 _REFUSALS = 3
 #: Of a pole that is found, trial poles lie at this share of its width on either side.
 _BESIDE = 0.7
-#: A fit that leaves less than this share of the values is exact.
+#: A trial pole is refined if it promises this share of the least gain: one on the grid is up to a
+#: quarter of its width off, where a pole keeps nine tenths of what it explains, and may be of twice
+#: or half the width, where it keeps as much.
+_PROMISING = 0.5
+#: A fit whose residual is less than this share of the squared values is exact.
 _EXACT = 1e-11
 
 
 def chance(window: Window) -> float:
-    """Return what one more mode may lower twice the cost by without being there."""
+    """Return by how much one more mode may lower the deviance without being there.
+
+    Each number costs the logarithm of the number of values that determine it: for a residue those
+    of its channel, for a pole all (M. Delattre, M. Lavielle & M.-A. Poursat, Electron. J. Stat. 8
+    (2014) 456-475).
+    """
     p, n_f = window.Y.shape
-    return float((2 * p + 2) * np.log(2 * p * n_f))
+    return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
-def searched(window: Window, trials: _Complex, most: int) -> Solved:
+def search_window(window: Window, trials: _Complex, most: int) -> Solved:
     """Return the fit of a window with as many modes as it shows.
 
     Parameters
@@ -52,9 +74,11 @@ def searched(window: Window, trials: _Complex, most: int) -> Solved:
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
-    whole = float(np.sum(np.abs(window.Y) ** 2 / weights.channel**2 / weights.line**2))
+    whole = float(np.sum(np.abs(window.Y) ** 2))
     refused: list[complex] = []
     while len(fitted.poles) < most and len(refused) < _REFUSALS:
+        if float(np.sum(fitted.left)) <= _EXACT * whole:
+            break
         own = window.width(fitted.poles)
         sides = [fitted.poles - _BESIDE * own, fitted.poles + _BESIDE * own]
         tried = np.concatenate([trials, *sides])
@@ -62,19 +86,67 @@ def searched(window: Window, trials: _Complex, most: int) -> Solved:
         for pole in refused:
             promise[np.abs(tried - pole) <= window.width(tried)] = 0.0
         best = tried[int(np.argmax(promise))]
-        poles = np.append(fitted.poles, best)
-        more = moved(window, poles, weights, ROUGH)
-        rounding = _EXACT * whole
-        gain = 2 * window.Y.size * np.log((fitted.cost + rounding) / (more.cost + rounding))
-        if gain <= chance(window):
+        if promise.max() < _PROMISING * chance(window) * fitted.cost / fitted.error.size:
             break
-        at = window.near(complex(more.poles[-1]))
-        told = _told(at, fitted, more, weights) >= LEAST
-        if told and seen(window, more.poles[-1], more.residues[-1], at) >= SEEN:
+        more = moved(window, np.append(fitted.poles, best), weights, ROUGH)
+        if is_mode(window, fitted, more, weights):
             fitted, weights = reweighted(window, more.poles, weights, ROUGH)
         else:
             refused.append(complex(best))
     return fitted
+
+
+def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights) -> bool:
+    """Return whether the last pole of a fit may be a mode.
+
+    Parameters
+    ----------
+    window : Window
+        Lines and what else there is.
+    fitted, more : Solved
+        The fits without and with the pole.
+    weights : Weights
+        Of both.
+    """
+    pole = complex(more.poles[-1])
+    if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
+        return False
+    inflation = float(window.inflation(more.poles, weights)[-1])
+    if deviance(fitted) - deviance(more) <= inflation * chance(window):
+        return False
+    if not shows_on_lines(window, fitted, more, weights, inflation):
+        return False
+    at = window.near(pole)
+    if _told(at, fitted, more, weights) < LEAST:
+        return False
+    shows = Seen.of(window, pole, more.residues[-1], at, more.worths[-1])
+    return shows.everywhere or shows.somewhere
+
+
+def shows_on_lines(
+    window: Window, fitted: Solved, more: Solved, weights: Weights, inflation: float
+) -> bool:
+    """Return whether a pole explains more than one line, as a disturbance would not.
+
+    Parameters
+    ----------
+    window : Window
+        Lines and what else there is.
+    fitted, more : Solved
+        The fits without and with the pole.
+    weights : Weights
+        Of the values.
+    inflation : float
+        Of the pole (`Window.inflation`).
+    """
+    strongest = int(np.argmax(np.sum((fitted.left - more.left) / weights.channel**2, axis=0)))
+    others = np.arange(len(window.x)) != strongest
+    if len(window.x) - 1 <= more.columns.Q.shape[1]:
+        return True  # too few lines to tell
+    part = window.of_lines(others)
+    weights = Weights(weights.channel, weights.line[:, others])
+    without, with_it = (solved(part, fit.poles, weights) for fit in (fitted, more))
+    return deviance(without) - deviance(with_it) > inflation * chance(part)
 
 
 def _told(at: NDArray[np.bool_], fitted: Solved, more: Solved, weights: Weights) -> float:
@@ -84,15 +156,66 @@ def _told(at: NDArray[np.bool_], fitted: Solved, more: Solved, weights: Weights)
     return 1.0 - after / max(before, 1e-300)
 
 
-def seen(window: Window, pole: complex, residues: _Complex, at: NDArray[np.bool_]) -> float:
-    """Return how large the part of a pole is at some lines, as a share of all channels."""
-    own = np.sum(np.abs(residues[:, None] / (window.x[at] - pole)) ** 2)
-    return float(np.sqrt(own / max(np.sum(np.abs(window.Y[:, at]) ** 2), 1e-300)))
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """How a pole shows at its own frequency.
+
+    Attributes
+    ----------
+    everywhere : bool
+        Whether it has a tenth of all channels together at least.
+    somewhere : bool
+        Whether it is a peak in one channel.
+    cancelled : bool
+        Whether other poles cancel nearly all of it.
+    """
+
+    everywhere: bool
+    somewhere: bool
+    cancelled: bool
+
+    @classmethod
+    def of(
+        cls,
+        window: Window,
+        pole: complex,
+        residues: _Complex,
+        at: NDArray[np.bool_],
+        worths: _Real,
+    ) -> Seen:
+        """Return how a pole shows.
+
+        Parameters
+        ----------
+        window : Window
+            Lines and what else there is.
+        pole : complex
+            The pole.
+        residues : ndarray of complex, shape (p,)
+            Of each channel.
+        at : ndarray of bool, shape (n_f,)
+            Lines at its own frequency.
+        worths : ndarray of float, shape (p,)
+            By how much the cost of each channel would grow without the pole. A channel knows the
+            pole if that is more than chance.
+        """
+        own = np.abs(residues) ** 2 * np.sum(np.abs(1.0 / (window.x[at] - pole)) ** 2)
+        measured = np.abs(window.measured) ** 2
+        whole = np.maximum(np.sum(measured[:, at], axis=1), 1e-300)
+        # Over the window, since everything is large where the channel has an antiresonance.
+        level = np.median(measured, axis=1) * np.count_nonzero(at)
+        known = worths > np.log(2 * window.Y.size)
+        share = np.sum(own) / np.sum(whole)
+        return cls(
+            bool(share >= _SEEN**2),
+            bool(np.any(known & (own >= _PEAK**2 * np.maximum(whole, level)))),
+            bool(share > 1.0 / _SEEN**2),
+        )
 
 
 def _explained(window: Window, fitted: Solved, weights: Weights, tried: _Complex) -> _Real:
     """Return by how much the cost would fall with each trial pole, where it is."""
-    inverse = 1.0 / weights.line[0]
+    inverse = weights.common
     Q = np.linalg.qr(_complex(window, fitted.poles) * inverse[:, None])[0]
     columns = inverse[:, None] / (window.x[:, None] - tried)
     columns /= np.linalg.norm(columns, axis=0)

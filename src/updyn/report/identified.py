@@ -12,6 +12,7 @@ import numpy as np
 from updyn import __version__
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal import ModeSet
+from updyn.modal.unexplained import peaks_without_modes
 from updyn.report.formats import counted, extent, number, percentage, unit
 from updyn.report.page import assemble
 from updyn.report.plots import Figure, log_range, numbers
@@ -73,9 +74,13 @@ def _verdict(modes: ModeSet) -> str:
     if not np.isfinite(modes.quality).any():
         return f"{count}."
     least = int(np.nanargmin(modes.quality))
+    missing = ""
+    if len(modes.unexplained):
+        missing = f" {peaks_without_modes(modes.unexplained)}."
     return (
         f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
         f" explains {100.0 * float(modes.quality[least]):.2f} % of what the others leave there."
+        f"{missing}"
     )
 
 
@@ -184,6 +189,18 @@ def _diagram(found: Identified) -> Figure:
             "hovertemplate": "mode at %{x:.6g} Hz<br>damping %{customdata:.3g} %<extra></extra>",
         }
     )
+    if len(modes.unexplained):
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": "peak without a mode",
+                "x": numbers(modes.unexplained, packed=False),
+                "y": [top] * len(modes.unexplained),
+                "marker": {"color": "@warn", "size": 10, "symbol": "x"},
+                "hovertemplate": "peak at %{x:.6g} Hz without a mode<extra></extra>",
+            }
+        )
     freq, level = _level(frf)
     traces.append(
         {

@@ -9,8 +9,9 @@ import pytest
 
 import updyn
 from updyn.modal.axis import Axis
-from updyn.modal.identify import _check_added, _Measured
 from updyn.modal.lscf import poles_by_order
+from updyn.modal.measured import Measured
+from updyn.modal.picks import _check_added
 from updyn.modal.refine import Errors, Weights, Window, moved, solved
 from updyn.modal.runs import Mode, is_split_off
 from updyn.modal.stabilisation import stabilised
@@ -231,7 +232,8 @@ def test_a_pole_that_is_no_mode_becomes_one_where_it_is_picked(damping: str) -> 
     more = updyn.identify_modes(frf, damping=damping, poles=[near(found, 31.0)[-1]])
     assert more.frequency == pytest.approx(truth.frequency, rel=3e-4)
     assert abs(more.loss_factor[1] - 0.012) < 4 * more.std_loss_factor[1] + 1e-5
-    assert more.std_frequency[1] == pytest.approx(2e-3, rel=0.3)
+    # Of 25 draws of the noise the standard deviation is 2.65e-3 Hz.
+    assert more.std_frequency[1] == pytest.approx(2.65e-3, rel=0.4)
     true = truth.shapes[:6, 1] / np.linalg.norm(truth.shapes[:6, 1])
     shape = more.real_shapes[:, 1] / np.linalg.norm(more.real_shapes[:, 1])
     assert abs(true @ shape) == pytest.approx(1.0, abs=2e-4)
@@ -243,9 +245,11 @@ def test_poles_that_do_not_stay_are_refused_by_name() -> None:
     of_a_mode, hidden = near(found, 20.0)[-1], near(found, 31.0)
     with pytest.raises(updyn.UpdynError, match=r"pole at 20.* Hz is that of the mode at 20.* Hz"):
         updyn.identify_modes(frf, poles=[of_a_mode])
-    with pytest.raises(updyn.UpdynError, match="no stable pole of the diagram is at 44 Hz; the"):
+    with pytest.raises(updyn.UpdynError, match=r"the pole at 44 Hz, refined, leaves its place"):
         updyn.identify_modes(frf, poles=[44.0])
-    with pytest.raises(updyn.UpdynError, match=r"pole at 31\.0\d* Hz, refined, "):
+    with pytest.raises(updyn.UpdynError, match=r"200 Hz is not within the band, 0\.5 to 100 Hz"):
+        updyn.identify_modes(frf, poles=[200.0])
+    with pytest.raises(updyn.UpdynError, match=r"pole at 31\.0\d* Hz is that of another pick"):
         updyn.identify_modes(frf, poles=[hidden[-1], hidden[-2]])
 
 
@@ -262,7 +266,7 @@ def test_poles_that_do_not_stay_are_refused_by_name() -> None:
 def test_where_a_pole_that_was_picked_has_gone(
     last: float, others: list[float], message: str
 ) -> None:
-    measured = _Measured.of(FEW.frf(FREQ, 0.0, 0), mirrored=False)
+    measured = Measured.of(FEW.frf(FREQ, 0.0, 0), mirrored=False)
 
     def pole(frequency: list[float]) -> np.ndarray:
         return measured.axis.pole(np.array(frequency), 0.01)

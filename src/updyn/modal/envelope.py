@@ -1,0 +1,181 @@
+"""Noise that is correlated over neighbouring lines, as its power over the time of the record.
+
+FRFs from records of finite length, with an exponential window, or with zero padding have noise that
+is smooth over several lines. Its inverse Fourier transform over the lines is concentrated on a part
+of the record, as the correlation over lines is the transform of the power over time (Wiener and
+Khinchin). A decision that takes such lines as independent makes modes of the ripples of the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Envelope"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Lines of a part of the band, each of which gives an estimate: so many values of the power over
+#: time, enough for an exponential window that ends at 1 % to be resolved.
+_LINES = 64
+#: Fewest parts: with fewer, each may hold modes, and the noise is taken as white.
+_PARTS = 8
+#: Degree of the polynomial that is removed from a part, for the modes outside it.
+_DEGREE = 3
+#: Share of the parts that is used: modes concentrate power at short times, so that the parts with
+#: the flattest power are those of noise.
+_SHARE = 0.25
+#: Times at which the polynomial removes more than this share of white noise are not estimated.
+_REMOVED = 0.5
+#: Times that are averaged where it is not estimated.
+_NEAREST = 2
+#: Distances between lines that differ by less than this share are even: files round them.
+_EVEN = 1e-3
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """Power of the noise over the period 1 / (distance of the lines).
+
+    Attributes
+    ----------
+    power : ndarray of float, shape (m,)
+        At m even times from 0 to the period, of mean 1; one value for white noise, of which all
+        lines are independent.
+    """
+
+    power: _Real
+
+    @classmethod
+    def white(cls) -> Envelope:
+        """Return the envelope of noise that is independent from line to line."""
+        return cls(np.ones(1))
+
+    @classmethod
+    def of(cls, freq: _Real, values: _Complex) -> Envelope:
+        """Estimate the envelope of measured functions before any mode of them is known.
+
+        Parameters
+        ----------
+        freq : ndarray of float, shape (n_f,)
+            Lines in Hz, ascending.
+        values : ndarray of complex, shape (n_f, ...)
+            The functions.
+
+        Returns
+        -------
+        Envelope
+            White where lines are uneven or too few.
+        """
+        steps = np.diff(freq)
+        if len(freq) < _LINES * _PARTS // 2 or np.ptp(steps) > _EVEN * np.mean(steps):
+            return cls.white()
+        y = values.reshape(len(freq), -1)
+        powers = np.linspace(-1.0, 1.0, _LINES)[:, None] ** np.arange(_DEGREE + 1)
+        Q = np.linalg.qr(powers)[0]
+        taper = np.hanning(_LINES + 2)[1:-1, None]
+        parts = []
+        for first in range(0, len(freq) - _LINES + 1, _LINES // 2):
+            part = y[first : first + _LINES]
+            over_time = _power(taper * (part - Q @ (Q.T @ part)))
+            level = np.mean(over_time, axis=0)
+            if (level > 0.0).any():
+                parts.append(over_time[:, level > 0.0] / level[level > 0.0])
+        if not parts:
+            return cls.white()
+        flatness = [float(np.mean(np.log(np.mean(part, axis=1) + _TINY))) for part in parts]
+        chosen = np.argsort(flatness)[::-1][: max(1, round(_SHARE * len(parts)))]
+        # Of exponentially distributed powers the median is log 2 of the mean; a median, since a
+        # mode in one part would raise the mean.
+        median = np.median(np.hstack([parts[k] for k in chosen]), axis=1) / np.log(2.0)
+        expected = np.mean(_power(taper * (np.eye(_LINES) - Q @ Q.T)), axis=1)
+        return cls(_completed(median, expected / np.mean(expected)))
+
+    @classmethod
+    def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
+        """Estimate the envelope of the residuals of fits.
+
+        Parameters
+        ----------
+        residuals : sequence of (ndarray of complex, shape (n, m); ndarray of complex, shape (p, n))
+            For each window columns Q, of which Q Q^H is the projection on the fit, and its
+            residuals in units of their standard deviations, of n neighbouring lines.
+
+        Returns
+        -------
+        Envelope
+            White where too few windows are long enough.
+        """
+        powers, expected = [], []
+        for Q, residual in residuals:
+            n = len(Q)
+            if n < _LINES // 4:
+                continue
+            taper = np.hanning(n + 2)[1:-1, None]
+            powers.append(_over_time(taper * residual.T))
+            white = taper * (np.eye(n) - Q @ Q.conj().T)
+            expected.append(np.sum(_over_time(white), axis=1))
+        if len(powers) < _PARTS:
+            return cls.white()
+        shares = [power / (e[:, None] + _TINY) for power, e in zip(powers, expected, strict=True)]
+        median = np.median(np.hstack(shares), axis=1) / np.log(2.0)
+        return cls(median / np.mean(median))
+
+    def inflation(self, columns: NDArray[Any]) -> _Real:
+        """Return the variance of projections of the noise over that of white noise.
+
+        Parameters
+        ----------
+        columns : ndarray of complex, shape (n, k)
+            Functions of n neighbouring lines, on which noise of unit variance is projected.
+
+        Returns
+        -------
+        ndarray of float, shape (k,)
+            At least 1: that noise has little power where a function has it is not relied on.
+        """
+        if len(self.power) == 1:
+            return np.ones(columns.shape[1])
+        n = max(len(columns), len(self.power))
+        columns = columns / np.maximum(np.max(np.abs(columns), axis=0), _TINY)
+        over_time = _power(columns, n)
+        at = np.arange(n) * (len(self.power) / n)
+        power = np.interp(at, np.arange(len(self.power) + 1), np.append(self.power, self.power[0]))
+        share = power @ over_time / np.maximum(np.sum(over_time, axis=0), _TINY)
+        return np.asarray(np.maximum(share, 1.0))
+
+
+def _power(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Real:
+    """Return the power over time of functions of lines."""
+    return np.asarray(np.abs(np.fft.ifft(columns, n, axis=0)) ** 2)
+
+
+def _over_time(columns: NDArray[np.complex128]) -> _Real:
+    """Return the power of functions of any number of lines at the times of the envelope."""
+    n = len(columns)
+    if n <= _LINES:
+        return _power(columns, _LINES)
+    power = _power(columns)
+    at = (np.arange(n) * _LINES) // n
+    out = np.zeros((_LINES, columns.shape[1]))
+    np.add.at(out, at, power)
+    return out / np.bincount(at, minlength=_LINES)[:, None]
+
+
+def _completed(median: _Real, expected: _Real) -> _Real:
+    """Return the power over time, of mean 1.
+
+    Around time 0, where it is not estimated, it is the larger of that just after and just before:
+    time is periodic.
+    """
+    known = np.flatnonzero(expected > _REMOVED)
+    power = median[known] / expected[known]
+    whole = np.full(len(median), max(np.mean(power[:_NEAREST]), np.mean(power[-_NEAREST:])))
+    whole[known] = power
+    return np.asarray(whole / np.mean(whole))

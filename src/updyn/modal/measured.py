@@ -1,0 +1,156 @@
+"""Measured functions as the identification of modes has them, and windows of their lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.frf import FRF, QUANTITIES
+from updyn.modal.axis import Axis
+from updyn.modal.envelope import Envelope
+from updyn.modal.refine import Window
+
+__all__ = ["Measured", "groups"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Modes of a window, and how many half-power bandwidths and lines it reaches beyond them.
+_TOGETHER, _BEYOND, _LINES = 6, 4.0, 20
+#: Loss factors above this are no modes.
+_HEAVY = 0.5
+#: Fewest lines.
+_FEWEST = 4
+#: Lines of a window for each pole next to it.
+_LINES_A_POLE = 5
+#: Negative damping up to this is rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """Accelerances, scaled so that peaks of equal damping count alike."""
+
+    axis: Axis
+    freq: _Real  # shape (n_f,)
+    x: _Complex  # shape (n_f,)
+    cube: _Complex  # shape (n_f, n_i, n_j)
+    level: _Real  # shape (n_i, n_j): the functions were divided by it
+    envelope: Envelope
+
+    @classmethod
+    def of(cls, frf: FRF, *, mirrored: bool) -> Measured:
+        """Return the functions of an FRF.
+
+        Parameters
+        ----------
+        frf : FRF
+            The measurement.
+        mirrored : bool
+            Whether damping is viscous (`Axis`).
+
+        Raises
+        ------
+        DataError
+            If there are too few lines, or all values are zero.
+        """
+        moving = frf.freq > 0.0
+        freq = frf.freq[moving]
+        if len(freq) < _FEWEST:
+            raise DataError(
+                f"modes: {len(freq)} {'line is' if len(freq) == 1 else 'lines are'} too few to"
+                " identify a mode; expected at least"
+                f" {_FEWEST}, better 30"
+            )
+        omega = 2.0 * np.pi * freq
+        values = (
+            frf.values[moving] * ((1j * omega) ** (2 - QUANTITIES[frf.quantity]))[:, None, None]
+        )
+        if not np.abs(values).any():
+            raise DataError("modes: all values are zero")
+        kind = 2 * (frf.responses.axes >= 3)[:, None] + (frf.references.axes >= 3)[None, :]
+        level = np.ones(kind.shape)
+        for k in np.unique(kind):
+            rms = float(np.sqrt(np.mean(np.abs(values[:, kind == k]) ** 2)))
+            if rms > 0:
+                level[kind == k] = rms
+        axis = Axis(mirrored, float(omega[-1]))
+        cube = np.asarray(values / level, dtype=np.complex128)
+        return cls(axis, freq, axis.at(freq), cube, level, Envelope.of(freq, cube))
+
+    @property
+    def runs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Number of the response and of the reference of each channel."""
+        rows, columns = np.indices(self.level.shape)
+        return rows.reshape(-1), columns.reshape(-1)
+
+    @property
+    def spacing(self) -> float:
+        """Median distance of the lines in Hz."""
+        return float(np.median(np.diff(self.freq)))
+
+    def lines_of(self, own: _Complex) -> slice:
+        """Return the lines of a window of some poles."""
+        f, bandwidth = self.axis.frequency(own), self.bandwidth(own)
+        first, last = np.searchsorted(
+            self.freq, [np.min(f - _BEYOND * bandwidth), np.max(f + _BEYOND * bandwidth)]
+        )
+        few = max(0, _LINES + 4 * len(own) - (last - first)) // 2
+        return slice(int(max(0, first - few - 1)), int(min(len(self.freq), last + few + 1)))
+
+    def window(self, lines: slice, others: _Complex, residues: _Complex | None = None) -> Window:
+        """Return the window of some lines, with those of the other poles that are near.
+
+        Where residues of the others are known, shape (m, p), the parts of those that are far are
+        taken out.
+        """
+        freq = self.freq[lines]
+        there = self.axis.frequency(others)
+        beyond = np.maximum(freq[0] - there, there - freq[-1])
+        order = np.argsort(beyond, kind="stable")[: len(freq) // _LINES_A_POLE]
+        near = order[beyond[order] < freq[-1] - freq[0]]
+        x, Y = self.x[lines], self.cube[lines].reshape(len(freq), -1).T
+        if residues is None:
+            return Window(self.axis.basis, x, Y, others[near], envelope=self.envelope)
+        far = np.delete(np.arange(len(others)), near)
+        apart = self._part(x, others[far], residues[far]).T
+        return Window(self.axis.basis, x, Y - apart, others[near], apart, self.envelope)
+
+    def _part(self, x: _Complex, poles: _Complex, residues: _Complex) -> _Complex:
+        """Return the part of some modes in the functions, shape (n, p)."""
+        part = (1.0 / (x[:, None] - poles)) @ residues
+        if self.axis.mirrored:
+            part = part + (1.0 / (x[:, None] - poles.conj())) @ residues.conj()
+        return np.asarray(part)
+
+    def bandwidth(self, poles: _Complex) -> _Real:
+        """Return the widths of half power in Hz."""
+        return np.asarray(self.axis.frequency(poles) * np.clip(self.axis.loss(poles), 0.0, _HEAVY))
+
+    def inside(self, poles: _Complex) -> NDArray[np.bool_]:
+        """Return which poles may be modes of the band."""
+        frequency, loss = self.axis.frequency(poles), self.axis.loss(poles)
+        within = (frequency >= self.freq[0]) & (frequency <= self.freq[-1])
+        return np.asarray(within & (loss > -_ROUNDING) & (loss < _HEAVY))
+
+
+def groups(frequency: _Real, bandwidth: _Real) -> list[slice]:
+    """Return neighbours that are fitted together: those whose lines overlap, of many a few."""
+    groups, first = [], 0
+    reach = np.maximum.accumulate(frequency + _BEYOND * bandwidth)
+    apart = frequency[1:] - _BEYOND * bandwidth[1:] - reach[:-1]
+    while first < len(frequency):
+        ahead = apart[first : first + _TOGETHER]
+        if (ahead > 0.0).any():
+            last = first + 1 + int(np.argmax(ahead > 0.0))
+        elif len(ahead) < _TOGETHER:
+            last = len(frequency)
+        else:
+            half = _TOGETHER // 2
+            last = first + 1 + half + int(np.argmax(np.diff(frequency[first + half :])[:half]))
+        groups.append(slice(first, last))
+        first = last
+    return groups

@@ -1,0 +1,158 @@
+"""Poles that the user picks: refined with the others, and refused if they are no modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import DataError
+from updyn.group import is_number
+from updyn.modal.measured import Measured
+from updyn.modal.runs import Weighted
+from updyn.modal.settle import poles_of, settle
+from updyn.modal.stabilisation import Diagram
+
+__all__ = ["add_picks", "check_picks", "pole_at"]
+
+_Complex = NDArray[np.complex128]
+
+#: A pick is the pole of the diagram that is at its frequency up to this share.
+_NEAR = 1e-5
+#: Poles nearer than this share of a half-power bandwidth are one; one of the diagram is the same as
+#: one of the fits up to this share.
+_MERGED, _SAME = 0.1, 0.5
+
+
+def check_picks(poles: Sequence[float]) -> list[float]:
+    """Return the frequencies of poles that the user has picked, in Hz."""
+    for frequency in poles:
+        if not is_number(frequency) or not 0.0 < frequency < np.inf:
+            raise DataError(f"poles: expected frequencies in Hz above 0, found {frequency!r}")
+    return [float(frequency) for frequency in poles]
+
+
+def pole_at(measured: Measured, diagram: Diagram, others: _Complex, frequency: float) -> complex:
+    """Return the pole from which a pick is refined.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    diagram : Diagram
+        Its stable pole at the frequency is taken, of several that of the largest order.
+    others : ndarray of complex
+        Poles of the fits. Without a stable pole, one of their median loss factor is taken, at least
+        a line wide.
+    frequency : float
+        In Hz.
+
+    Raises
+    ------
+    DataError
+        If the frequency is not within the band.
+    """
+    low, high = float(measured.freq[0]), float(measured.freq[-1])
+    if not low <= frequency <= high:
+        raise DataError(
+            f"poles: {frequency:.6g} Hz is not within the band, {low:.6g} to {high:.6g} Hz"
+        )
+    axis, stable = measured.axis, np.flatnonzero(diagram.stable)
+    off = np.abs(diagram.frequency[stable] / frequency - 1.0)
+    if off.min(initial=np.inf) > _NEAR:
+        line = measured.spacing / frequency
+        loss = max(float(np.median(axis.loss(others))) if len(others) else line, line)
+        return complex(axis.pole(np.array([frequency]), loss)[0])
+    alike = stable[off <= off.min() + _NEAR]
+    best = alike[np.argmax(diagram.order[alike])]
+    size, ratio = 2.0 * np.pi * diagram.frequency[best], diagram.damping[best]
+    s = complex(-size * ratio, size * np.sqrt(1.0 - ratio**2))
+    return complex(axis.poles(np.array([s]))[0])
+
+
+def add_picks(
+    measured: Measured, fits: list[Weighted], begin: _Complex, shown: _Complex
+) -> list[Weighted]:
+    """Return the fits with the picks, which are modes whatever they are worth.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    fits : list of Weighted
+        Without them.
+    begin : ndarray of complex, shape (m,)
+        The picks.
+    shown : ndarray of complex
+        Those poles of the fits that are modes.
+    """
+    axis, poles = measured.axis, poles_of(fits)
+    added = np.full(len(poles), -1)
+    for number, pole in enumerate(begin):
+        at = float(axis.frequency(np.array([pole]))[0])
+        of = shown[_same(measured, shown, pole)]
+        if len(of):
+            raise DataError(
+                f"modes: the pole at {at:.6g} Hz is that of the mode at"
+                f" {axis.frequency(of)[0]:.6g} Hz, which is found without it"
+            )
+        twice = begin[:number][_same(measured, begin[:number], pole)]
+        if len(twice):
+            raise DataError(
+                f"modes: the pole at {at:.6g} Hz is that of another pick, at"
+                f" {axis.frequency(twice)[0]:.6g} Hz; leave one"
+            )
+        # One that the fits have already, but that is too weak to be a mode by itself.
+        hidden = _same(measured, poles, pole) & ~np.isin(poles, shown) & (added < 0)
+        if hidden.any():
+            added[int(np.argmax(hidden))] = number
+        else:
+            poles, added = np.append(poles, pole), np.append(added, number)
+    order = np.argsort(axis.frequency(poles), kind="stable")
+    fits = settle(measured, poles[order], added[order])
+    after, chosen = poles_of(fits), np.concatenate([fit.added for fit in fits])
+    for number, pole in enumerate(begin):
+        own = chosen == number
+        _check_added(measured, complex(pole), complex(after[own][0]), shown, after[~own])
+    return fits
+
+
+def _same(measured: Measured, poles: _Complex, pole: complex) -> NDArray[np.bool_]:
+    """Return which poles of the fits are one of the diagram."""
+    width = np.abs(poles.real if measured.axis.mirrored else poles.imag)
+    return np.asarray(np.abs(poles - pole) < _SAME * width)
+
+
+def _check_added(
+    measured: Measured, first: complex, last: complex, modes: _Complex, others: _Complex
+) -> None:
+    """Refuse a pole that was added where the fit has moved it to a mode, or away.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    first, last : complex
+        The pole before and after.
+    modes : ndarray of complex
+        The modes without it.
+    others : ndarray of complex
+        The other poles with it.
+    """
+    begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
+    width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))
+    reach = max(width, float(np.median(np.diff(measured.freq))))
+    name = f"modes: the pole at {begin:.6g} Hz, refined,"
+    at, there = measured.axis.frequency(modes), measured.axis.frequency(others)
+    own = measured.bandwidth(others)
+    for mode in at[np.abs(at - end) < reach]:
+        if not (np.abs(there - mode) < reach).any():
+            raise DataError(f"{name} takes the place of the mode at {mode:.6g} Hz")
+    near = np.abs(others - last) < _MERGED * own / np.maximum(there, 1e-300) * np.abs(others)
+    if near.any():
+        raise DataError(f"{name} merges with the mode at {there[near][0]:.6g} Hz")
+    if not measured.inside(np.array([last]))[0]:
+        raise DataError(f"{name} leaves the band or has no damping that a mode can have")
+    if abs(end - begin) > reach:
+        raise DataError(f"{name} leaves its place and moves to {end:.6g} Hz")

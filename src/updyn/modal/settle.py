@@ -1,0 +1,199 @@
+"""Poles refined to maximum likelihood window by window, without those that are no modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.envelope import Envelope
+from updyn.modal.measured import Measured, groups
+from updyn.modal.refine import (
+    Noise,
+    Solved,
+    Weights,
+    Window,
+    deviance,
+    moved,
+    reweighted,
+    solved,
+)
+from updyn.modal.runs import Weighted
+from updyn.modal.search import chance, shows_on_lines
+
+__all__ = ["poles_of", "settle"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Fits with the noise of the windows, each with the poles of the one before.
+_SWEEPS = 2
+#: Up to this many channels have weights of their own on each line.
+_OWN = 4096
+#: Lines from which the noise of a window is estimated, those of neighbouring windows among them: a
+#: share and a floor for each channel. More would mix levels of noise, which may differ by 60 dB
+#: over a band of accelerances.
+_NOISE_LINES = 60
+#: A pole that lowers the cost by this many times the least gain needs no fit without it.
+_PLAIN = 20.0
+
+
+def poles_of(fits: Sequence[Weighted]) -> _Complex:
+    """Return the poles of all fits."""
+    none = np.zeros(0, dtype=np.complex128)
+    return np.concatenate([none, *(fit.solved.poles for fit in fits)])
+
+
+def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list[Weighted]:
+    """Return the fits of all windows, each with the noise of the residuals around it.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    poles : ndarray of complex, shape (k,)
+        To begin with, by ascending frequency.
+    added : ndarray of int, shape (k,)
+        Of poles that stay, whatever they are worth, a number, of others -1.
+    """
+    residuals: _Residuals | None = None
+    residues: _Complex | None = None
+    fits: list[Weighted] = []
+    for _ in range(1 + _SWEEPS):
+        fits = []
+        for group in groups(measured.axis.frequency(poles), measured.bandwidth(poles)):
+            own = poles[group]
+            others = None if residues is None else np.delete(residues, group, axis=0)
+            window = measured.window(measured.lines_of(own), np.delete(poles, group), others)
+            noise = None if residuals is None else residuals.noise(measured, own)
+            fits.append(_pruned(measured, window, own, added[group], noise))
+        fits = [fit for fit in fits if len(fit.solved.poles)]
+        if not fits:
+            break
+        poles, residues = poles_of(fits), np.concatenate([fit.solved.residues for fit in fits])
+        added = np.concatenate([fit.added for fit in fits])
+        order = np.argsort(measured.axis.frequency(poles), kind="stable")
+        poles, residues, added = poles[order], residues[order], added[order]
+        residuals = _Residuals.of(measured, fits)
+        if not measured.inside(poles[added >= 0]).all():
+            break
+    return _with_envelope(measured, fits)
+
+
+def _with_envelope(measured: Measured, fits: list[Weighted]) -> list[Weighted]:
+    """Return the fits with the envelope of their residuals, of which no mode is a part any more."""
+    if len(measured.envelope.power) == 1:
+        return fits
+    residuals = []
+    for fit in fits:
+        Q, n_f = fit.solved.columns.Q, len(fit.window.x)
+        if len(Q) > n_f:  # real and imaginary parts, half of the columns each
+            Q = (Q[:n_f] + 1j * Q[n_f:]) / np.sqrt(2.0)
+        deviation = fit.weights.channel * fit.weights.line
+        residuals.append((Q, fit.solved.error / deviation))
+    envelope = Envelope.of_residuals(residuals)
+    return [replace(fit, window=replace(fit.window, envelope=envelope)) for fit in fits]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Residuals:
+    """Squared residuals of fits, by their place in the band.
+
+    Attributes
+    ----------
+    frequency : ndarray of float, shape (w,)
+        Middle of each window in Hz.
+    squares, sizes : list of ndarray of float, shapes (p, n)
+        Squared residuals and squared values of each window.
+    """
+
+    frequency: _Real
+    squares: list[_Real]
+    sizes: list[_Real]
+
+    @classmethod
+    def of(cls, measured: Measured, fits: Sequence[Weighted]) -> _Residuals:
+        """Return the residuals of fits."""
+        middle = [float(np.mean(measured.axis.frequency(f.solved.poles))) for f in fits]
+        return cls(
+            np.array(middle), [f.solved.squares for f in fits], [f.solved.size for f in fits]
+        )
+
+    def noise(self, measured: Measured, poles: _Complex) -> Noise:
+        """Return the noise around some poles."""
+        at = float(np.mean(measured.axis.frequency(poles)))
+        nearest, lines = np.argsort(np.abs(self.frequency - at), kind="stable"), 0
+        chosen: list[int] = []
+        for window in nearest.tolist():
+            chosen.append(window)
+            lines += self.squares[window].shape[1]
+            if lines >= _NOISE_LINES:
+                break
+        squares, sizes = ([part[k] for k in chosen] for part in (self.squares, self.sizes))
+        return Noise.of(np.hstack(squares), np.hstack(sizes))
+
+
+def _pruned(
+    measured: Measured,
+    window: Window,
+    poles: _Complex,
+    added: NDArray[np.intp],
+    noise: Noise | None,
+) -> Weighted:
+    """Return the fit of a window without the poles that are no modes."""
+    weights = Weights.of(np.abs(window.Y) ** 2)
+    if noise is not None:
+        size = solved(window, poles, weights).size
+        deviation = noise.deviation(size)
+        weights = Weights(np.ones((1, 1)), deviation)
+        if len(deviation) > _OWN:
+            weights = Weights.near(deviation)
+    while True:
+        if noise is None:
+            fitted, weights = reweighted(window, poles, weights)
+        else:
+            fitted = moved(window, poles, weights)
+        fitted = _held(measured, window, poles, fitted, weights)
+        worth = np.array(list(_surpluses(measured, window, fitted, weights)))
+        worth[added >= 0] = np.inf
+        if not len(poles) or worth.min() > 0.0:
+            return Weighted(window, fitted, weights, added)
+        last = int(np.argmin(worth))
+        poles, added = np.delete(fitted.poles, last), np.delete(added, last)
+
+
+def _held(
+    measured: Measured, window: Window, poles: _Complex, fitted: Solved, weights: Weights
+) -> Solved:
+    """Return the fit in which poles that would leave the band, or grow in time, have not moved."""
+    left = measured.inside(poles) & ~measured.inside(fitted.poles)
+    if not left.any():
+        return fitted
+    return solved(window, np.where(left, poles, fitted.poles), weights)
+
+
+def _surpluses(
+    measured: Measured, window: Window, fitted: Solved, weights: Weights
+) -> Iterator[float]:
+    """Yield what each pole is worth beyond chance; above 0 of those that may be modes.
+
+    The fit without a pole has its own likeliest noise: with that of the fit with the pole, a peak
+    of which a large share is noise would count for little, however high it is.
+    """
+    inflation = window.inflation(fitted.poles, weights)
+    least = chance(window)
+    plain = 2.0 * fitted.worth / inflation - least
+    for r, inside in enumerate(measured.inside(fitted.poles)):
+        if not inside:
+            yield -np.inf
+        elif plain[r] > _PLAIN * least:
+            yield float(plain[r])
+        else:
+            without = solved(window, np.delete(fitted.poles, r), weights)
+            without = solved(window, without.poles, Weights.left_by(without))
+            if not shows_on_lines(window, without, fitted, weights, float(inflation[r])):
+                yield -np.inf
+            else:
+                yield (deviance(without) - deviance(fitted)) / float(inflation[r]) - least

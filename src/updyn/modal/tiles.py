@@ -1,0 +1,137 @@
+"""The band in tiles that cover it, each searched for modes.
+
+Every line belongs to one tile: those near candidates of the stabilisation diagram to the tile of
+these, all others to tiles in between, since a mode may have no stable pole in the diagram.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.measured import Measured, groups
+from updyn.modal.search import search_window
+
+__all__ = ["search_band"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Lines of a tile without candidates, and lines on either side that are fitted with it: enough for
+#: a polynomial of degree 3 to follow the modes outside.
+_TILE, _MARGIN = 60, 15
+#: Trial poles on an even grid: steps in half-power bandwidths, most of them.
+_GRID, _TRIALS = 0.5, 200
+#: Half-power bandwidths of trial poles where no candidate says how wide modes are, in lines.
+_WIDTHS = (1.0, 4.0)
+#: Largest loss factor of a trial pole.
+_LARGEST = 0.3
+#: Lines that each mode of a window needs at least.
+_LINES_A_MODE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Tile:
+    """Lines searched together.
+
+    Attributes
+    ----------
+    own : slice
+        Candidates among them.
+    lines : slice
+        The lines of the window.
+    low, high : float
+        Frequencies in Hz between which modes belong to the tile.
+    """
+
+    own: slice
+    lines: slice
+    low: float
+    high: float
+
+
+def search_band(measured: Measured, candidates: _Complex) -> _Complex:
+    """Return the poles that may be modes, by ascending frequency.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    candidates : ndarray of complex, shape (k,)
+        Poles of the stabilisation diagram that stay.
+    """
+    axis = measured.axis
+    candidates = candidates[measured.inside(candidates)]
+    candidates = candidates[np.argsort(axis.frequency(candidates), kind="stable")]
+    found = np.zeros(0, dtype=np.complex128)
+    for tile in _tiles(measured, candidates):
+        own, after = candidates[tile.own], candidates[tile.own.stop :]
+        window = measured.window(tile.lines, np.concatenate([found, after]))
+        trials = np.concatenate([own, _grid(measured, own, tile)])
+        most = max(1, (tile.lines.stop - tile.lines.start) // _LINES_A_MODE)
+        poles = search_window(window, trials, most).poles
+        at = axis.frequency(poles)
+        # Half a line of either neighbour: an estimate at the edge may fall on the other side in the
+        # next tile, which has those found so far.
+        edge = 0.5 * measured.spacing
+        kept = measured.inside(poles) & (at >= tile.low - edge) & (at < tile.high + edge)
+        found = np.concatenate([found, poles[kept]])
+    return found[np.argsort(axis.frequency(found), kind="stable")]
+
+
+def _tiles(measured: Measured, candidates: _Complex) -> Iterator[_Tile]:
+    """Yield the tiles from the lowest line to the highest."""
+    freq = measured.freq
+    at = measured.axis.frequency(candidates)
+    covered = 0
+    for group in groups(at, measured.bandwidth(candidates)):
+        lines = measured.lines_of(candidates[group])
+        if lines.start > covered:
+            yield from _between(freq, group.start, covered, lines.start)
+            covered = lines.start
+        end = lines.stop
+        if group.stop < len(at):
+            middle = 0.5 * (at[group.stop - 1] + at[group.stop])
+            end = min(end, int(np.searchsorted(freq, middle)))
+        end = max(end, covered)
+        yield _Tile(group, lines, *_limits(freq, covered, end))
+        covered = end
+    if covered < len(freq):
+        yield from _between(freq, len(at), covered, len(freq))
+
+
+def _between(freq: _Real, next_candidate: int, first: int, last: int) -> Iterator[_Tile]:
+    """Yield tiles of lines that have no candidate."""
+    count = max(1, round((last - first) / _TILE))
+    edges = np.linspace(first, last, count + 1).astype(int)
+    none = slice(next_candidate, next_candidate)
+    for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        lines = slice(max(0, a - _MARGIN), min(len(freq), b + _MARGIN))
+        yield _Tile(none, lines, *_limits(freq, a, b))
+
+
+def _limits(freq: _Real, first: int, last: int) -> tuple[float, float]:
+    """Return the frequencies between which modes belong to some lines."""
+    low = float(freq[first]) if first else 0.0
+    return low, float(freq[last]) if last < len(freq) else np.inf
+
+
+def _grid(measured: Measured, own: _Complex, tile: _Tile) -> _Complex:
+    """Return trial poles all over the lines of a tile."""
+    axis, f = measured.axis, measured.freq[tile.lines]
+    f = f[(f >= tile.low) & (f < tile.high)]
+    if not len(f):
+        return own[:0]
+    if len(own):
+        losses = [float(np.median(axis.loss(own)))]
+    else:
+        losses = [width * measured.spacing / f[len(f) // 2] for width in _WIDTHS]
+    trials = []
+    for loss in losses:
+        steps = (f[-1] - f[0]) / max(_GRID * loss * f[0], f[-1] * 1e-9)
+        at = np.linspace(f[0], f[-1], int(np.clip(steps, 2, _TRIALS)))
+        trials.append(axis.pole(at, float(np.clip(loss, 1e-6, _LARGEST))))
+    return np.concatenate(trials)

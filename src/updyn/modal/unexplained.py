@@ -1,0 +1,71 @@
+"""Peaks of the measurement without a mode: nothing that shows is missed without a word."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.ndimage
+import scipy.special
+from numpy.typing import NDArray
+
+from updyn.modal.measured import Measured
+
+__all__ = ["find_unexplained", "peaks_without_modes"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Least height of a peak over its surroundings, in dB: what a test engineer takes for a peak.
+_HEIGHT = 10.0
+#: Probability that noise alone has a peak anywhere in the band.
+_ALPHA = 0.01
+#: Lines on either side of which the median is the level around a peak: for narrow and wide peaks.
+_AROUND = (15, 60)
+#: Lines on either side of which a peak is the highest.
+_HIGHEST = 2
+#: A peak belongs to a mode within so many half-power bandwidths and lines of it.
+_BANDWIDTHS, _LINES = 1.0, 2.0
+
+
+#: Peaks that a message names.
+_NAMED = 8
+
+
+def peaks_without_modes(peaks: _Real) -> str:
+    """Return the frequencies of significant peaks without a mode, as text; empty for none."""
+    if not len(peaks):
+        return ""
+    shown = ", ".join(f"{f:.6g}" for f in peaks[:_NAMED]) + ", ..." * (len(peaks) > _NAMED)
+    return f"{'Peak' if len(peaks) == 1 else 'Peaks'} without a mode: {shown} Hz"
+
+
+def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
+    """Return the frequencies in Hz of significant peaks that belong to no mode, ascending.
+
+    The mode indicator is the sum of the squared values of all channels, each line over the median
+    of those around it. Of noise with p channels it has the distribution of a sum of p exponential
+    variables.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    poles : ndarray of complex, shape (k,)
+        Those of all modes.
+    """
+    n = len(measured.freq)
+    channels = measured.cube.reshape(n, -1)
+    power = np.sum(np.abs(channels) ** 2, axis=1)
+    p = int(np.count_nonzero(np.any(channels, axis=0)))
+    noise = scipy.special.gammaincinv(p, 1.0 - _ALPHA / n) / scipy.special.gammaincinv(p, 0.5)
+    least = max(10.0 ** (0.1 * _HEIGHT), float(noise))
+    over = np.zeros(n, dtype=np.bool_)
+    for lines in _AROUND:
+        if n > 2 * lines:
+            over |= power > least * scipy.ndimage.median_filter(power, 2 * lines + 1)
+    highest = power >= scipy.ndimage.maximum_filter1d(power, 2 * _HIGHEST + 1)
+    highest[[0, -1]] = False  # the edge of a slope
+    peaks = measured.freq[over & highest]
+    at = measured.axis.frequency(poles)
+    reach = _BANDWIDTHS * measured.bandwidth(poles) + _LINES * measured.spacing
+    apart = np.abs(peaks[:, None] - at) > reach
+    return np.asarray(peaks[apart.all(axis=1)])

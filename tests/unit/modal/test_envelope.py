@@ -1,0 +1,143 @@
+"""Noise that is correlated over lines: its power over time, and decisions that take it into account."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.errors import DataError
+from updyn.modal.envelope import Envelope
+
+LINES, DF = 2000, 0.25
+FREQ = DF * np.arange(1, LINES + 1)
+
+
+def noise(decay: float, seed: int, channels: int = 8) -> np.ndarray:
+    """Spectra of white noise times exp(-decay t), of unit variance; shape (lines, channels)."""
+    rng = np.random.default_rng(seed)
+    n = 2 * LINES + 2
+    time = np.arange(n) / (n * DF)
+    record = rng.standard_normal((n, channels)) * np.exp(-decay * time)[:, None]
+    spectra = np.fft.fft(record, axis=0)[1 : LINES + 1]
+    return spectra / np.sqrt(np.mean(np.abs(spectra) ** 2))
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.4, 0.8])
+def test_the_envelope_of_noise_in_an_exponential_window_is_its_square(decay: float) -> None:
+    power = Envelope.of(FREQ, noise(decay, 0)).power
+    time = (np.arange(len(power)) + 0.5) / (len(power) * DF)
+    expected = np.exp(-2 * decay * time)
+    kept = slice(4, -4)  # where the polynomial for the modes outside leaves noise
+    ratio = power[kept] / expected[kept]
+    assert ratio / np.median(ratio) == pytest.approx(np.ones(len(ratio)), abs=0.5)
+
+
+def test_uneven_or_few_lines_are_taken_as_independent() -> None:
+    values = noise(0.8, 0)
+    assert len(Envelope.of(FREQ[:200], values[:200]).power) == 1
+    assert len(Envelope.of(np.geomspace(1.0, 500.0, LINES), values).power) == 1
+    assert Envelope.white().inflation(np.ones((30, 2))) == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.8])
+def test_inflation_is_the_variance_of_projections_over_that_in_white_noise(decay: float) -> None:
+    """Of a wide pole and a narrow one, by 4,000 draws of noise."""
+    lines = 60
+    envelope = Envelope.of(FREQ, noise(decay, 1))
+    x = np.arange(lines) - 30.3
+    columns = np.stack([1.0 / (x - 3.0j), 1.0 / (x - 0.2j)], axis=1)
+    columns = columns / np.linalg.norm(columns, axis=0)
+    draws = noise(decay, 2, 120)[: 33 * lines].reshape(33, lines, -1)
+    found = np.mean(np.abs(np.einsum("lk,blc->bkc", columns.conj(), draws)) ** 2, axis=(0, 2))
+    white = np.mean(np.abs(draws) ** 2)
+    assert envelope.inflation(columns) == pytest.approx(np.maximum(found / white, 1.0), rel=0.25)
+
+
+def modal(frequency: list[float], loss: float, channels: int, seed: int) -> np.ndarray:
+    """Accelerances of modes of random shapes, shape (lines, channels)."""
+    shapes = np.random.default_rng(seed).standard_normal((len(frequency), channels))
+    x = FREQ[:, None] ** 2
+    parts = [
+        -x / (f**2 * (1 + 1j * loss) - x) * shape
+        for f, shape in zip(frequency, shapes, strict=True)
+    ]
+    return np.sum(parts, axis=0)
+
+
+def frf(values: np.ndarray) -> updyn.FRF:
+    labels = [f"{k}:Z" for k in range(1, values.shape[1] + 1)]
+    return updyn.FRF(FREQ, values[:, :, None], labels, ["99:Z"], "accelerance")
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_ripples_of_correlated_noise_are_no_modes(seed: int) -> None:
+    """Noise that is smooth over several lines, as of an exponential window."""
+    true = [30.0, 75.0, 160.0, 310.0]
+    values = modal(true, 0.02, 8, seed) + 0.3 * noise(1.0, seed)
+    found = updyn.identify_modes(frf(values))
+    assert found.frequency == pytest.approx(true, rel=3e-3)
+
+
+def test_a_mode_far_below_the_highest_is_found_without_a_stable_pole() -> None:
+    """Peaks narrower than a line, the lowest 60 dB below the highest, over flat noise."""
+    true = [10.1, 27.0, 53.1, 131.7, 246.0, 394.8]
+    x = FREQ[:, None] ** 2
+    rng = np.random.default_rng(3)
+    values = np.zeros((LINES, 6), dtype=complex)
+    for k, f in enumerate(true):
+        size = 10.0 ** (3.0 * k / 5.0 - 3.0)
+        values += -size * x / (f**2 * (1 + 0.004j) - x) * rng.uniform(0.5, 1.5, 6) / 250
+    values += 2e-5 * (rng.standard_normal((*values.shape, 2)) @ (1, 1j))
+    found = updyn.identify_modes(frf(values))
+    assert found.frequency == pytest.approx(true, rel=2e-3)
+    assert not len(found.unexplained)
+
+
+def test_a_mode_that_one_weak_sensor_shows_is_found() -> None:
+    values = modal([40.0, 90.0], 0.02, 5, 0)
+    values[:, 4] *= 0.01
+    x = FREQ**2
+    values[:, 4] += -0.03 * x / (222.0**2 * (1 + 0.02j) - x)
+    rng = np.random.default_rng(0)
+    values = values * (1 + 0.01 * rng.standard_normal((*values.shape, 2)) @ (1, 1j))
+    found = updyn.identify_modes(frf(values))
+    assert found.frequency == pytest.approx([40.0, 90.0, 222.0], rel=3e-3)
+
+
+def with_a_disturbance() -> updyn.FRF:
+    """Two modes, and one line of the mains in all channels."""
+    values = modal([40.0, 190.0], 0.02, 5, 1)
+    rng = np.random.default_rng(1)
+    values += 0.05 * (rng.standard_normal((*values.shape, 2)) @ (1, 1j))
+    values[np.argmin(np.abs(FREQ - 350.0))] += 40.0 * rng.standard_normal(5)
+    return frf(values)
+
+
+def test_a_disturbance_on_one_line_is_no_mode_but_is_listed() -> None:
+    found = updyn.identify_modes(with_a_disturbance())
+    assert found.frequency == pytest.approx([40.0, 190.0], rel=3e-3)
+    assert found.unexplained == pytest.approx([350.0])
+    assert found.select(band=(0.0, 100.0)).unexplained == pytest.approx([350.0])
+    assert found.renamed([f"{k}:X" for k in range(11, 16)]).unexplained == pytest.approx([350.0])
+
+
+def test_data_without_a_mode_name_the_peaks_that_they_have() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.standard_normal((LINES, 5, 2)) @ (1, 1j)
+    values[np.argmin(np.abs(FREQ - 350.0))] += 60.0
+    with pytest.raises(DataError, match=r"none is found .*; Peak without a mode: 350 Hz"):
+        updyn.identify_modes(frf(values))
+
+
+def test_a_peak_without_a_stable_pole_can_be_picked() -> None:
+    """A mode that chance could explain: it is refined where it is picked."""
+    rng = np.random.default_rng(4)
+    values = modal([40.0, 190.0], 0.02, 3, 1)
+    x = FREQ[:, None] ** 2
+    weak = -x / (300.0**2 * (1 + 0.004j) - x) * np.array([0.0016, -0.0008, 0.0013])
+    values = values + weak + 0.25 * (rng.standard_normal((*values.shape, 2)) @ (1, 1j))
+    found = updyn.identify_modes(frf(values))
+    assert found.frequency == pytest.approx([40.0, 190.0], rel=3e-3)
+    more = updyn.identify_modes(frf(values), poles=[300.0])
+    assert more.frequency == pytest.approx([40.0, 190.0, 300.0], rel=5e-3)
