@@ -51,6 +51,8 @@ _SHAPES = 0.3
 _LOCAL = 0.1
 #: Lines that each mode of data without noise needs at least.
 _LINES_A_MODE = 4
+#: Lines for each pole by which data are told to have noise.
+_LINES_A_POLE = 8
 #: What modes of data without noise leave unexplained at most, and an exact fit of them; the poles
 #: outside the band that may be needed for it, and combinations of the functions.
 _NEARLY, _EXACT, _OUTSIDE, _STRONGEST = 1e-4, 1e-18, 16, 12
@@ -207,18 +209,33 @@ def _of_rational_data(measured: Measured) -> list[Mode]:
 
 
 def _rational(measured: Measured, begin: _Complex, most: int) -> Fitted | None:
-    """Return the rational functions that the data are, by vector fitting; None where not exact."""
+    """Return the rational functions that the data are, by vector fitting; None where not exact.
+
+    A part of the lines tells most data with noise, at a part of the cost.
+    """
     Y = measured.cube.reshape(len(measured.x), -1)
     strongest = np.linalg.svd(Y, full_matrices=False)[2][:_STRONGEST].conj().T
     few = np.asarray(Y @ strongest)
     basis = Basis(2, measured.axis.mirrored)
-    fits = list(growing(basis, measured.x, few, begin, most))
+    poles: _Complex | None = None
+    for step in sorted({max(1, len(few) // (_LINES_A_POLE * most)), 1}, reverse=True):
+        poles = _exact_poles(basis, measured.x[::step], few[::step], begin, most)
+        if poles is None:
+            return None
+    assert poles is not None
+    return fit(basis, measured.x, Y, poles)
+
+
+def _exact_poles(
+    basis: Basis, x: _Complex, few: _Complex, begin: _Complex, most: int
+) -> _Complex | None:
+    """Return the poles of an exact fit; None where there is none."""
+    fits = list(growing(basis, x, few, begin, most))
     least = min(fitted.cost for fitted in fits)
     if least > _EXACT * float(np.sum(np.abs(few) ** 2)):
         return None
     # More poles than there are fit the last digits, which are rounding, only.
-    first = next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least)
-    return fit(basis, measured.x, Y, first.poles)
+    return next(fitted for fitted in fits if fitted.cost <= _AS_GOOD * least).poles
 
 
 def _mode_set(
