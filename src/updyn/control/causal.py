@@ -295,9 +295,10 @@ def differences(
         if not len(lines):
             limits.append(np.ones(level.shape[1:]))
             continue
-        grown = np.ones((len(lines), len(growth), 1))
+        grown: _Real = np.ones((len(lines), len(growth), 1))
         if lines[-1] < band[0]:
-            grown = (np.abs(1.0 + band[0] / (1j * lines))[:, None] ** growth)[:, :, None]
+            slower: _Real = np.abs(1.0 + band[0] / (1j * lines))
+            grown = np.power(slower[:, None], growth)[:, :, None]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             own = np.abs(outside.response(whole, lines)) / grown
             other = np.abs(found.conversion.response(found.mask, lines)) / grown

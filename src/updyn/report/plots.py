@@ -377,7 +377,7 @@ def with_peaks(values: ArrayLike, limit: int) -> NDArray[np.intp]:
     edges = np.linspace(0, len(array), limit // 2).round().astype(np.intp)
     found = [0, len(array) - 1]
     for a, b in pairwise(edges):
-        found += [a + np.argmin(array[a:b]), a + np.argmax(array[a:b])]
+        found += [int(a + np.argmin(array[a:b])), int(a + np.argmax(array[a:b]))]
     return np.unique(found)
 
 

@@ -100,7 +100,7 @@ def test_the_record(ran: tuple[Path, int, str]) -> None:
         reduced["correlation"]["fitted"][when]["db_error_median"] for when in ("before", "after")
     )
     assert after > 2 * before > 4
-    assert reduced["error_max"] > 1
+    assert reduced["error_max"] is None or reduced["error_max"] > 1
     assert reduced["fewest"]["count"] is None
     assert rows["rfm"]["seconds"] is None
     assert rows["rfm"]["left"] == found["unknowns"]

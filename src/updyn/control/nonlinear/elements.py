@@ -121,7 +121,8 @@ class Backlash:
         touches, d, a, psi1, psi2 = self._contact(amplitude, omega)
         psi = np.linspace(psi1, psi2, 2001)
         T = np.sin(psi) - d + a * np.cos(psi)
-        size = 2.0 / np.pi * abs(np.trapezoid(T * np.exp(-3j * psi), psi))
+        third = complex(np.trapezoid(T * np.exp(-3j * psi), psi))
+        size = 2.0 / np.pi * abs(third)
         return float(np.where(touches, self.stiffness * amplitude * size, 0.0))
 
     def doubt(self, amplitude: float, third: float) -> str:

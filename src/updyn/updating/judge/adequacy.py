@@ -750,7 +750,8 @@ def _tested(square: _Real, count: _Real, white: _Real, size: _Size) -> tuple[_Re
     places = np.minimum(share * adjusted(alone), 1.0)
     least, telling = places.min(axis=(1, 2)), alone.copy()
     for axis in axes:
-        sums = size.p(square.sum(axis=axis), count.sum(axis=axis))
+        parts = (np.asarray(values.sum(axis=axis)) for values in (square, count))
+        sums = size.p(*parts)
         pair = np.minimum(share * adjusted(np.stack([sums, _combined(white, axis)])), 1.0)
         for kind, p in enumerate(pair):
             if p.min() < least[kind]:

@@ -73,7 +73,7 @@ def average(repeats: Iterable[FRF]) -> FRF:
                     " once"
                 )
     values = np.array([frf.values for frf in listed])
-    mean, m = values.mean(axis=0), len(listed)
+    mean, m = np.asarray(values.mean(axis=0), dtype=np.complex128), len(listed)
     least = (1e-9 * np.abs(mean)) ** 2 + (1e-9 * level_by_unit(replace(first, values=mean))) ** 2
     spread = np.sum(np.abs(values - mean) ** 2, axis=0) / (m * (m - 1))
     variance = steady(spread + least, np.abs(mean), m - 1).at(np.abs(mean))
