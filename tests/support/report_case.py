@@ -65,7 +65,8 @@ def measured(
     values = H + sigma * (
         rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
     ) / np.sqrt(2)
-    gamma2 = np.clip(1.0 / (1.0 + 8 * (sigma / np.abs(H)) ** 2), 0.0, 1.0) if coherence else None
+    power = np.abs(H) ** 2
+    gamma2 = np.clip(power / (power + 8 * sigma**2), 0.0, 1.0) if coherence else None
     return FRF(
         freq,
         values,

@@ -27,6 +27,8 @@ RANK_TOLERANCE = 1e-8
 #: A direction with a larger standard deviation than this (of a logarithm, or of a loss factor) is
 #: undetermined.
 WIDEST = 1.0
+#: Relative rounding of a standard deviation.
+_ROUNDING = 1e-9
 
 #: One over a standard deviation that says nothing.
 _BLIND = 1e-9
@@ -93,7 +95,8 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     lengths = np.linalg.norm(spread, axis=0)
     short = spread * np.minimum(1.0, _FURTHEST / np.maximum(lengths, 1.0))
     axes, std, _ = np.linalg.svd(short, full_matrices=False)
-    known = std <= WIDEST
+    # A prior of this deviation has exactly it, up to rounding, along a direction without data.
+    known = std <= WIDEST * (1.0 + _ROUNDING)
     blind = _orthonormal(np.hstack([unseen, axes[:, ~known]]))
     # Not from the axes: the small standard deviations beside a huge one are rounding there.
     covariance = spread @ spread.T
