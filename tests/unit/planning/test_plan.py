@@ -439,7 +439,7 @@ def test_rotations_are_candidates_where_there_is_nothing_else():
         ({"band": "low"}, OptionError, "expected (low, high) in Hz"),
         ({"criterion": "d-optimum"}, OptionError, "'d-optimum': did you mean 'd-optimal'"),
         ({"quantity": "acceleration"}, OptionError, "accelerance"),
-        ({"lines": 1}, OptionError, "lines = 1: expected at least 2"),
+        ({"lines": 1}, OptionError, "lines = 1: expected 2 to 100,000 lines"),
         ({"lines": [50.0]}, OptionError, "none of them lies in the band 1 to 40 Hz"),
         ({"lines": "many"}, OptionError, "expected a number of lines, or lines in Hz"),
         ({"noise": {"relativ": 0.1}}, OptionError, "relative and/or floor"),
