@@ -60,17 +60,23 @@ def chance(window: Window) -> float:
     return float(2 * p * np.log(2 * n_f) + 2 * np.log(2 * p * n_f))
 
 
-def search_window(window: Window, trials: _Complex, most: int) -> Solved:
+def search_window(window: Window, stable: _Complex, trials: _Complex, most: int) -> Solved:
     """Return the fit of a window with as many modes as it shows.
 
     Parameters
     ----------
     window : Window
         Lines and what else there is.
-    trials : ndarray of complex, shape (k,)
-        Poles that may be modes.
+    stable, trials : ndarray of complex
+        Poles that stay in the diagram, and others that may be modes.
     most : int
         Largest number of modes.
+
+    Notes
+    -----
+    Before any mode of it is known, a window full of modes looks like one of correlated noise. Poles
+    that stay in the diagram, and others within their widths, are accepted as in white noise; those
+    that are ripples are removed when all neighbours are fitted (`settle`).
     """
     none = np.zeros(0, dtype=np.complex128)
     fitted, weights = reweighted(window, none, Weights.of(np.abs(window.Y) ** 2))
@@ -81,7 +87,7 @@ def search_window(window: Window, trials: _Complex, most: int) -> Solved:
             break
         own = window.width(fitted.poles)
         sides = [fitted.poles - _BESIDE * own, fitted.poles + _BESIDE * own]
-        tried = np.concatenate([trials, *sides])
+        tried = np.concatenate([stable, trials, *sides])
         promise = _explained(window, fitted, weights, tried)
         for pole in refused:
             promise[np.abs(tried - pole) <= window.width(tried)] = 0.0
@@ -89,14 +95,15 @@ def search_window(window: Window, trials: _Complex, most: int) -> Solved:
         if promise.max() < _PROMISING * chance(window) * fitted.cost / fitted.error.size:
             break
         more = moved(window, np.append(fitted.poles, best), weights, ROUGH)
-        if is_mode(window, fitted, more, weights):
+        stays = bool((np.abs(stable - best) <= window.width(stable)).any())
+        if is_mode(window, fitted, more, weights, white=stays):
             fitted, weights = reweighted(window, more.poles, weights, ROUGH)
         else:
             refused.append(complex(best))
     return fitted
 
 
-def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights) -> bool:
+def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights, *, white: bool) -> bool:
     """Return whether the last pole of a fit may be a mode.
 
     Parameters
@@ -107,11 +114,13 @@ def is_mode(window: Window, fitted: Solved, more: Solved, weights: Weights) -> b
         The fits without and with the pole.
     weights : Weights
         Of both.
+    white : bool
+        Whether to take all lines as independent.
     """
     pole = complex(more.poles[-1])
     if (-pole.real if window.basis.mirrored else pole.imag) <= 0.0:
         return False
-    inflation = float(window.inflation(more.poles, weights)[-1])
+    inflation = 1.0 if white else float(window.inflation(more.poles, weights)[-1])
     if deviance(fitted) - deviance(more) <= inflation * chance(window):
         return False
     if not shows_on_lines(window, fitted, more, weights, inflation):
@@ -142,7 +151,7 @@ def shows_on_lines(
     strongest = int(np.argmax(np.sum((fitted.left - more.left) / weights.channel**2, axis=0)))
     others = np.arange(len(window.x)) != strongest
     if len(window.x) - 1 <= more.columns.Q.shape[1]:
-        return True  # too few lines to tell
+        return False  # too few lines to tell
     part = window.of_lines(others)
     weights = Weights(weights.channel, weights.line[:, others])
     without, with_it = (solved(part, fit.poles, weights) for fit in (fitted, more))

@@ -70,9 +70,8 @@ def search_band(measured: Measured, candidates: _Complex) -> _Complex:
     for tile in _tiles(measured, candidates):
         own, after = candidates[tile.own], candidates[tile.own.stop :]
         window = measured.window(tile.lines, np.concatenate([found, after]))
-        trials = np.concatenate([own, _grid(measured, own, tile)])
         most = max(1, (tile.lines.stop - tile.lines.start) // _LINES_A_MODE)
-        poles = search_window(window, trials, most).poles
+        poles = search_window(window, own, _grid(measured, own, tile), most).poles
         at = axis.frequency(poles)
         # Half a line of either neighbour: an estimate at the edge may fall on the other side in the
         # next tile, which has those found so far.
