@@ -30,9 +30,10 @@ _DEGREE = 3
 #: Share of the parts that is used: modes concentrate power at short times, so that the parts with
 #: the flattest power are those of noise.
 _SHARE = 0.25
-#: Times at which the polynomial removes more than this share of white noise are not estimated.
+#: At times at which the polynomial removes more than this share of white noise, the estimate would
+#: be the quotient of two small numbers, and is not made.
 _REMOVED = 0.5
-#: Times that are averaged where it is not estimated.
+#: Times on either side of these whose mean replaces the estimate.
 _NEAREST = 2
 #: Distances between lines that differ by less than this share are even: files round them.
 _EVEN = 1e-3
@@ -57,6 +58,11 @@ class Envelope:
         """Return the envelope of noise that is independent from line to line."""
         return cls(np.ones(1))
 
+    @property
+    def is_white(self) -> bool:
+        """Whether all lines are taken as independent."""
+        return len(self.power) == 1
+
     @classmethod
     def of(cls, freq: _Real, values: _Complex) -> Envelope:
         """Estimate the envelope of measured functions before any mode of them is known.
@@ -71,7 +77,7 @@ class Envelope:
         Returns
         -------
         Envelope
-            White where lines are uneven or too few.
+            White if lines are uneven or too few.
         """
         steps = np.diff(freq)
         if len(freq) < _LINES * _PARTS // 2 or np.ptp(steps) > _EVEN * np.mean(steps):
@@ -110,7 +116,7 @@ class Envelope:
         Returns
         -------
         Envelope
-            White where too few windows are long enough.
+            White if too few windows are long enough.
         """
         powers, expected = [], []
         for Q, residual in residuals:
@@ -138,9 +144,9 @@ class Envelope:
         Returns
         -------
         ndarray of float, shape (k,)
-            At least 1: that noise has little power where a function has it is not relied on.
+            At least 1: an estimate of less noise than white noise has is not used.
         """
-        if len(self.power) == 1:
+        if self.is_white:
             return np.ones(columns.shape[1])
         n = max(len(columns), len(self.power))
         columns = columns / np.maximum(np.max(np.abs(columns), axis=0), _TINY)
@@ -171,8 +177,8 @@ def _over_time(columns: NDArray[np.complex128]) -> _Real:
 def _completed(median: _Real, expected: _Real) -> _Real:
     """Return the power over time, of mean 1.
 
-    Around time 0, where it is not estimated, it is the larger of that just after and just before:
-    time is periodic.
+    Around time 0 it is not estimated; there it is the larger of the powers just after and, since
+    time is periodic, just before.
     """
     known = np.flatnonzero(expected > _REMOVED)
     power = median[known] / expected[known]

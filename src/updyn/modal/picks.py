@@ -142,7 +142,7 @@ def _check_added(
     """
     begin, end = (float(measured.axis.frequency(np.array([p]))[0]) for p in (first, last))
     width = float(np.nanmax(measured.bandwidth(np.array([first, last]))))
-    reach = max(width, float(np.median(np.diff(measured.freq))))
+    reach = max(width, measured.spacing)
     name = f"modes: the pole at {begin:.6g} Hz, refined,"
     at, there = measured.axis.frequency(modes), measured.axis.frequency(others)
     own = measured.bandwidth(others)

@@ -85,10 +85,10 @@ class Window:
 
     @property
     def measured(self) -> _Complex:
-        """The channels as they were measured, shape (p, n_f).
+        """The measured channels, shape (p, n_f), before `apart` was taken out.
 
-        The fractions of modes far away may be larger than all that was measured: their sum with the
-        polynomial is small at low frequencies, and not they.
+        Fractions of far modes are large at low frequencies, where a polynomial cancels them, so
+        that `Y` can be much larger than the measurement.
         """
         return np.asarray(self.Y + self.apart)
 
@@ -136,9 +136,9 @@ class Window:
         moving : bool
             Return that of the poles, and not of their residues.
         """
-        if len(self.envelope.power) == 1:
+        if self.envelope.is_white:
             return np.ones(len(poles))
-        # Of a pole with a mirror image the fraction near the lines is all that counts.
+        # The mirror image of a pole is far from the lines and is left out.
         fractions = 1.0 / (self.x[:, None] - np.concatenate([poles, self.beside]))
         A = np.hstack([fractions, self.powers]) * weights.common[:, None]
         if moving:
@@ -152,13 +152,6 @@ class Window:
             own = A[:, r : r + 1]
             out[r] = self.envelope.inflation(own - Q @ (Q.conj().T @ own))[0]
         return out
-
-    def follows(self, Q: NDArray[Any]) -> float:
-        """Return how much of the noise orthonormal columns follow, over that of white noise."""
-        n_f = len(self.x)
-        if len(Q) > n_f:  # real and imaginary parts
-            Q = Q[:n_f] + 1j * Q[n_f:]
-        return float(np.mean(self.envelope.inflation(Q)))
 
     def derivatives(self, poles: _Complex) -> NDArray[Any]:
         """Return functions of which derivatives by the poles are sums, shape (rows, k or 2 k)."""
@@ -296,8 +289,8 @@ class Solved:
         Squared errors in units of their standard deviations.
     normals, gradients : ndarray, shapes (p, n, n) and (p, n)
         Of the cost of each channel by the poles, as `Window.mixed` has them.
-    inflation : float
-        How much of the noise the fit follows, over how much of white noise it would.
+    envelope : Envelope
+        Of the noise.
     """
 
     poles: _Complex
@@ -310,7 +303,7 @@ class Solved:
     squared: _Real
     normals: NDArray[Any]
     gradients: NDArray[Any]
-    inflation: float
+    envelope: Envelope
     cost: float = field(init=False)
     normal: NDArray[Any] = field(init=False)
     gradient: NDArray[Any] = field(init=False)
@@ -328,7 +321,11 @@ class Solved:
     @property
     def squares(self) -> _Real:
         """Squared errors, each divided by the share of noise that the fit leaves of it."""
-        left, n_f = 1.0 - self.inflation * self.columns.leverage(), self.error.shape[1]
+        n_f, Q = self.error.shape[1], self.columns.Q
+        if len(Q) > n_f:  # real and imaginary parts
+            Q = Q[:n_f] + 1j * Q[n_f:]
+        # Columns follow more of the noise if it is correlated over lines.
+        left = 1.0 - np.mean(self.envelope.inflation(Q)) * self.columns.leverage()
         if left.shape[1] > n_f:  # real and imaginary parts
             left = 0.5 * (left[:, :n_f] + left[:, n_f:])
         return np.asarray(self.left / np.maximum(left, _LEFT))
@@ -515,7 +512,6 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
     normals = np.matmul(back, np.matmul(columns.beyond(functions)[0], mixed))
     gradients = np.matmul(back, (weighted @ functions.conj())[:, :, None])[:, :, 0]
     size = np.abs(window.Y + window.apart - error) ** 2
-    inflation = window.follows(columns.Q)
     return Solved(
         poles,
         residues,
@@ -527,5 +523,5 @@ def solved(window: Window, poles: _Complex, weights: Weights) -> Solved:
         squared,
         normals,
         gradients,
-        inflation,
+        window.envelope,
     )

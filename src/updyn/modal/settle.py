@@ -36,7 +36,8 @@ _OWN = 4096
 #: share and a floor for each channel. More would mix levels of noise, which may differ by 60 dB
 #: over a band of accelerances.
 _NOISE_LINES = 60
-#: A pole that lowers the cost by this many times the least gain needs no fit without it.
+#: A pole that lowers the cost by this many times the least gain is a mode by any noise, and needs
+#: no fit without it: only time depends on this number.
 _PLAIN = 20.0
 
 
@@ -83,8 +84,8 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
 
 
 def _with_envelope(measured: Measured, fits: list[Weighted]) -> list[Weighted]:
-    """Return the fits with the envelope of their residuals, of which no mode is a part any more."""
-    if len(measured.envelope.power) == 1:
+    """Return the fits with the envelope of their residuals, which hold no modes."""
+    if measured.envelope.is_white:
         return fits
     residuals = []
     for fit in fits:
@@ -177,23 +178,22 @@ def _held(
 def _surpluses(
     measured: Measured, window: Window, fitted: Solved, weights: Weights
 ) -> Iterator[float]:
-    """Yield what each pole is worth beyond chance; above 0 of those that may be modes.
+    """Yield the gain in deviance of each pole beyond chance; a mode has a positive one.
 
-    The fit without a pole has its own likeliest noise: with that of the fit with the pole, a peak
-    of which a large share is noise would count for little, however high it is.
+    The fit without a pole is weighted by its own likeliest noise: weighted by that of the fit with
+    the pole, a peak of which a large share is noise would count for little at any height.
     """
     inflation = window.inflation(fitted.poles, weights)
-    least = chance(window)
+    least, whole = chance(window), deviance(fitted)
     plain = 2.0 * fitted.worth / inflation - least
     for r, inside in enumerate(measured.inside(fitted.poles)):
         if not inside:
             yield -np.inf
-        elif plain[r] > _PLAIN * least:
+            continue
+        if plain[r] > _PLAIN * least:
             yield float(plain[r])
-        else:
-            without = solved(window, np.delete(fitted.poles, r), weights)
-            without = solved(window, without.poles, Weights.left_by(without))
-            if not shows_on_lines(window, without, fitted, weights, float(inflation[r])):
-                yield -np.inf
-            else:
-                yield (deviance(without) - deviance(fitted)) / float(inflation[r]) - least
+            continue
+        without = solved(window, np.delete(fitted.poles, r), weights)
+        without = solved(window, without.poles, Weights.left_by(without))
+        shows = shows_on_lines(window, without, fitted, weights, float(inflation[r]))
+        yield (deviance(without) - whole) / float(inflation[r]) - least if shows else -np.inf

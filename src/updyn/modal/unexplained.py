@@ -1,4 +1,4 @@
-"""Peaks of the measurement without a mode: nothing that shows is missed without a word."""
+"""Significant peaks of the measurement to which no mode belongs."""
 
 from __future__ import annotations
 
@@ -24,8 +24,6 @@ _AROUND = (15, 60)
 _HIGHEST = 2
 #: A peak belongs to a mode within so many half-power bandwidths and lines of it.
 _BANDWIDTHS, _LINES = 1.0, 2.0
-
-
 #: Peaks that a message names.
 _NAMED = 8
 
@@ -41,9 +39,8 @@ def peaks_without_modes(peaks: _Real) -> str:
 def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     """Return the frequencies in Hz of significant peaks that belong to no mode, ascending.
 
-    The mode indicator is the sum of the squared values of all channels, each line over the median
-    of those around it. Of noise with p channels it has the distribution of a sum of p exponential
-    variables.
+    The mode indicator is the sum of the squared values of all channels, divided by its median over
+    the surrounding lines.
 
     Parameters
     ----------
@@ -56,8 +53,7 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     channels = measured.cube.reshape(n, -1)
     power = np.sum(np.abs(channels) ** 2, axis=1)
     p = int(np.count_nonzero(np.any(channels, axis=0)))
-    noise = scipy.special.gammaincinv(p, 1.0 - _ALPHA / n) / scipy.special.gammaincinv(p, 0.5)
-    least = max(10.0 ** (0.1 * _HEIGHT), float(noise))
+    least = max(10.0 ** (0.1 * _HEIGHT), _noise_peak(p, n))
     over = np.zeros(n, dtype=np.bool_)
     for lines in _AROUND:
         if n > 2 * lines:
@@ -69,3 +65,16 @@ def find_unexplained(measured: Measured, poles: _Complex) -> _Real:
     reach = _BANDWIDTHS * measured.bandwidth(poles) + _LINES * measured.spacing
     apart = np.abs(peaks[:, None] - at) > reach
     return np.asarray(peaks[apart.all(axis=1)])
+
+
+def _noise_peak(p: int, n: int) -> float:
+    """Return the indicator that the noise of p channels exceeds on any of n lines by chance.
+
+    The sum of p squares over an estimate of its mean has an F distribution. A median of m squares
+    is as accurate as a mean of half as many: 0.48 m of exponential variables, 0.64 m of normal
+    ones (H. Cramer, Mathematical Methods of Statistics, 1946, section 28.5).
+    """
+    lines = 2 * _AROUND[0] + 1
+    probability = 1.0 - _ALPHA / (len(_AROUND) * n)
+    over_mean = scipy.special.fdtri(2 * p, p * lines, probability)
+    return float(over_mean * p / scipy.special.gammaincinv(p, 0.5))
