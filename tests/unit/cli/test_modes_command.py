@@ -232,3 +232,45 @@ def test_a_click_picks_and_another_takes_back(inputs: Path, tmp_path: Path) -> N
         "[modes] pick = [4.25]",
     ]
     assert found["lines"] == "1"
+
+
+@pytest.fixture
+def hidden(tmp_path: Path) -> Path:
+    """Two modes, and one line at 300 Hz that is a disturbance."""
+    freq = np.linspace(0.5, 500.0, 1000)
+    x = freq[:, None] ** 2
+    rng = np.random.default_rng(3)
+    values = 0.02 * (rng.standard_normal((1000, 2, 2)) @ (1, 1j))
+    for f, loss, size in ((40.0, 0.02, 1.0), (190.0, 0.02, 1.0)):
+        values += -x / (f**2 * (1 + 1j * loss) - x) * size * np.array([1.0, -0.7])
+    values[599] += np.array([40.0, 30.0])  # 300 Hz, one line
+    frf = updyn.FRF(freq, values[:, :, None], ["1:Z", "2:Z"], ["1:Z"], "accelerance")
+    updyn.write_frf(frf, tmp_path / "test.npz")
+    return tmp_path
+
+
+def test_a_peak_without_a_mode_is_named_and_drawn(
+    hidden: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = hidden / "modes.toml"
+    path.write_text('[test]\nfile = "test.npz"\n', encoding="utf-8")
+    assert main(["modes", str(path), "--out", str(hidden / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Peak without a mode: 300 Hz; [modes] pick makes modes of them." in said
+    page = (hidden / "out" / "modes.html").read_text(encoding="utf-8")
+    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
+    (trace,) = [t for t in figures["diagram"]["data"] if t["name"] == "peak without a mode"]
+    assert trace["x"] == pytest.approx([300.0])
+    assert "Peak without a mode: 300 Hz." in page
+
+
+def test_a_peak_without_a_mode_is_picked_by_its_frequency(
+    hidden: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To 2 %, as a mode; further away it is named."""
+    assert main(["modes", str(picking(hidden, "299.0")), "--out", str(hidden / "out")]) == 0
+    assert "The pole at 300 Hz is refined to a mode" in " ".join(capsys.readouterr().err.split())
+    found = read_modes(hidden / "out" / "modes.unv")
+    assert found.frequency == pytest.approx([300.0], rel=2e-3)
+    assert main(["modes", str(picking(hidden, "320.0")), "--out", str(hidden / "no")]) == 2
+    assert "the nearest peak without a mode at 300 Hz" in " ".join(capsys.readouterr().err.split())
