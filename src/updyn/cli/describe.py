@@ -276,8 +276,8 @@ def _rigid_mass(mass: Matrix | None, dofs: DofSet, moved: NDArray[np.float64]) -
 def _rigid_translations(model: Model) -> NDArray[np.float64]:
     """Return the unit translations of the whole structure along X, Y, Z, shape (N, 3).
 
-    A DOF of a node without position is a generalised displacement and does not move; a node with
-    displacement directions of its own moves along these.
+    A DOF of a node without position is a generalised displacement and does not move; displacements
+    are along the directions of their node, if the geometry states them.
     """
     dofs, geometry = model.dofs, model.geometry
     axes = dofs.axes.astype(np.intp)

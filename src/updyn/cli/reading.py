@@ -28,9 +28,7 @@ from updyn.io import (
 from updyn.io.formats import FORMATS, find_format
 from updyn.io.items import is_file
 from updyn.registry import Registry
-from updyn.store.netcdf import read_dataset
 from updyn.store.result import read_result
-from updyn.store.uncertainty import read_uncertainty
 
 __all__ = ["FILE_KINDS", "FileKind", "read_anything"]
 
@@ -98,15 +96,6 @@ def _is_of_geometry(path: Path) -> bool:
     return found.can == ("read_geometry",) and path.suffix.lower() in found.suffixes
 
 
-def _is_of_uncertainty(path: Path) -> bool:
-    """Return whether a file was written by `updyn.write_uncertainty`."""
-    try:
-        read_dataset(path, "uncertainty", "draws or profiles")
-    except InputError:
-        return False
-    return True
-
-
 #: Kinds of content by name, in the order in which a file is tried. A room or another package adds
 #: one by a line here, ``FILE_KINDS.register``, or an entry point of the group ``updyn.file_kinds``.
 FILE_KINDS: Registry[FileKind] = Registry(
@@ -124,13 +113,7 @@ FILE_KINDS: Registry[FileKind] = Registry(
         "frf": FileKind("a measurement", read_frf, describe_frf, _has_format("read_frf")),
         "model": FileKind("a model", read_model, describe_model, _has_format("read_model")),
         "result": FileKind("the record of a run", read_result, lambda result: result.summary()),
-        "uncertainty": FileKind(
-            "draws or profiles",
-            read_uncertainty,
-            lambda found: found.summary(),
-            _is_of_uncertainty,
-            is_tried=False,
-        ),
+        "uncertainty": "updyn.cli.uncertainty:UNCERTAINTY",
         "records": FileKind(
             "time records", read_records, describe_records, _is_of_records, is_beside=True
         ),

@@ -21,7 +21,7 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _GRACE = 3.0
 #: How long a signal waits for its handler before it is answered, in s.
 _ANSWER = 0.2
-#: How long a signal waits that is sent again, in s.
+#: Delay before a lost signal is sent again, in s: the destructor or callback has ended by then.
 _AGAIN = 0.02
 _LEAVING = "Leaving at once."
 #: The latest of them that has come; what was stopped in order asks for it.
@@ -150,7 +150,7 @@ def ending_at_once() -> Iterator[None]:
     Raises
     ------
     KeyboardInterrupt
-        After a signal, whatever was raised: libraries turn an interrupt into errors of their own.
+        After a signal, whatever was raised: libraries turn an interrupt into other errors.
     """
     last, handled = LastResort(), threading.Event()
 

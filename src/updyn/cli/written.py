@@ -1,4 +1,4 @@
-"""Files that the commands write beside data: results as JSON, pages, headers, journals."""
+"""Files that the commands write besides data: results as JSON, pages, headers, journals."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ __all__ = ["WRITTEN"]
 
 _START = 4096  # bytes that decide what a file is
 _TITLE = re.compile(r"<title>([^<]*)</title>")
-_JOURNAL = b"updyn journal "
+_JOURNAL = "updyn journal "
 _KEYS = 8  # keys that a message lists
 
 Content = Mapping[str, Any]
@@ -27,7 +28,7 @@ Content = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class _Json:
-    """A kind of JSON file: the keys that tell it, and its description."""
+    """A kind of JSON file: the keys by which it is recognised, and its description."""
 
     keys: tuple[str, ...]
     describe: Callable[[Content, Path], str]
@@ -119,12 +120,11 @@ def _number(value: float | None) -> str:
 
 
 def _beside(path: Path, name: str, what: str) -> str:
-    """Return where more is, if it lies beside a file."""
+    """Return a reference to a file in the same folder; empty if there is no such file."""
     return f"{path.with_name(name)}: {what}" if path.with_name(name).is_file() else ""
 
 
-def _describe_json(path: Path) -> str:
-    content = _json(path)
+def _describe_json(content: Content, path: Path) -> str:
     if content.get("format") == FORMAT:
         return _manifest(content, path)
     for kind in _JSON:
@@ -149,7 +149,7 @@ def _listed(keys: Sequence[str]) -> str:
 
 
 def _json(path: Path) -> Any:
-    """Return the content of a JSON file; None where it is not one."""
+    """Return the content of a JSON file; None if it is not JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -188,16 +188,17 @@ def _start(path: Path) -> str:
 
 
 def _describer(path: Path) -> Callable[[Path], str] | None:
-    """Return what describes a file; None where it is of no such kind."""
+    """Return the function that describes a file; None if commands write no such file."""
     start, suffix = _start(path), path.suffix.lower()
-    if start.encode().startswith(_JOURNAL):
+    if start.startswith(_JOURNAL):
         return _describe_journal
     if suffix in (".html", ".htm") or start.lstrip().lower().startswith("<!doctype html"):
         return _describe_page
     if suffix == ".h" and "written by updyn" in start.partition("*/")[0]:
         return _describe_header
     if suffix == ".json" and isinstance(content := _json(path), Mapping):
-        return None if content.get("format") == "updyn plant" else _describe_json
+        is_plant = content.get("format") == "updyn plant"
+        return None if is_plant else partial(_describe_json, content)
     return None
 
 
