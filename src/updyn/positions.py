@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ __all__ = [
     "LabelCheck",
     "System",
     "check_labels",
+    "is_in_line",
     "model_size",
     "rigid_motion",
     "warn_of_labels",
@@ -63,12 +65,12 @@ class System:
     factor : float
         Metres of the unit of the test's positions.
     unit : str or None
-        Its name; None: m, or the model is in another unit.
+        Its name; None if it is m, or if the model is in another unit.
     rotation : ndarray of float, shape (3, 3)
     shift : ndarray of float, shape (3,)
         In m.
     residual : float or None
-        Root mean square distance in m after a rigid motion; None where nothing was moved.
+        Root mean square distance in m after a rigid motion; None if nothing was moved.
     """
 
     factor: float = 1.0
@@ -107,11 +109,11 @@ class LabelCheck:
     system : System
         In which the positions of the test are compared.
     contradiction : str
-        What contradicts what, and a remedy; empty where numbers and positions agree.
+        The message on the contradiction, with a remedy; empty if numbers and positions agree.
     proposal : mapping of str to object
-        Options of `updyn.match` that fit the positions; empty where none do.
+        Options of `updyn.match` that fit the positions; empty if no options fit.
     note, warning : str
-        Remarks on the system; empty where it is that of the model.
+        Remarks on the system; empty if it is that of the model.
     """
 
     system: System = field(default_factory=System)
@@ -143,15 +145,28 @@ def rigid_motion(x: Points, y: Points) -> tuple[Points, Points]:
     """
     x0, y0 = x.mean(axis=0), y.mean(axis=0)
     a, b = x - x0, y - y0
-    for points in (a, b):
-        sizes = np.linalg.svd(points, compute_uv=False)
-        if len(x) < 3 or sizes[1] <= _IN_LINE * sizes[0]:
-            a, b = _along_line(a, b)
-            break
+    if is_in_line(a) or is_in_line(b):
+        a, b = _along_line(a, b)
     if not a.any() or not b.any():
         return np.eye(3), y0 - x0
     R = Rotation.align_vectors(b, a)[0].as_matrix()
     return R, y0 - R @ x0
+
+
+def is_in_line(centred: Points) -> bool:
+    """Return whether points lie in a line or at one place, so that a turn about it is undetermined.
+
+    Parameters
+    ----------
+    centred : ndarray of float, shape (n, 3)
+        The points, relative to their mean.
+
+    Returns
+    -------
+    bool
+    """
+    sizes = np.linalg.svd(centred, compute_uv=False)
+    return len(centred) < 3 or bool(sizes[1] <= _IN_LINE * sizes[0])
 
 
 def _along_line(a: Points, b: Points) -> tuple[Points, Points]:
@@ -176,12 +191,18 @@ def model_size(model: Model) -> float:
         In m.
     """
     assert model.geometry is not None
-    used = np.isin(model.geometry.nodes, model.dofs.nodes)
+    used = _used(model)
     return float(np.linalg.norm(np.ptp(model.geometry.xyz[used], axis=0))) if used.any() else 0.0
 
 
+def _used(model: Model) -> NDArray[np.bool_]:
+    """Return which nodes of the geometry of a model have a DOF."""
+    assert model.geometry is not None
+    return np.isin(model.geometry.nodes, model.dofs.nodes)
+
+
 def warn_of_labels(model: Model, frf: FRF) -> None:
-    """Warn where a measurement is used by its labels and its positions contradict them.
+    """Warn if the positions of a measurement that is used by its labels contradict them.
 
     Parameters
     ----------
@@ -222,20 +243,21 @@ def check_labels(
     nodes : sequence of int
         Nodes matched by number.
     limit : float, optional
-        Largest distance in m; by default `GROSS` of the model's size, and more where the node is
-        the nearest one of the model.
+        Largest distance in m; by default `GROSS` of the model's size, and more if the node is the
+        nearest one of the model.
 
     Returns
     -------
     LabelCheck or None
-        None where there is nothing to compare.
+        None if no node has a position in both, or all nodes of the model are at one place.
     """
     assert model.geometry is not None
-    known = set(test.nodes.tolist()) & set(model.geometry.nodes.tolist())
-    both = [node for node in dict.fromkeys(nodes) if node in known]
-    if not both or model_size(model) == 0.0:
+    asked = np.array(list(dict.fromkeys(nodes)), dtype=np.int64)
+    both = asked[np.isin(asked, test.nodes) & np.isin(asked, model.geometry.nodes)]
+    size = model_size(model)
+    if not len(both) or size == 0.0:
         return None
-    return _Comparison(both, test, model, limit).result()
+    return _Comparison(both, test, model, size, limit).result()
 
 
 class _Comparison:
@@ -243,19 +265,18 @@ class _Comparison:
 
     def __init__(
         self,
-        nodes: Sequence[int],
+        nodes: NDArray[np.int64],
         test: Geometry,
         model: Model,
+        size: float,
         limit: float | None,
     ) -> None:
         assert model.geometry is not None
-        used = np.isin(model.geometry.nodes, model.dofs.nodes)
-        self.nodes = np.array(nodes)
+        self.nodes = nodes
         self.x = test.position(nodes)
         self.y = model.geometry.position(nodes)
-        self.names = model.geometry.nodes[used]
-        self.tree = KDTree(model.geometry.xyz[used])
-        self.size = model_size(model)
+        self.model = model
+        self.size = size
         self.stated = limit is not None
         self.limit = GROSS * self.size if limit is None else limit
         self.radius = _rms(self.y - self.y.mean(axis=0))
@@ -291,20 +312,29 @@ class _Comparison:
         return self.contradiction(here, {})
 
     # -- distances
+    @cached_property
+    def tree(self) -> tuple[KDTree, NDArray[np.int64]]:
+        """Tree of the positions of the nodes of the model, and these nodes."""
+        geometry = self.model.geometry
+        assert geometry is not None
+        used = _used(self.model)
+        return KDTree(geometry.xyz[used]), geometry.nodes[used]
+
     def apart(self, system: System) -> Points:
         """Return the vectors between the nodes of each pair, shape (n, 3)."""
         return system.apply(self.x) - self.y
 
     def nearest(self, system: System) -> tuple[Points, NDArray[np.int64]]:
         """Return the distance to the nearest node of the model, and that node."""
-        distance, at = self.tree.query(system.apply(self.x))
-        return distance, self.names[at]
+        tree, names = self.tree
+        distance, at = tree.query(system.apply(self.x))
+        return distance, names[at]
 
     def gross(self, system: System) -> NDArray[np.bool_]:
         """Return which pairs are too far apart."""
         distance = np.linalg.norm(self.apart(system), axis=1)
         far = distance > self.limit
-        if self.stated:
+        if self.stated or not far.any():
             return np.asarray(far)
         is_nearest = distance <= (1.0 + 1e-9) * self.nearest(system)[0]
         return np.asarray(far & ~(is_nearest & (distance <= _COARSE * self.size)))
@@ -336,8 +366,8 @@ class _Comparison:
     def moved(self, unit: System) -> System:
         """Return the system with the rigid motion that brings the pairs closest together."""
         R, shift = rigid_motion(unit.factor * self.x, self.y)
-        system = System(unit.factor, unit.unit, R, shift)
-        return System(unit.factor, unit.unit, R, shift, _rms(self.apart(system)))
+        system = replace(unit, rotation=R, shift=shift)
+        return replace(system, residual=_rms(self.apart(system)))
 
     def fits_moved(self, system: System) -> bool:
         """Return whether the pairs agree after a rigid motion."""
@@ -386,7 +416,7 @@ class _Comparison:
         return [int(self.nodes[i]) for i in sorted({first, second, int(np.argmax(off))})]
 
     def contradiction(self, system: System, proposal: dict[str, Any]) -> LabelCheck:
-        """Return what contradicts what, the worst pairs, and what fits."""
+        """Return the contradiction with the worst pairs and the remedy."""
         gross = np.flatnonzero(self.gross(system))
         distance = np.linalg.norm(self.apart(system), axis=1)
         near, names = self.nearest(system)
@@ -414,7 +444,7 @@ class _Comparison:
         )
 
     def finding(self, near: Points, n_gross: int, proposal: Mapping[str, Any]) -> str:
-        """Return what fits instead, as a sentence."""
+        """Return the remedy as a sentence."""
         if proposal:
             options = ", ".join(f'{key} = "{value}"' for key, value in proposal.items())
             return (

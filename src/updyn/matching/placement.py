@@ -18,12 +18,11 @@ from updyn.errors import InputError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.matching.result import SHOWN, Alignment, MatchError, listed, vector_text
 from updyn.model import Model
-from updyn.positions import UNITS, rigid_motion
+from updyn.positions import UNITS, is_in_line, rigid_motion
 
 __all__ = ["NodeMatch", "fit_rigid", "match_nodes", "read_tolerance"]
 
 _MAX_ITERATIONS = 200  # of the fit to nearest nodes
-_IN_LINE = 1e-6  # width of a set of points over its length
 _ORTHOGONAL = 1e-6  # largest deviation of a rotation matrix
 _DEFAULT_TOLERANCE = 0.01  # of the model's size
 _EQUALLY_NEAR = 1e-6  # of the model's size
@@ -73,8 +72,7 @@ def fit_rigid(x: Points, y: Points) -> tuple[Points, Points, float]:
 
 
 def _check_not_in_line(centred: Points, what: str) -> None:
-    size = np.linalg.svd(centred, compute_uv=False)
-    if size[1] <= _IN_LINE * size[0]:
+    if is_in_line(centred):
         raise MatchError(
             f"the points {what} lie in a line (or all at one place): the rotation about it is"
             " undetermined; add a point off it, give the alignment as a matrix, or leave it out",

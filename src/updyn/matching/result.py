@@ -44,8 +44,7 @@ class MatchError(DofError):
     lost : sequence of str
         The sensors, as the test labels them, that are no DOFs of the model.
     proposal : mapping of str to object
-        Options of `match` with which nodes are found by their positions; empty where none are
-        known.
+        Options of `match` with which nodes are found by their positions; empty if unknown.
     """
 
     def __init__(

@@ -389,7 +389,7 @@ class _UserInput:
         Returns
         -------
         alignment : Alignment or None
-            In which labels and positions agree; None where they do as they are.
+            In which labels and positions agree; None if they agree as they are.
         notes : list of str
         """
         if tolerance == _ANY:
@@ -413,8 +413,8 @@ class _UserInput:
         if found.contradiction:
             insist = 'tolerance = "any" matches by label nevertheless'
             raise MatchError(f"{found.contradiction}\n{insist}", ("by",), proposal=found.proposal)
-        for text in filter(None, [found.warning]):
-            warnings.warn(text, UpdynWarning, stacklevel=3)
+        if found.warning:
+            warnings.warn(found.warning, UpdynWarning, stacklevel=3)
         return _alignment_of(found.system), [*filter(None, [found.note, found.warning])]
 
     def nodes_by_coordinates(
@@ -536,7 +536,7 @@ def _distance(
 
 
 def _alignment_of(system: System) -> Alignment | None:
-    """Return the system in which labels and positions agree; None where it is the model's."""
+    """Return the system in which labels and positions agree; None if it is the model's."""
     if system.factor == 1.0 and system.residual is None:
         return None
     how = "not moved" if system.residual is None else "moved onto the nodes of the same labels"

@@ -207,6 +207,15 @@ def test_the_limit_is_a_twentieth_of_the_size_unless_the_node_is_the_nearest() -
     accepted(wing(coarse), measured([1, 2, 3, 4], places))
 
 
+@pytest.mark.parametrize(("share", "is_refused"), [(0.24, False), (0.26, True)])
+def test_a_nearest_node_may_be_a_quarter_of_the_size_away(share: float, is_refused: bool) -> None:
+    coarse = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
+    places = coarse.copy()
+    places[1, 1] += share * 3.0  # node 2 is still the nearest one
+    check = refusal if is_refused else accepted
+    check(wing(coarse), measured([1, 2, 3, 4], places))
+
+
 def test_without_a_geometry_on_either_side_nothing_is_compared() -> None:
     model = wing()
     accepted(model, measured(range(1, 19), PLACES, geometry=False))
