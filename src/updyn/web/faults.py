@@ -1,4 +1,4 @@
-"""`new_faults`: what an edit would make wrong with the text of a job."""
+"""`new_faults`: faults that an edit would add to the text of a job."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from updyn.job import load_job
 
 __all__ = ["new_faults"]
 
-#: What a command may leave out of a job, as `load_job` takes it.
+#: Options of `load_job` with which the commands read a job.
 _READINGS: tuple[dict[str, bool], ...] = ({}, {"before_test": True}, {"of_test": True})
 
 
 def new_faults(path: Path, before: str, after: str) -> list[str]:
-    """Return what is wrong with a text of a job that was not wrong with the one before.
+    """Return the faults of a text of a job that the text before does not have.
 
     Parameters
     ----------
@@ -31,15 +31,14 @@ def new_faults(path: Path, before: str, after: str) -> list[str]:
     """
     found: dict[str, None] = {}
     for reading in _READINGS:
-        known = _faults(path, before, **reading)
-        found |= dict.fromkeys(
-            each for each in _faults(path, after, **reading) if each not in known
-        )
+        faults = _faults(path, after, **reading)
+        known = _faults(path, before, **reading) if faults else []
+        found |= dict.fromkeys(each for each in faults if each not in known)
     return list(found)
 
 
 def _faults(path: Path, text: str, **reading: bool) -> list[str]:
-    """Return what is wrong with a text, for commands that read a job in one way."""
+    """Return the faults of a text, for commands that read a job with these options."""
     try:
         load_job(path, text=text, **reading)
     except JobError as error:

@@ -32,7 +32,7 @@ class Form:
     pending : dict of str to str
         By key, the entries that are not in the job.
     reason : str
-        Why they are not; empty where it was not tried.
+        Why they are not in the job; empty if writing them was not tried.
     """
 
     def __init__(self, table: str, fields: Sequence[Field]) -> None:
@@ -42,7 +42,7 @@ class Form:
         self.reason = ""
 
     def entries(self, text: str) -> dict[str, str]:
-        """Return what each entry shows: what was typed, else what the job says.
+        """Return the text of each entry: as typed, else from the job.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class Form:
 
 
 def written_table(text: str, table: str) -> Mapping[str, Any]:
-    """Return a table of a job as it is written; an empty one where there is none.
+    """Return a table of a job as it is written; empty if the job has no such table.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ _RESULT = "result.json"
 _JOB, _JOURNAL = ".toml", ".journal"
 #: What no job names, and what changes while a run is under way.
 _NO_INPUT = (_JOB, _JOURNAL, MANIFEST)
-#: First line of the job file of a run, and characters of it that are read.
-_LONGEST_LINE = 4096
+#: First line of the job file of a run, and the number of its characters that are read.
 _ORIGIN = re.compile(rf"# {HEADER} \S+ from (.+)")
+_LONGEST_LINE = 4096
 #: The command that writes inputs; the others write results.
 _OF_INPUTS = "demo"
 
@@ -234,8 +234,7 @@ class Project:
         Raises
         ------
         InputError
-            If the name is not a plain one, its folder does not exist or is not shown, or the file
-            exists.
+            If the name is not plain, its folder does not exist or is not shown, or the file exists.
         """
         folder, _, stem = name.strip().rpartition("/")
         file = self.plain_name(stem)

@@ -115,15 +115,18 @@ class Workspace:
             That of the latest worker for the open job; else the latest in a folder that is named
             after the job; empty if there is none.
         """
-        work, stem = TASKS.find(task), re.escape(self.opened.path.stem)
+        work = TASKS.find(task)
         found = self.project.pages(work.page, task)
         pages = [self.project.name_of(path) for path in found]
         worker = self.workers.get(task)
         if worker is not None and self.is_of_open_job(worker):
             made = worker.out / work.page
-            name = self.project.name_of(made) if made.is_file() else ""
-            return list(dict.fromkeys([*([name] if name else []), *pages])), name
+            if not made.is_file():
+                return pages, ""
+            name = self.project.name_of(made)
+            return list(dict.fromkeys([name, *pages])), name
         suffixes = "|".join(map(re.escape, (work.suffix, TASKS.find("run").suffix)))
+        stem = re.escape(self.opened.path.stem)
         named = re.compile(rf"{stem}(({suffixes})(-\d+)?)?")
         own = [path for path in found if named.fullmatch(path.parent.name)]
         return pages, self.project.name_of(own[0]) if own else ""
@@ -188,19 +191,19 @@ class Workspace:
 
     # -- edits of pages ----------------------------------------------------------------------------
     def edit(self, what: str, change: edits.Edit) -> None:
-        """Change the open job, unless it would have a fault that it has not now.
+        """Change the open job, unless the change would add a fault.
 
         Parameters
         ----------
         what : str
-            What is done, in a few words.
+            Name of the edit, in a few words.
         change : callable
             From `updyn.web.edits`.
 
         Raises
         ------
         InputError
-            If the text would have a new fault; it is as it was then.
+            If the text would have a new fault; the text is not changed then.
         """
         document = self.opened
         changed = document.with_change(change)
@@ -223,7 +226,7 @@ class Workspace:
         return self._forms[task]
 
     def entries(self, task: str) -> dict[str, str]:
-        """Return what each entry of the form of a task shows.
+        """Return the text of each entry of the form of a task.
 
         Parameters
         ----------

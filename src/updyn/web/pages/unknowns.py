@@ -105,18 +105,18 @@ class _Choices:
         self._place = ui.column().classes("w-full")
 
     def take(self, view: View) -> None:
-        """Take the groups of a model; the boxes are made anew where they are others."""
+        """Take the groups of a model; the boxes are made anew if the groups have changed."""
         if (view.groups, view.able) != (self._groups, self._able):
             self._groups, self._able = view.groups, view.able
             self._draw()
 
     def pick(self, groups: set[str]) -> None:
-        """Show the boxes of some groups; of all where the model has none of them."""
+        """Show the boxes of some groups; of all groups if the model has none of these."""
         self._picked = groups
         self._draw()
 
     def update(self) -> None:
-        """Show what the job says now."""
+        """Set the boxes to the choice of the job."""
         chosen = self._chosen()
         for (group, quantity), box in self._boxes.items():
             box.set_value(group in chosen[quantity])
@@ -162,7 +162,7 @@ class _Choices:
     def _toggled(
         self, group: str, quantity: str
     ) -> Callable[[events.ValueChangeEventArguments[Any]], None]:
-        """Return what is done when a box is clicked."""
+        """Return the handler of a click on a box."""
 
         def change(event: events.ValueChangeEventArguments[Any]) -> None:
             names = self._chosen()
