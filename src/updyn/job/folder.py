@@ -46,7 +46,7 @@ RESERVED = (MANIFEST, JOURNAL, PLAN_JOURNAL, LOCK, PLAN)
 JOB_FILE = "job.toml"
 #: Start of the comment in the first line of a job file that a run wrote.
 HEADER = "Written by updyn"
-#: Commands whose files go when the next run comes.
+#: Commands whose files the next run removes.
 _OF_A_RUN = ("run", "plant")
 _MOVE = "move them away, or choose another --out"
 #: Files of which each of several tests has its own, in a folder of its name.
@@ -93,8 +93,8 @@ def earlier_outputs(job: Job, out: Path) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Files that the manifest of the folder lists under names that the commands write of their
-        own accord, and that are no inputs of the job.
+        Files that the manifest of the folder lists, that have a fixed output name
+        (`updyn.outputs.manifest.is_output`), and that are no inputs of the job.
 
     Warns
     -----
@@ -182,10 +182,11 @@ def check_out(job: Job, out: str | Path | None = None, names: Iterable[str] | No
             raise JobError(f"{str(target)!r} is a folder; choose another --out", job.path)
     written = {os.path.realpath(target) for target in targets}
     for path, what in _inputs(job).items():
-        if _without_links(path) is None:
+        whole = _without_links(path)
+        if whole is None:
             continue  # the reader of the file refuses it, with the line of its key
         relative_path(path, out)  # which job.toml will state
-        if os.path.realpath(path) in written:
+        if whole in written:
             text = f"the run would write over its own {what} {str(path)!r}; choose another --out"
             raise JobError(text, job.path)
     recover(out)
@@ -339,7 +340,7 @@ def _rename_files(table: dict[str, Any], key: str, job: Job, out: Path) -> None:
 
 
 def _without_links(path: Path) -> str | None:
-    """Return the path of a file without links; None where no file can have that name."""
+    """Return the path of a file without links; None if no file can have that name."""
     try:
         return os.path.realpath(path)
     except ValueError:  # a null character

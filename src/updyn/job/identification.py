@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Strict
 
 from updyn.errors import JobError, key_path
@@ -139,19 +140,19 @@ def _picked(
 
 
 def _pole(found: ModeSet, frequency: float) -> float | None:
-    """Return the frequency of the pole that was picked; None of one of a mode, or of none.
+    """Return the frequency of the pole that was picked; None if a mode was picked.
 
     A click gives it to seven digits, so that a frequency that is written by hand means a mode, or a
-    peak that no mode belongs to where that is nearer.
+    peak without a mode if that is nearer.
     """
     diagram = found.diagram
     if diagram is None:
         return None
     peaks = found.unexplained
     if len(peaks):
-        peak = float(peaks[int(np.argmin(np.abs(peaks - frequency)))])
-        apart = abs(peak - frequency)
-        if apart <= min(_NEAR * frequency, float(np.min(np.abs(found.frequency - frequency)))):
+        peak = _nearest(peaks, frequency)
+        mode = _nearest(found.frequency, frequency)
+        if abs(peak - frequency) <= min(_NEAR * frequency, abs(mode - frequency)):
             return peak
     stable = diagram.frequency[diagram.stable]
     clicked = stable[np.abs(stable / frequency - 1.0) < _CLICKED]
@@ -163,7 +164,7 @@ def _pole(found: ModeSet, frequency: float) -> float | None:
 
 def _mode(found: ModeSet, frequency: float) -> float:
     """Return the frequency of the mode that is nearest to a pick."""
-    at = float(found.frequency[int(np.argmin(np.abs(found.frequency - frequency)))])
+    at = _nearest(found.frequency, frequency)
     if abs(at - frequency) <= _NEAR * frequency:
         return at
     text = (
@@ -172,13 +173,17 @@ def _mode(found: ModeSet, frequency: float) -> float:
     )
     diagram = found.diagram
     if diagram is not None and diagram.stable.any():
-        stable = diagram.frequency[diagram.stable]
-        near = float(stable[int(np.argmin(np.abs(stable - frequency)))])
+        near = _nearest(diagram.frequency[diagram.stable], frequency)
         text += f", the nearest stable pole of the diagram at {near:.7g} Hz"
     if len(found.unexplained):
-        peak = float(found.unexplained[int(np.argmin(np.abs(found.unexplained - frequency)))])
+        peak = _nearest(found.unexplained, frequency)
         text += f", the nearest peak without a mode at {peak:.6g} Hz"
     raise JobError(text)
+
+
+def _nearest(values: NDArray[np.float64], frequency: float) -> float:
+    """Return the value that is nearest to a frequency."""
+    return float(values[int(np.argmin(np.abs(values - frequency)))])
 
 
 def _refined(found: ModeSet, k: int, pole: float) -> str:

@@ -173,7 +173,7 @@ def _text(path: Path) -> str:
 
 
 def _other_file(path: Path) -> str:
-    """Return the end of a message on a file whose suffix is not that of a job; else nothing."""
+    """Return the end of a message on a file without the suffix of a job; else an empty text."""
     if path.suffix.lower() == ".toml":
         return ""
     return f"; expected a job file (TOML), and updyn info {path.name} prints what this file holds"

@@ -167,7 +167,7 @@ def _model(job: Job) -> Model:
 
 
 def _ask(job: Job, tests: Sequence[PreparedTest]) -> None:
-    """Warn about what the band of the tests makes doubtful in the table of the model."""
+    """Warn about keys of the table of the model that are doubtful in the band of the tests."""
     kind = job.model.kind
     if kind is None or kind not in MODEL_QUESTIONS:
         return

@@ -39,7 +39,7 @@ __all__ = [
 
 
 def start_model(test: PreparedTest, unknowns: ParameterSet | Selection) -> Model:
-    """Return the model of a test with the unknowns at their start, where a fit begins.
+    """Return the model of a test with the unknowns at their start values.
 
     Parameters
     ----------
