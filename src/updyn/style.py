@@ -144,7 +144,7 @@ LOOKS = ("light", "dark")
 #: The colours of measured data, of the model at the start and of the updated model, by their names
 #: in legends. All figures, pages, pictures and the viewer take them from here.
 STATES: Mapping[str, str] = {"measured": "measured", "start": "before", "updated": "after"}
-#: Roles of the colours of curves that are none of these, beside them.
+#: Roles of the colours of further curves in a figure with `STATES`.
 OTHERS = ("third", "fourth")
 #: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
 #: the colours are repeated with the next dash.

@@ -28,8 +28,8 @@ __all__ = [
 
 #: Name of the file.
 MANIFEST = "manifest.json"
-#: Names of files that the commands write of their own accord, in a folder of results or in the
-#: folder of a test there. A manifest can be copied or forged: no other file is removed on its word.
+#: Fixed names of files that the commands write into a folder of results or into the folder of a
+#: test in it. A manifest can be copied or forged: files of other names are not removed for it.
 OUTPUT_NAMES = frozenset(
     {
         "model.h5",
@@ -194,7 +194,7 @@ def is_inside(name: str) -> bool:
 
 
 def is_output(name: str) -> bool:
-    """Return whether the commands write a file of this name of their own accord.
+    """Return whether a file has a fixed output name of the commands, not one that a job chose.
 
     Parameters
     ----------

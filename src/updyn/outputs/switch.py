@@ -219,8 +219,8 @@ def _complete(finished: Path, folder: Path, plan: _Plan) -> None:
     for each in touched:
         if each.is_dir():
             sync_folder(each)
-    for path in finished.iterdir():
-        _remove_empty([path] if path.is_dir() else [])
+    for path in filter(Path.is_dir, finished.iterdir()):
+        _remove_empty([path])
     (finished / PLAN).unlink()
     _remove_empty([finished])
     sync_folder(folder)
@@ -305,7 +305,7 @@ def _is_pair(digests: Any) -> bool:
 
 
 def _is_free(name: str) -> bool:
-    """Return whether a name is inside a folder and not one that the folder needs itself."""
+    """Return whether a name is inside a folder and not reserved for lock, plan, set or journal."""
     parts = name.split("/")
     reserved = any(part in (LOCK, PLAN) or _NAME.fullmatch(part) for part in parts)
     return is_inside(name) and not reserved and not name.endswith(_JOURNAL)
@@ -314,8 +314,8 @@ def _is_free(name: str) -> bool:
 def _check(finished: Path, folder: Path, plan: _Plan) -> None:
     """Check that no file of a user has come up under a name of an interrupted switch.
 
-    The plan, which may be forged, is believed about the old file of a name only where the commands
-    write that name of their own accord.
+    The plan may be forged: the digest that it states of an old file counts only for the fixed names
+    of outputs (`is_output`) and for the manifest.
     """
     wrong: dict[str, str] = {}
     for name, (before, after) in plan.moved.items():

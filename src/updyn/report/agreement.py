@@ -261,19 +261,19 @@ def agreement_figures(result: UpdateResult, data: ReportData) -> dict[str, dict[
 
 
 def drawn_agreement(data: ReportData, values: NDArray[np.complex128] | None) -> dict[str, float]:
-    """Return `Correlation.figures` of FRFs that were computed for a page; of the data of the fit.
+    """Return `Correlation.figures` of FRFs that were computed for a page, over the data of the fit.
 
     Parameters
     ----------
     data : ReportData
-        Measured FRFs, and what of them is held out.
+        Measured FRFs, and which responses are held out.
     values : ndarray of complex, shape (n_f, n_responses, n_references), or None
         Those of a model.
 
     Returns
     -------
     dict of str to float
-        Empty where nothing was computed, or all responses are held out.
+        Empty if nothing was computed or all responses are held out.
     """
     fitted = ~np.array(data.held_out, dtype=np.bool_)
     if values is None or not fitted.any():

@@ -53,8 +53,8 @@ class Start:
     options : mapping
         Options of the method, which say how a large model is solved.
     figures : mapping of str to float
-        Figures of agreement of the model with the data of the fit (`Correlation.figures`); empty:
-        those of the FRFs that are computed for the page.
+        Figures of agreement of the model with the data of the fit (`Correlation.figures`). If
+        empty, the page shows those of the FRFs that are computed for it.
     """
 
     model: Model

@@ -30,8 +30,7 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Whole = NDArray[np.intp]
 
-#: Colours of layers: the three of an update, that of a model of which no more is known, and one of
-#: any other.
+#: Colours of layers: the three of an update, one of a model outside an update, and one of others.
 ROLES = (*STATES.values(), "plain", "third")
 #: How a layer is drawn: with faces in the colours of the groups, as lines, or as nodes with lines.
 STYLES = ("surface", "wire", "dots")
