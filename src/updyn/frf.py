@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
 from functools import partial
@@ -16,7 +16,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import DataError, DofError, in_all, key_path, suggest
 from updyn.geometry import Geometry
 from updyn.notebook import Curve, card, curves
-from updyn.units import Unit, find_ratio, find_unit
+from updyn.units import RATES, Unit, find_ratio, find_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,8 +37,6 @@ __all__ = [
 QUANTITIES = {"receptance": 0, "mobility": 1, "accelerance": 2}
 #: What each is called in a unit, behind that of the displacement.
 _POWER_UNITS = {"receptance": "", "mobility": "/s", "accelerance": "/s²"}
-#: The same in the letters of every keyboard.
-_RATES = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}
 #: What is below this share of the loudest value is rounding: symmetry forbids it.
 ROUNDING = 1e-11
 #: Dimensions of the variables of a dataset.
@@ -737,42 +735,43 @@ def _attribute(data: xr.Dataset, name: str, default: Any = None) -> Any:
 
 
 def _quantity_of(data: xr.Dataset) -> str | None:
-    """Return the quantity of which the values of a dataset have a unit; None if it is not known."""
+    """Return the quantity that the unit of the values implies; None if the unit is not known."""
     found = find_ratio(str(data["frf"].attrs.get("units", "")))
     return found.kind if found else None
 
 
 def _check_units(data: xr.Dataset, quantity: str) -> None:
     """Refuse units that are not SI."""
-    frf = f"m{_RATES[check_quantity(quantity)]}/N"
-    units = {
-        "freq": ("Hz", find_unit(_unit_label(data, "freq"), "frequency")),
-        "frf": (frf, find_ratio(_unit_label(data, "frf"))),
-        "coherence": ("1", None),
-        "variance": (f"({frf})^2", _square(_unit_label(data, "variance"))),
-        "xyz": ("m", find_unit(_unit_label(data, "xyz"), "length")),
+    frf = f"m{RATES[check_quantity(quantity)]}/N"
+    units: dict[str, tuple[str, Callable[[str], Unit | None]]] = {
+        "freq": ("Hz", lambda label: find_unit(label, "frequency")),
+        "frf": (frf, find_ratio),
+        "coherence": ("1", lambda label: None),
+        "variance": (f"({frf})^2", _square),
+        "xyz": ("m", lambda label: find_unit(label, "length")),
     }
-    for name, (expected, found) in units.items():
+    for name, (expected, find) in units.items():
         label = _unit_label(data, name)
         if label in ("", expected):
             continue
+        found = find(label)
         fault = f"dataset: {name} is in {label!r}"
         if found is not None and found.kind in QUANTITIES and found.kind != quantity:
             raise DataError(f"{fault}, a unit of {found.kind}; expected {expected!r}")
         if found is None or found.factor != 1.0:
-            cure = ""
+            remedy = ""
             if found is not None:
-                cure = f": multiply it by {found.factor:g}, and write {expected!r}"
-            raise DataError(f"{fault}; expected {expected!r}{cure}")
+                remedy = f": multiply it by {found.factor:g}, and write {expected!r}"
+            raise DataError(f"{fault}; expected {expected!r}{remedy}")
 
 
 def _unit_label(data: xr.Dataset, name: str) -> str:
-    """Return the unit of a variable as the dataset states it; empty where it does not."""
+    """Return the unit of a variable that the dataset states; empty without one."""
     return str(data[name].attrs.get("units", "")).strip() if name in data.variables else ""
 
 
 def _square(label: str) -> Unit | None:
-    """Return the unit of a variance: the square of a motion per force."""
+    """Return the unit of a variance, the square of a motion per force; None if it is not known."""
     inner = re.fullmatch(r"\((.+)\)\s*(?:\^2|\*\*2|²)", label)
     found = find_ratio(inner[1]) if inner else None
     return Unit(found.kind, found.factor**2) if found else None

@@ -14,12 +14,15 @@ from dataclasses import dataclass
 from updyn.errors import DataError, suggest
 
 __all__ = [
+    "CHANNEL",
+    "RATES",
     "Unit",
     "find_ratio",
     "find_unit",
     "merge_units",
     "parse_unit",
     "split_ratio",
+    "strip_brackets",
     "suggest_unit",
 ]
 
@@ -92,7 +95,8 @@ _ANGLES: _Factors = {
     ("mrad",): 1e-3,
     ("deg", "degree", "degrees"): math.pi / 180,
 }
-_RATES = {"": "receptance", "/s": "mobility", "/s^2": "accelerance"}
+#: Units of time of the quantities of an FRF, behind the unit of the displacement.
+RATES = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}
 _VELOCITIES: _Factors = {("ips",): _INCH}
 _ACCELERATIONS: _Factors = {
     ("g", "gn", "g_n", "gs", "g's", "gees"): _G,
@@ -124,8 +128,8 @@ def _table() -> dict[str, list[Unit]]:
     groups: list[tuple[str, str, _Factors, bool]] = [
         ("force", "", _FORCES, False),
         ("force", "", _MOMENTS, True),
-        *((kind, rate, _LENGTHS, False) for rate, kind in _RATES.items()),
-        *((kind, rate, _ANGLES, True) for rate, kind in _RATES.items()),
+        *((kind, rate, _LENGTHS, False) for kind, rate in RATES.items()),
+        *((kind, rate, _ANGLES, True) for kind, rate in RATES.items()),
         ("mobility", "", _VELOCITIES, False),
         ("accelerance", "", _ACCELERATIONS, False),
         ("time", "", _TIMES, False),
@@ -161,9 +165,7 @@ _MOTIONS = CHANNEL[1:]
 
 def _normal(label: str) -> str:
     """Return a label in the spelling of the list: m/s^2 for m/s**2, (m/s²), m/sec/sec, m/s2."""
-    text = " ".join(label.split())
-    while len(text) > 1 and (text[0], text[-1]) in (("(", ")"), ("[", "]")) and _is_pair(text):
-        text = text[1:-1].strip()
+    text = strip_brackets(" ".join(label.split()))
     text = text.replace("**", "^").replace("²", "^2").replace("^ 2", "^2")
     text = re.sub("[µμ]", "u", text)
     text = re.sub(r"\s*/\s*", "/", text)
@@ -173,6 +175,25 @@ def _normal(label: str) -> str:
     text = re.sub(r"/sec(?=[\^2])", "/s", text, flags=re.I)
     text = re.sub(r"^([mun]?)sec$", r"\1s", text, flags=re.I)
     return re.sub(r"/s(?:2|/s)$", "/s^2", text, flags=re.I)
+
+
+def strip_brackets(label: str) -> str:
+    """Return a label without the brackets, round or square, around all of it.
+
+    Parameters
+    ----------
+    label : str
+        ``"(m/s^2)"``, ``"[g]"``, ...
+
+    Returns
+    -------
+    str
+        ``"m/s^2"``, ``"g"``; a label such as ``"(m)/(s)"`` as it is.
+    """
+    text = label.strip()
+    while len(text) > 1 and (text[0], text[-1]) in (("(", ")"), ("[", "]")) and _is_pair(text):
+        text = text[1:-1].strip()
+    return text
 
 
 def _is_pair(text: str) -> bool:

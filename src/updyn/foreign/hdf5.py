@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 
 from updyn.errors import FormatError
+from updyn.foreign.attributes import PACKING, UNITS
 from updyn.foreign.limits import Limits, limits_of
 from updyn.foreign.plain import Other, to_native
 
@@ -25,18 +26,7 @@ _DEPTH = 16
 #: What netCDF calls a dimension of which there is no variable: a dataset without numbers.
 _NO_VARIABLE = b"This is a netCDF dimension but not a netCDF variable"
 #: Attributes that say what the numbers of a dataset mean, in lower case.
-_MEANINGS = (
-    "units",
-    "unit",
-    "scale_factor",
-    "add_offset",
-    "_fillvalue",
-    "missing_value",
-    "valid_min",
-    "valid_max",
-    "valid_range",
-    "_unsigned",
-)
+_MEANINGS = tuple(name.lower() for name in (*UNITS, *PACKING))
 _HELD = "; it is not followed: store the numbers in the file itself"
 
 

@@ -14,28 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import FormatError
+from updyn.foreign.attributes import PACKING, UNITS
 
 __all__ = ["PACKING", "read_unit", "unpack"]
 
-#: Attributes without which stored numbers are not the numbers that they stand for.
-PACKING = (
-    "scale_factor",
-    "add_offset",
-    "_FillValue",
-    "missing_value",
-    "valid_min",
-    "valid_max",
-    "valid_range",
-    "_Unsigned",
-)
-_LINEAR = PACKING[:2]
-_UNITS = ("units", "unit")
+_LINEAR = ("scale_factor", "add_offset")
 
 
 def unpack(
     values: NDArray[Any], attributes: Mapping[str, Any], name: str, path: str | Path
 ) -> NDArray[Any]:
-    """Return the numbers that stored numbers stand for; missing ones are NaN.
+    """Return the unpacked values; missing ones are NaN.
 
     Parameters
     ----------
@@ -56,8 +45,8 @@ def unpack(
     if values.dtype.kind not in "iufc" or not any(key in attributes for key in PACKING):
         return values
     stated = {}
-    for key in PACKING[:-1]:
-        if key in attributes:
+    for key in PACKING:
+        if key in attributes and key != "_Unsigned":
             stated[key] = _numbers(attributes[key], f"{name}: attribute {key!r}", path)
     if str(attributes.get("_Unsigned", "")).lower() == "true":
         values = _unsigned(values)
@@ -100,7 +89,7 @@ def _one(stated: Mapping[str, NDArray[Any]], key: str, name: str, path: str | Pa
 
 
 def _is_missing(values: NDArray[Any], stated: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
-    """Return which of the stored numbers are those of a missing value."""
+    """Return which of the stored numbers mark a missing value."""
     out = np.zeros(values.shape, dtype=bool)
     for key in ("_FillValue", "missing_value"):
         for mark in stated.get(key, ()):
@@ -131,7 +120,7 @@ def _shown(given: Any) -> Any:
 
 
 def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str:
-    """Return the unit that the attributes ``units`` or ``unit`` state, in any case; else "".
+    """Return the unit in the attributes ``units`` or ``unit`` (in any case); empty without one.
 
     Parameters
     ----------
@@ -149,7 +138,7 @@ def read_unit(attributes: Mapping[str, Any], name: str, path: str | Path) -> str
     """
     labels: dict[str, str] = {}
     for key, given in attributes.items():
-        if key.lower() in _UNITS:
+        if key.lower() in UNITS:
             labels[key] = _label(given, key, name, path)
     if len(set(labels.values())) > 1:
         keys = " and ".join(sorted(map(repr, labels)))

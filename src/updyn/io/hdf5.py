@@ -336,9 +336,7 @@ def take_dofs(place: Folder, path: str | Path) -> DofSet:
     texts = take_array(place, "direction", path, "SO", 1)
     axes = np.full(len(texts), -1)
     for i, direction in enumerate(DIRECTIONS):
-        for text in (direction, direction.encode()):
-            if texts.dtype.kind == "O" or isinstance(text, bytes):
-                axes[texts == text] = i
+        axes[texts == (direction.encode() if texts.dtype.kind == "S" else direction)] = i
     if (axes < 0).any():
         at = int(np.flatnonzero(axes < 0)[0])
         found = texts[at]

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from updyn.errors import FormatError, OptionError, suggest
 from updyn.io.items import kind_of, number, placed, real, vector
 from updyn.signals.records import Records, seconds, step_of
-from updyn.units import Unit, find_unit, suggest_unit
+from updyn.units import find_unit, suggest_unit
 
 __all__ = ["build_records"]
 
@@ -55,7 +55,7 @@ def build_records(
     values, channels, order, time, rate
         See the module.
     units : mapping of str to str, optional
-        Unit by array, where the file states it; times are in s otherwise, rates in Hz.
+        Unit of each array for which the file states one; by default times are in s, rates in Hz.
 
     Returns
     -------
@@ -228,8 +228,8 @@ def _step(
 
 
 def _hertz(label: str, name: str, path: str | Path) -> float:
-    """Return the unit of a rate in Hz; 1 where the file does not state it."""
-    unit = find_unit(label, "frequency") if label else Unit("frequency", 1.0)
+    """Return the unit of a rate in Hz; 1 without a label."""
+    unit = find_unit(label or "Hz", "frequency")
     if unit is None:
         raise FormatError(f"{name}: unit {label!r}; {suggest_unit(label, 'frequency')}", path)
     return unit.factor

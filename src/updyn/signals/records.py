@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import DataError, key_path, suggest
-from updyn.units import Unit, find_unit, merge_units, suggest_unit
+from updyn.units import find_unit, merge_units, suggest_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -22,7 +22,8 @@ __all__ = ["Records", "chained", "records_of", "seconds", "step_of"]
 _SAME_STEP = 1e-6
 #: Sizes of the steps in time may differ by this share, as times are written with few digits.
 _EVEN = 1e-3
-#: Share of a step below which the last digit of times has to be for them to be checked by it.
+#: Printed times may be uneven by the rounding of their last digit if that digit is below this share
+#: of the step; a coarser digit could hide a missing sample.
 _FINE = 0.2
 
 
@@ -234,10 +235,13 @@ class Records:
 
 
 def _check_common(common: str, units: Sequence[str], channels: Sequence[str]) -> None:
-    """Refuse a unit of all channels from which that of one differs."""
+    """Refuse a unit of all channels that contradicts the unit of one of them."""
+    if not common:
+        return
+    expected = find_unit(common)
     for name, unit in zip(channels, units, strict=True):
-        same = unit == common or find_unit(unit) == find_unit(common) is not None
-        if common and not same:
+        is_same = unit == common or (expected is not None and find_unit(unit) == expected)
+        if not is_same:
             raise DataError(f"channel {name!r}: unit {unit!r}, and the records are in {common!r}")
 
 
@@ -259,7 +263,7 @@ def seconds(times: NDArray[Any], label: str, name: str = "time") -> NDArray[np.f
         If the unit is not known, or the times are of another type.
     """
     stated = label.partition(" since ")[0].strip()
-    unit = find_unit(stated, "time") if stated else Unit("time", 1.0)
+    unit = find_unit(stated or "s", "time")
     if unit is None:
         raise DataError(f"{name}: unit {label!r}; {suggest_unit(stated, 'time')}")
     if times.dtype.kind not in "iufmM":
@@ -281,7 +285,7 @@ def step_of(times: NDArray[np.float64], rounding: NDArray[np.float64] | None = N
     times : ndarray of float, shape (n_samples,)
         In s.
     rounding : ndarray of float, shape (n_samples,), optional
-        Place value of the last digit of each, where they were printed with few.
+        Place value of the last digit of each time, as it was printed.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from pathlib import Path
 from updyn.errors import FormatError
 from updyn.io.uff.functions import Function, Record8
 from updyn.io.uff.geometry import Units
-from updyn.units import CHANNEL, Unit, find_unit, split_ratio, suggest_unit
+from updyn.units import RATES, Unit, find_unit, split_ratio, strip_brackets, suggest_unit
 
 __all__ = [
     "FORCE",
@@ -58,11 +58,10 @@ _NAMES = {
     "mobility": ("velocity", "angular velocity"),
     "accelerance": ("acceleration", "angular acceleration"),
 }
-_SI = {"receptance": "", "mobility": "/s", "accelerance": "/s^2"}
-#: Units that no factor of length makes.
+#: Units of acceleration that dataset 164, with its factors of length, cannot contradict.
 _GRAVITY = tuple(find_unit(label, "accelerance") for label in ("g", "mg"))
 _AT_THE_END = re.compile(r"[(\[]([^()\[\]]+)[)\]]$")
-#: Factors of dataset 164 have at least four digits.
+#: Relative difference of equal factors: those of dataset 164 have at least four digits.
 _SAME = 1e-3
 _REMEDY = "; state scale=, the factor that converts the values to SI (9.80665 for g/N)"
 
@@ -221,7 +220,7 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
         If the label is of another kind than the data type, or contradicts dataset 164.
     """
     axis, turns = function.numerator, abs(function.response[1]) > 3
-    label = _without_brackets(axis.unit)
+    label = strip_brackets(axis.unit)
     kind = "force" if axis.kind in FORCE else MOTION.get(axis.kind)
     if kind is None:
         return label, 1.0
@@ -234,7 +233,7 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
         return label, 1.0
     if kind == "force":
         return "N m" if turns else "N", side.derived
-    return ("rad" if turns else "m") + _SI[kind], side.derived
+    return ("rad" if turns else "m") + RATES[kind], side.derived
 
 
 def _of_label(side: _Side) -> float:
@@ -281,7 +280,7 @@ def _check_name(side: _Side, factor: float, ratio: float | None = None) -> None:
     """Refuse an axis name with a unit that differs from that of the values."""
     axis = side.axis
     named = _in_brackets(axis.name)
-    unit = find_unit(named, *CHANNEL)
+    unit = find_unit(named)
     pair = split_ratio(named)
     agrees = True
     if unit:
@@ -293,12 +292,7 @@ def _check_name(side: _Side, factor: float, ratio: float | None = None) -> None:
         raise side.error(f"the axis name {axis.name!r} has the unit {named!r}, but {stated}")
 
 
-def _without_brackets(label: str) -> str:
-    is_pair = label[:1] in ("(", "[") and label[-1:] in (")", "]")
-    return label[1:-1].strip() if is_pair else label
-
-
 def _in_brackets(name: str) -> str:
-    """Return the text in brackets at the end of a name; empty if there is none."""
+    """Return the text in brackets at the end of a name; empty without brackets."""
     found = _AT_THE_END.search(name)
     return found[1].strip() if found else ""
