@@ -93,6 +93,11 @@ def test_the_unit_of_a_comment_and_of_a_column_must_agree(tmp_path):
     text = VALID.replace(") re", ") re [g/N]")
     with pytest.raises(FormatError, match="'g/N' contradicts the comment, which says 'm/s\\^2/N'"):
         updyn.read_frf(put(tmp_path, "# unit: m/s^2/N\n" + text))
+    text = "freq_Hz,H(1:X/1:X) re [m/s/N],H(1:X/1:X) im [m/s/N]\n1,2,3\n"
+    with pytest.raises(
+        FormatError, match="'m/s/N' contradicts the comment, which says 'm/s\\^2/N'"
+    ):
+        updyn.read_frf(put(tmp_path, "# unit: m/s^2/N\n" + text))
 
 
 def test_units_of_rotations(tmp_path):
@@ -230,6 +235,8 @@ def test_units_in_round_brackets_and_in_a_line_of_their_own(tmp_path):
         ("# time_unit: ms\n" + POINTS, {}, ":1: .*'time unit' would change the numbers"),
         (POINTS.replace("\n", "\ns,N,V\n", 1), {}, ":2: found 's,N,V'; expected 3 numbers"),
         (POINTS.replace("\n", "\ns,N,g\n", 1), {}, ":2: .*unit 'g', in the header 'm/s²'"),
+        ("time [s],a\nms,g\n0,1\n1,2\n", {}, ":2: .*unit 'ms', in the header 's'"),
+        ("t/ms,a\n0,1\n1,2\n3,4\n", {}, "0.001 to 0.002 s apart"),
     ],
 )
 def test_units_of_records_that_are_refused(tmp_path, text, options, message):

@@ -49,7 +49,7 @@ _COMMENT = re.compile(rb"(?:#.*)?")
 _KNOWN = ("quantity", "averages", "source", "decay", *UNITS)
 #: Names of the first column.
 _FREQ = ("freq", "frequency", "f")
-#: Units that say no more than the kind of the column, and what is expected in a message.
+#: Accepted units of columns whose kind fixes the unit, and the expected unit for messages.
 _PLAIN = {
     "phase_deg": (("deg", "degree", "degrees", "°"), "deg"),
     "coh": (("-", "1"), "none: a coherence has no unit"),
@@ -248,6 +248,10 @@ class _Ratio:
         """Factor to SI."""
         return self.motion.factor / self.force.factor
 
+    def agrees(self, other: _Ratio) -> bool:
+        """Return whether another unit is of the same quantity and size."""
+        return (self.motion.kind, self.factor) == (other.motion.kind, other.factor)
+
     def check(self, pair: _Pair, path: str | Path, line: int) -> None:
         """Refuse a unit of a translation or a force for a rotation or a moment, or the reverse."""
         for dof, unit, what in (
@@ -267,7 +271,7 @@ _Units = dict[tuple[_Pair, str], _Ratio | None]
 
 
 def _unit(head: _Head, path: str | Path) -> _Ratio | None:
-    """Return the unit that a comment states of all values; None if there is none."""
+    """Return the unit of all values that a comment states; None without such a comment."""
     label = _one(head, "unit", path)
     return None if label is None else _Ratio.of(label, "", path, head["unit"][0][0])
 
@@ -275,12 +279,12 @@ def _unit(head: _Head, path: str | Path) -> _Ratio | None:
 def _units(
     columns: Sequence[_Column], general: _Ratio | None, path: str | Path, line: int
 ) -> _Units:
-    """Return the units of the columns, all of one quantity; None where none is stated."""
+    """Return the units of the columns, all of one quantity; None for a column without unit."""
     out: _Units = {}
     quantities: dict[str, str] = {}
     for column in columns:
         own = _own_unit(column, path, line)
-        if own is not None and general is not None and own.factor != general.factor:
+        if own is not None and general is not None and not own.agrees(general):
             raise FormatError(
                 f"header: column {column.name!r}: {column.unit!r} contradicts the comment, which"
                 f" says {general.label!r}",
@@ -299,7 +303,7 @@ def _units(
 
 
 def _own_unit(column: _Column, path: str | Path, line: int) -> _Ratio | None:
-    """Return the unit that a column states; None where it says no more than its kind."""
+    """Return the unit that a column states; None if it states none, or its kind fixes it."""
     where, label = f"header: column {column.name!r}: ", column.unit
     if not label:
         return None
@@ -468,7 +472,7 @@ def _one(head: _Head, name: str, path: str | Path) -> str | None:
 
 
 def _quantity(head: _Head, given: str | None, units: _Units, path: str | Path) -> str:
-    """Return what was measured, as the file or the user says it."""
+    """Return the quantity that the file, its units or the user states."""
     said = _one(head, "quantity", path)
     unit = next((unit for unit in units.values() if unit is not None), None)
     by_unit = None if unit is None else unit.motion.kind

@@ -31,13 +31,12 @@ from updyn.io.csv_text import check_comments, plain_numbers, split_axis
 from updyn.io.items import existing, placed, windows_text
 from updyn.io.text_numbers import number_rows, rounding_of
 from updyn.signals.records import Records, step_of
-from updyn.units import find_unit, suggest_unit
+from updyn.units import CHANNEL, Unit, find_unit, strip_brackets, suggest_unit
 
 __all__ = ["read_records"]
 
 _SQUARE = re.compile(r"(.*?)\s*\[([^\[\]]*)\]")
 _ROUND = re.compile(r"(.*?)\s*\(([^()]*|\([^()]*\)[^()]*)\)")
-_BRACKETS = re.compile(r"^[\[(](.*)[\])]$")
 _RECORD = "record"
 #: Names of the column of times, without regard to case; the second only with a unit.
 _TIME, _TIMES = "time", ("time", "t")
@@ -45,7 +44,7 @@ _TIME, _TIMES = "time", ("time", "t")
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column: its cell of the header, and the name and the unit (or none) that this states."""
+    """A column: its cell of the header, and the name and unit in it (empty: not stated)."""
 
     cell: str
     name: str
@@ -108,8 +107,7 @@ def read_records(
         texts = [
             row.split(separator)[columns.index(clock)] for row in body.split("\n") if row.strip()
         ]
-        step = _step(numbers.pop(clock.name), texts, spans, path)
-        step *= _factor(clock, path, first)
+        step = _step(numbers.pop(clock.name), texts, _factor(clock, path, first), spans, path)
     if not numbers:
         raise FormatError("no channel beside time and record", path, first)
     values = [[channel[span] for channel in numbers.values()] for span in spans]
@@ -150,7 +148,7 @@ def _columns(header: str, separator: str, path: str | Path, line: int) -> list[_
 
 
 def _column(cell: str) -> _Column:
-    """Return a column by its cell of the header; without name where the cell is none."""
+    """Return a column by its cell of the header; its name is empty if the cell is not valid."""
     axis = split_axis(cell, _TIMES, "time")
     if axis is not None:
         return _Column(cell, *axis)
@@ -160,9 +158,14 @@ def _column(cell: str) -> _Column:
     if "[" in cell or "]" in cell:
         return _Column(cell, "", "")
     bracket = _ROUND.fullmatch(cell)
-    if bracket is not None and (find_unit(bracket[2]) or find_unit(bracket[2], "time")):
+    if bracket is not None and _known_unit(bracket[2]):
         return _Column(cell, bracket[1], bracket[2].strip())
     return _Column(cell, cell, "")
+
+
+def _known_unit(label: str) -> Unit | None:
+    """Return the unit of a channel or of times that a label names."""
+    return find_unit(label, "time", *CHANNEL)
 
 
 def _with_units_below(
@@ -174,18 +177,18 @@ def _with_units_below(
     """
     row, _, rest = body.partition("\n")
     cells = [cell.strip().strip('"').strip() for cell in row.split(separator)]
-    known = [bool(find_unit(cell) or find_unit(cell, "time")) for cell in cells]
-    if len(cells) != len(columns) or not any(known):
+    units = [_known_unit(cell) for cell in cells]
+    if len(cells) != len(columns) or not any(units):
         return columns, body
-    if not all(is_known or not cell for cell, is_known in zip(cells, known, strict=True)):
+    if not all(unit or not cell for cell, unit in zip(cells, units, strict=True)):
         return columns, body
     out = []
-    for column, cell in zip(columns, cells, strict=True):
-        if column.unit and cell and find_unit(cell) != find_unit(column.unit):
+    for column, cell, unit in zip(columns, cells, units, strict=True):
+        if column.unit and cell and unit != _known_unit(column.unit):
             raise FormatError(
                 f"column {column.name!r}: unit {cell!r}, in the header {column.unit!r}", path, line
             )
-        out.append(replace(column, unit=column.unit or _BRACKETS.sub(r"\1", cell)))
+        out.append(replace(column, unit=column.unit or strip_brackets(cell)))
     return out, "\n" + rest
 
 
@@ -228,9 +231,7 @@ def _time_column(
 
 def _factor(clock: _Column, path: str | Path, line: int) -> float:
     """Return the factor of times to s."""
-    if not clock.unit:
-        return 1.0
-    unit = find_unit(clock.unit, "time")
+    unit = find_unit(clock.unit or "s", "time")
     if unit is None:
         raise FormatError(
             f"header: column {clock.cell!r} of times: unit {clock.unit!r};"
@@ -264,10 +265,15 @@ def _spans(numbers: NDArray[np.float64], path: str | Path) -> list[slice]:
 
 
 def _step(
-    times: NDArray[np.float64], texts: Sequence[str], spans: list[slice], path: str | Path
+    times: NDArray[np.float64],
+    texts: Sequence[str],
+    factor: float,
+    spans: list[slice],
+    path: str | Path,
 ) -> float:
-    """Return the step of the times, in their unit: the same in all records, within rounding."""
-    rounding = rounding_of(texts, times)
+    """Return the step in s of times, given with their factor to s: one step, within rounding."""
+    rounding = factor * rounding_of(texts, times)
+    times = factor * times
     with placed(path, "time"):
         steps = [step_of(times[span], rounding[span]) for span in spans]
     allowed = 1e-6 * steps[0] + 2.0 * rounding.max() / max(spans[0].stop - spans[0].start - 1, 1)
