@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,34 @@ def test_contradictions_beside_an_eigenvalue(
 
 
 @pytest.mark.parametrize(
-    ("eigenvalue", "is_right"), [(3947.84, True), (62.8319, True), (100.0, False), (9e4, False)]
+    ("frequency", "ratio", "is_right"),
+    [
+        (1.009, 0.01, True),
+        (1.011, 0.01, False),  # more than 1 %
+        (1.0, 0.0111, True),
+        (1.0, 0.0113, False),  # more than 0.001 and 2 %
+    ],
+)
+def test_rounded_fields_beside_an_eigenvalue(
+    tmp_path: Path, frequency: float, ratio: float, is_right: bool
+) -> None:
+    first = (0.0, frequency * abs(S) / (2 * np.pi), 0.0, 0.0, ratio, 0.0)
+    second = (S.real, S.imag, 0.0, 0.0, 0.0, 0.0)
+    data = dataset(analysis=3, kind=5, first=first, second=second, nodes={5: [1.0] * 6})
+    with nullcontext() if is_right else pytest.raises(FormatError, match="contradict"):
+        updyn.read_modes(put(tmp_path, data))
+
+
+@pytest.mark.parametrize(
+    ("eigenvalue", "is_right"),
+    [
+        (3947.84, True),
+        (62.8319, True),
+        (100.0, False),
+        (9e4, False),
+        (1.019 * 3947.84, True),
+        (1.021 * 3947.84, False),  # more than 2 %
+    ],
 )
 def test_the_eigenvalue_of_a_normal_mode(tmp_path: Path, eigenvalue: float, is_right: bool) -> None:
     """The square of the angular frequency, or that itself."""

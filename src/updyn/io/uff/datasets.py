@@ -59,7 +59,7 @@ class Payload:
     path : path
         The file.
     line : int
-        Line of the file on which the number of the dataset stands, for messages.
+        Line of the file with the number of the dataset, for messages.
     offset : int
         Where the data start, in bytes.
     points, columns : int
@@ -221,7 +221,7 @@ class _Cursor:
         return taken
 
     def take_body(self) -> bytes | None:
-        """Take the lines up to a delimiter, and the delimiter; None if there is none."""
+        """Take the lines up to a delimiter, and the delimiter; None without a delimiter."""
         lines: list[bytes] = []
         while line := self.take():
             if _DELIMITER.fullmatch(line):
@@ -230,7 +230,7 @@ class _Cursor:
         return None
 
     def closing(self, offset: int) -> int | None:
-        """Return the offset behind a closing delimiter at an offset; None if there is none."""
+        """Return the offset behind a closing delimiter at an offset; None without one."""
         place = self.file.tell()
         self.file.seek(offset)
         found = _AFTER_BYTES.match(self.file.read(_WINDOW))

@@ -13,8 +13,8 @@ What is read, and how:
   the sense met first is taken and the values of the other change sign.
 - Every pair of response and reference has to be there, on the same lines. Nothing is interpolated
   or filled in.
-- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 where there is
-  no label, or by ``scale=``: `updyn.io.uff.labels`.
+- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 without a label,
+  or by ``scale=``: `updyn.io.uff.labels`.
 - Real ordinates are refused, as magnitudes and decibels are no FRFs, unless ``real_valued=True``
   states that their phase is 0 or pi.
 - With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a

@@ -47,8 +47,11 @@ FUNCTIONS = {
     26: "multiple coherence",
 }
 _WIDTH_6 = 80
-#: Sizes of measured numbers other than 0, far beyond any unit.
+#: Sizes of measured numbers other than 0, in any unit.
 _USUAL = (1e-30, 1e30)
+#: Share of unusual numbers from which the byte order is checked. In the wrong byte order most of
+#: the numbers are unusual, as their exponents are bits of the mantissa.
+_MANY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +99,9 @@ class Function:
     abscissa, numerator, denominator : Record8
         What they are.
     data : ndarray of float, shape (points, columns), or Payload
-        The numbers of a text, or where those of a binary dataset are.
+        The numbers of a text, or the place of those of a binary dataset.
     unit_of_x : float
-        Factor of the abscissa.
+        Factor that converts the abscissa to Hz or s.
     """
 
     line: int
@@ -210,11 +213,11 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
 def _check_byte_order(
     payload: Payload, table: NDArray[np.float64], path: str | Path, line: int
 ) -> None:
-    """Refuse numbers of absurd size that are of usual size in the other byte order."""
-    if _share_of_absurd(table) < 0.1:
+    """Refuse numbers of unusual size that are of usual size in the other byte order."""
+    if _share_of_unusual(table) < _MANY:
         return
     other = payload.read(swapped=True)
-    if _share_of_absurd(other) == 0.0:
+    if _share_of_unusual(other) == 0.0:
         small, large = np.abs(table[table != 0]).min(), np.abs(table).max()
         raise FormatError(
             f"58b: numbers from {small:.3g} to {large:.3g} in size in the byte order that the first"
@@ -225,8 +228,8 @@ def _check_byte_order(
         )
 
 
-def _share_of_absurd(table: NDArray[np.float64]) -> float:
-    """Return the share of the numbers other than 0 that no measurement has."""
+def _share_of_unusual(table: NDArray[np.float64]) -> float:
+    """Return the share of unusual sizes among the numbers other than 0."""
     size = np.abs(table[table != 0])
     low, high = _USUAL
     return 1.0 - float(((size >= low) & (size <= high)).mean()) if size.size else 0.0
@@ -305,7 +308,7 @@ def _widths(ordinate: int, even: int) -> list[int]:
 def _by_column(
     lines: Sequence[tuple[int, bytes]], widths: Sequence[int]
 ) -> list[tuple[int, bytes]]:
-    """Return the fields of lines; none at all if the columns are not those of the format."""
+    """Return the fields of lines; no fields if the columns are not those of the format."""
     edges = [0, *accumulate(widths)]
     fields = []
     for at, line in lines:

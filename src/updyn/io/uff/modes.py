@@ -79,6 +79,12 @@ _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
 #: Relative difference of numbers that are the same: of six digits, and of what people write.
 _SAME, _ALIKE = 1e-4, 2e-3
+#: Largest relative difference between the frequency of a 2414 and its eigenvalue: above rounding to
+#: three digits, below a wrong unit (a factor of 2 pi). Squares and damping ratios may differ by
+#: twice as much, damping ratios also by an absolute amount, as small ones have few digits.
+_FIELD, _FIELD_2, _RATIO = 0.01, 0.02, 1e-3
+#: Share of an eigenvalue up to which a positive real part is rounding of an undamped mode.
+_UNDAMPED = 1e-6
 _TURN = 2.0 * np.pi
 
 
@@ -315,7 +321,7 @@ def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
 
 @dataclass(frozen=True, slots=True)
 class _Head:
-    """Properties of a mode beside its shape."""
+    """Properties of a mode other than its shape."""
 
     frequency: float
     loss: float
@@ -360,16 +366,16 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
 
 def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
     # Both lines have six fields, used or not.
-    beside = _numbers([(at + 11, texts[11])], 6, "record 12", path)
+    fields = _numbers([(at + 11, texts[11])], 6, "record 12", path)
     place = _place(texts, _2414, 12, path, at)
     if analysis == _NORMAL:
-        _check_eigenvalue(beside[1], beside[2], place)
-        return _normal(beside[[1, 3, 4, 5]], place)
+        _check_eigenvalue(fields[1], fields[2], place)
+        return _normal(fields[[1, 3, 4, 5]], place)
     numbers = _numbers([(at + 12, texts[12])], 6, "record 13", path)
     if analysis == _SECOND_ORDER:
         numbers[2:] = 0.0  # modal A, or a modal mass
     head = _complex(numbers, _place(texts, _2414, 13, path, at))
-    _check_fields(beside, complex(numbers[0], numbers[1]), place)
+    _check_fields(fields, complex(numbers[0], numbers[1]), place)
     return head
 
 
@@ -382,7 +388,7 @@ def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> Non
         )
     omega = _TURN * frequency
     is_known = frequency > 0.0 and eigenvalue > 0.0
-    if is_known and not _is_near(eigenvalue, np.array([omega, omega**2]), 0.02):
+    if is_known and not _is_near(eigenvalue, np.array([omega, omega**2]), _FIELD_2):
         raise place.error(
             f"frequency {frequency:g} Hz contradicts eigenvalue {eigenvalue:g}; expected the square"
             f" of the angular frequency, {omega**2:g}"
@@ -393,14 +399,14 @@ def _check_fields(fields: NDArray[np.float64], s: complex, place: _Place) -> Non
     """Refuse fields of frequency and damping that do not belong to an eigenvalue in rad/s."""
     _, f, _, _, viscous, hysteretic = fields
     sizes = np.array([abs(s), abs(s.imag)])
-    if f > 0.0 and not _is_near(f, sizes / _TURN, 0.01):
+    if f > 0.0 and not _is_near(f, sizes / _TURN, _FIELD):
         raise place.error(
             f"frequency {f:g} Hz contradicts the eigenvalue {s:g} 1/s of record 13, of"
             f" {abs(s) / _TURN:g} Hz; expected Hz here and rad/s there"
         )
     ratio = -s.real / abs(s)
     given = np.array([viscous, 0.5 * hysteretic, viscous + 0.5 * hysteretic])
-    if given.any() and not (np.abs(given - ratio) <= 1e-3 + 0.02 * abs(ratio)).any():
+    if given.any() and not (np.abs(given - ratio) <= _RATIO + _FIELD_2 * abs(ratio)).any():
         raise place.error(
             f"damping ratios {viscous:g} and {hysteretic:g} contradict the eigenvalue {s:g} 1/s of"
             f" record 13, of a viscous ratio of {ratio:g}"
@@ -448,7 +454,7 @@ def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
     for line, stated in _contradictory(f, place):
         if stated > f:
             raise _in_hertz(place, s, f"line {line} states {stated:g} Hz")
-    if s.real > 1e-6 * abs(s):
+    if s.real > _UNDAMPED * abs(s):
         raise place.error(
             f"eigenvalue {s:g} 1/s: the motion grows; expected a negative real part (some programs"
             " write the decay rate, or a spurious mode)"

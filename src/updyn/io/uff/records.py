@@ -79,8 +79,9 @@ def read_records(path: str | Path) -> Records:
             stacklevel=2,
         )
     chosen = [_in_seconds(f, path) for f in chosen]
+    line, expected = chosen[0].line, chosen[0].x
     for function in chosen:
-        _check(function, chosen[0], path)
+        _check(function, line, expected, path)
     channels: dict[str, list[Function]] = {}
     for function in chosen:
         channels.setdefault(_name(function, path), []).append(function)
@@ -98,7 +99,7 @@ def read_records(path: str | Path) -> Records:
             values[record, at] = factor * function.y
     values.flags.writeable = False  # so that Records does not copy it
     with placed(path):
-        return Records.of(values, _step(chosen[0].x), list(channels), units, Path(path).name)
+        return Records.of(values, _step(expected), list(channels), units, Path(path).name)
 
 
 def _in_seconds(function: Function, path: str | Path) -> Function:
@@ -109,19 +110,22 @@ def _step(x: NDArray[np.float64]) -> float:
     return float((x[-1] - x[0]) / (len(x) - 1))
 
 
-def _check(function: Function, first: Function, path: str | Path) -> None:
-    """Refuse a function that is no evenly spaced, real time response like the first one."""
+def _check(function: Function, first: int, expected: NDArray[np.float64], path: str | Path) -> None:
+    """Refuse a function that is no evenly spaced, real time response like the first one.
+
+    Of that, the line and the times are given.
+    """
     if function.is_complex:
         raise FormatError("a complex time response; expected real numbers", path, function.line)
     if function.points < 2:
         raise FormatError("a time response of one sample", path, function.line)
-    x, expected = function.x, first.x
+    x = function.x
     step = _step(x)
     if (np.abs(np.diff(x) - step) > 1e-3 * step).any():
         raise FormatError("a time response that is not evenly spaced", path, function.line)
     if len(x) != len(expected):
         raise FormatError(
-            f"a time response of {len(x)} samples, that on line {first.line} has"
+            f"a time response of {len(x)} samples, that on line {first} has"
             f" {len(expected)}; records of a file have to be alike",
             path,
             function.line,
@@ -130,7 +134,7 @@ def _check(function: Function, first: Function, path: str | Path) -> None:
     if apart > max(1e-6 * step, _SAME * abs(float(expected[-1]))):
         raise FormatError(
             f"a time response from {x[0]:g} s in steps of {step:g} s, that on line"
-            f" {first.line} from {expected[0]:g} s in steps of {_step(expected):g} s; records of a"
+            f" {first} from {expected[0]:g} s in steps of {_step(expected):g} s; records of a"
             " file have to be alike",
             path,
             function.line,
