@@ -149,7 +149,7 @@ def _stored_5(element: bytes, path: str) -> dict[str, Any]:
 
 
 def _elements_4(path: str) -> Iterator[bytes]:
-    """Yield each variable of a file of version 4 as a file of its own, its length checked.
+    """Yield each variable of a version 4 file as a separate file, its length checked.
 
     A variable is five whole numbers (type, rows, columns, whether it is complex, length of its
     name), the name, and the numbers (MathWorks, MAT-File Format, chapter 2).

@@ -51,7 +51,7 @@ _ROUNDED = 0.5
 _STEP_ROUNDED = 1e-3
 #: What is read of the head of a record.
 _ONCE = ("Channels", "Samples", "Delta_X", "X0", "X_Dimension", "X_Unit_Label", "Y_Unit_Label")
-#: Tags beside these that may change what the numbers mean.
+#: Other tags that may change what the numbers mean.
 _MEANING = re.compile(r"(?i)^[xy]_|^delta|scale|scaling|factor|gain|offset|slope|sensitivity")
 _HARMLESS = ("Y_Dimension",)
 #: Units and names of channels that hold a spectrum.
@@ -82,7 +82,7 @@ def read_records(path: str | Path) -> Records:
     Warns
     -----
     UpdynWarning
-        If channels have no samples, or `Delta_X` is the one of data without timing.
+        If channels have no samples, or `Delta_X` is 1 s, as LabVIEW writes it without timing.
     """
     text = _without_special(windows_text(existing(path)))
     ends = list(_END.finditer(text))
@@ -180,7 +180,7 @@ class _Segment:
 
 
 def _warn(segment: _Segment, path: str | Path) -> None:
-    """Warn of channels without samples, and of a step that LabVIEW writes where it knows none."""
+    """Warn of channels without samples, and of the step that LabVIEW writes for an unknown one."""
     if segment.empty:
         names = ", ".join(map(repr, segment.empty))
         warnings.warn(
@@ -257,11 +257,11 @@ class _Axis:
     n_channels : int
         All channels.
     count : int
-        Samples of each of those.
+        Samples of each kept channel.
     step, digit : float
-        Delta_X in s, and by how much it may be off.
+        Delta_X in s, and its largest rounding error.
     units : tuple of str
-        Of the channels that are kept.
+        Units of the kept channels.
     """
 
     line: int
@@ -274,7 +274,7 @@ class _Axis:
 
     @classmethod
     def of(cls, fields: Mapping[str, list[str]], head: _Head, path: str | Path, line: int) -> _Axis:
-        """Return what the tags of a head say."""
+        """Return the axis that the tags of a head describe."""
         tags = _Tags(fields, (0,), path, line)
         (n,) = tags.each("Channels", whole_of)
         # With a column of times for each channel, LabVIEW leaves the tags of these columns blank.
@@ -288,10 +288,9 @@ class _Axis:
             raise tags.refused("channels of one record with other Samples or Delta_X")
         tags.check_start(steps[0], head.decimal)
         tags.check_dimension()
-        # Half of the last digit.
-        printed = tags.each("Delta_X", str)[:1]
-        rounding = rounding_of([printed[0].replace(head.decimal, ".")], np.array(steps[:1]))
-        digit = min(0.5 * float(rounding[0]), _STEP_ROUNDED * abs(steps[0]))
+        printed = tags.each("Delta_X", str)[0].replace(head.decimal, ".")
+        half_digit = 0.5 * float(rounding_of([printed], np.array(steps[:1]))[0])
+        digit = min(half_digit, _STEP_ROUNDED * abs(steps[0]))
         return cls(line, kept, n, samples[kept[0]], steps[0], digit, tags.units())
 
 
@@ -311,6 +310,7 @@ class _Tags:
     def each(self, name: str, convert: Callable[[str], _T]) -> list[_T]:
         """Return the values of a tag, one for each channel."""
         given = self.fields.get(name, [])
+        # The slice bounds the loop: a damaged file may state any number of channels.
         chosen = [given[place] for place in self.places[: len(given)] if place < len(given)]
         if not self.places or len(chosen) < len(self.places) or not all(chosen):
             raise self.refused(
@@ -342,7 +342,7 @@ class _Tags:
             _check_seconds(label, self.path, self.line)
 
     def units(self) -> tuple[str, ...]:
-        """Return the units of the channels; empty where there is none."""
+        """Return the units of the channels; empty for a channel without unit."""
         given = self.fields.get("Y_Unit_Label", [])
         units = tuple(given[place] if place < len(given) else "" for place in self.places)
         for unit in units:
@@ -396,7 +396,7 @@ def _packets(
     with_x = {"No": 0, "One": 1, "Multi": n}[head.x_columns]
     # Without times there is a blank column in their place.
     rows = _without_comments(rows, titles, n + max(with_x, 1), head.separator)
-    empty = [i for i in range(n) if i not in axis.kept]
+    empty = sorted(set(range(n)).difference(axis.kept))
     if empty:
         rows = _without_empty(rows, own, empty, head, path, of_names + 1)
     if head.decimal != "." and "." in rows:

@@ -64,11 +64,11 @@ def check_records(
     Returns
     -------
     tuple of RecordFinding
-        By record, then by channel; ``"no-pulse"``, of a force that is none, is the only one, as all
-        others depend on the force. Those of several records together come last, ``"leakage"`` of
-        segments and ``"level-dependence"`` of a single force alone. `estimate_frf`
-        leaves out nothing by itself: pass ``reject={finding.record: finding.kind}`` for those that
-        are to go.
+        By record, then by channel. ``"no-pulse"`` (the channel named as the force is not a force)
+        is returned alone, as all others depend on the force. Those of several records together come
+        last, ``"leakage"`` of segments and ``"level-dependence"`` of a single force alone.
+        `estimate_frf` leaves out nothing by itself: pass ``reject={finding.record: finding.kind}``
+        for those that are to go.
 
     Raises
     ------
@@ -107,9 +107,9 @@ def check_records(
     others = [row for row in range(len(given.channels)) if row not in rows]
     if segment is None:
         for row in rows:
-            wrong = tuple(no_pulse(given.values, given.step, given.channels, row, others))
-            if wrong:
-                return wrong  # all else is told by the force
+            wrong = no_pulse(given.values, given.step, given.channels, row, others)
+            if wrong is not None:
+                return (wrong,)  # all other findings depend on the force
     found: list[RecordFinding] = []
     alike: list[RecordFinding] = []
     if segment is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ _SHORTER = 4.0
 
 def no_pulse(
     values: _Real, step: float, names: Sequence[str], force: int, others: Sequence[int]
-) -> Iterator[RecordFinding]:
-    """Find that the force swings for long, and another channel is a pulse.
+) -> RecordFinding | None:
+    """Return a finding if the force swings for long, and another channel is a pulse.
 
     A response to a hit cannot be shorter than the hit, and a shaker makes no pulse in a response.
 
@@ -43,10 +43,10 @@ def no_pulse(
     others : sequence of int
         Positions of the channels that are not named as forces.
 
-    Yields
-    ------
-    RecordFinding
-        Of all records together, if at least half of them show it.
+    Returns
+    -------
+    RecordFinding or None
+        Of all records together; None if fewer than half of them show it.
     """
     lasts, sign = _shape(values[:, force])
     for row in others:
@@ -55,7 +55,7 @@ def no_pulse(
         if 2 * np.count_nonzero(is_pulse) < len(values):
             continue
         times = [1e3 * step * float(np.median(n[is_pulse])) for n in (lasts, short)]
-        yield RecordFinding(
+        return RecordFinding(
             "no-pulse",
             names[force],
             None,
@@ -65,11 +65,11 @@ def no_pulse(
             f"Name {names[row]} as the excitation if it is the hammer; for a lasting force give"
             " segment.",
         )
-        return
+    return None
 
 
 def _shape(channel: _Real) -> tuple[_Real, _Real]:
-    """Return how many samples a channel lasts and how far it is of one sign, by record."""
+    """Return by record the samples that a channel lasts, and |sum| over sum of sizes in them."""
     found = [_of_record(record - np.median(record)) for record in channel]
     lasts, sign = np.array(found).T
     return lasts, sign
@@ -78,7 +78,7 @@ def _shape(channel: _Real) -> tuple[_Real, _Real]:
 def _of_record(record: _Real) -> tuple[float, float]:
     """Return the shortest number of samples with most of the energy, and |sum| over sum of sizes.
 
-    Of a channel that is zero throughout that is all samples, and 0.
+    A channel that is zero throughout has all samples, and 0.
     """
     size = np.abs(record)
     passed = np.concatenate([[0.0], np.cumsum(np.where(size > _LOUD * size.max(), size**2, 0.0))])
