@@ -49,8 +49,9 @@ FUNCTIONS = {
 _WIDTH_6 = 80
 #: Sizes of measured numbers other than 0, in any unit.
 _USUAL = (1e-30, 1e30)
-#: Share of unusual numbers from which the byte order is checked. In the wrong byte order most of
-#: the numbers are unusual, as their exponents are bits of the mantissa.
+#: Share of unusual numbers from which the byte order is checked. In the wrong byte order bits of
+#: the mantissa are the exponent: of normally distributed numbers 0.2 (single precision) or 0.9
+#: (double) are unusual.
 _MANY = 0.1
 
 
