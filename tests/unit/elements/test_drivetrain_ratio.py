@@ -24,6 +24,7 @@ from updyn.elements.drivetrain import (
     Worm,
     drivetrain,
     drivetrain_from_table,
+    ratio_questions,
 )
 from updyn.errors import UpdynWarning
 
@@ -161,3 +162,24 @@ def test_the_band_of_the_test_raises_the_question(
     text = " ".join((said.out + said.err).split())
     assert "no natural frequency of the train lies within an octave of the band" in text
     assert f"{wrong:.5g} Hz; with its inverse they are {right:.5g} Hz" in text
+
+
+@pytest.mark.parametrize(("octaves", "count"), [(0.99, 0), (1.01, 1)])
+def test_a_frequency_within_an_octave_of_the_band_raises_no_question(
+    octaves: float, count: int
+) -> None:
+    right, wrong = (
+        updyn.modes(drivetrain_from_table(tomllib.loads(JOB % ratio)["model"]), 2).frequency[1]
+        for ratio in (20.0, 1.0 / 20.0)
+    )
+    band = (right, wrong / 2.0**octaves)
+    assert len(ratio_questions(tomllib.loads(JOB % (1.0 / 20.0))["model"], band)) == count
+
+
+@pytest.mark.parametrize(("n_dofs", "count"), [(300, 1), (301, 0)])
+def test_trains_of_up_to_300_dofs_are_examined(n_dofs: int, count: int) -> None:
+    parts = train(1.0 / 97.0)
+    for node in range(2, n_dofs):
+        parts.append(Shaft(f"shaft{node}", node, node + 1, stiffness=1e5))
+        parts.append(Inertia(f"disc{node}", node + 1, 1.0))
+    assert len(asked(lambda: drivetrain(parts))) == count

@@ -109,13 +109,13 @@ def drivetrain(
     """
     parts, held, keep = list(parts), _listed(held), _listed(keep)
     model = _built(parts, held, keep, title)
-    for question in inverted_ratios(parts, lambda others: _built(others, held, keep)):
+    for question in inverted_ratios(parts, model, lambda others: _built(others, held, keep)):
         warnings.warn(question, UpdynWarning, stacklevel=2)
     return model
 
 
 def _listed(nodes: Iterable[int]) -> Iterable[int]:
-    """Return nodes that can be read twice; what is no sequence of nodes is refused later."""
+    """Return nodes that can be read twice; other types than iterators are checked later."""
     return list(nodes) if isinstance(nodes, Iterator) else nodes
 
 
@@ -194,7 +194,7 @@ def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list
     Returns
     -------
     list of str
-        Empty where no ratio is in doubt, and where `drivetrain` has asked already.
+        Empty if no ratio is in doubt, or if `drivetrain` has already warned of one.
     """
     parts, options = _of_table(table)
     held, keep = options.get("held", ()), options.get("keep", ())
@@ -202,9 +202,10 @@ def ratio_questions(table: Mapping[str, Any], band: tuple[float, float]) -> list
     def build(others: Iterable[Part]) -> Model:
         return _built(others, held, keep)
 
-    if inverted_ratios(parts, build):
+    model = build(parts)
+    if inverted_ratios(parts, model, build):
         return []
-    return inverted_ratios(parts, build, band)
+    return inverted_ratios(parts, model, build, band)
 
 
 def assemble(parts: Iterable[Part], held: Iterable[int] = ()) -> Train:

@@ -31,14 +31,19 @@ _LARGEST = 300
 
 
 def inverted_ratios(
-    parts: Sequence[Part], build: Callable[[Sequence[Part]], Model], band: _Band | None = None
+    parts: Sequence[Part],
+    model: Model,
+    build: Callable[[Sequence[Part]], Model],
+    band: _Band | None = None,
 ) -> list[str]:
     """Return a question about each gear ratio whose inverse gives more plausible frequencies.
 
     Parameters
     ----------
     parts : sequence of Part
-        A train that can be built.
+        The train.
+    model : Model
+        The model of the train.
     build : callable
         Builds the model of parts.
     band : (float, float), optional
@@ -49,12 +54,12 @@ def inverted_ratios(
     Returns
     -------
     list of str
-        Empty where no ratio is in doubt, or the train is too large to be examined.
+        Empty if no ratio is in doubt, or the train is too large to be examined.
     """
     geared = [at for at, part in enumerate(parts) if part.speeds is not None]
     if not geared:
         return []
-    found = _frequencies(build(parts))
+    found = _frequencies(model)
     if not _in_doubt(found, band):
         return []
     out = []
@@ -76,7 +81,7 @@ def _inverted(
     others = [part.inverted() if at in which else part for at, part in enumerate(parts)]
     try:
         return _frequencies(build(others))
-    except UpdynError:  # the ratios of two ways between the same shafts have to agree
+    except UpdynError:  # ratios of two paths between the same shafts contradict each other
         return np.zeros(0)
 
 
