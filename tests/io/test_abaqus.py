@@ -268,7 +268,7 @@ def test_internal_nodes_follow_the_largest_of_the_others(tmp_path):
     np.testing.assert_allclose(frf.values[0], expected, rtol=1e-12)
 
 
-def test_internal_nodes_with_mass_are_told_where_nothing_says_positions(tmp_path):
+def test_internal_nodes_with_mass_and_without_positions_are_warned_of(tmp_path):
     two_parts(tmp_path, mass=(1.0, 2.0, 1.5, 1.0, 0.1))
     with pytest.warns(UpdynWarning, match=r"case.toml: internal degrees of freedom have mass, and"):
         read_model(tmp_path / "case.toml")

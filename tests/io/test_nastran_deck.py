@@ -238,7 +238,7 @@ def fields(*cells, width=8):
 
 
 def positions(found):
-    """Return positions by grid, of cards that stand in the basic system."""
+    """Return positions by grid, of cards in the basic system."""
     return {number: card.reals((2, 3, 4), 0.0) for number, card in found.grids.items()}
 
 
@@ -256,7 +256,7 @@ def test_continuations_belong_to_the_line_with_their_mark(deck):
         "+C2,9.,7.,0.\n+C1,1.,0.,0.\nGRID,1,5,1.,0.,0.\nGRID,2,6,1.,0.,0.\n"
     )
     np.testing.assert_allclose(geometry_of(deck(swapped)).xyz, [[1, 0, 0], [9, 1, 0]])
-    # The lines of a card stand in its order, wherever they are in the deck.
+    # The lines of a card are in its order, not in that of the deck.
     card = deck(swapped).named("CORD2R")[0]
     assert [line.number for line in card.lines] == [1, 4]
 
@@ -287,9 +287,9 @@ def test_marks_that_are_used_again_hold_for_the_next_line(deck):
         (",1.\nGRID,1\n", r"d.bdf:1: a continuation without a card before it"),
         (
             LARGE.replace("A3", "A2"),
-            r"d.bdf:3: continuation '\*A2': the mark stands in field 10 of lines 1, 2 and on 2",
+            r"d.bdf:3: continuation '\*A2': the mark is in field 10 of lines 1, 2 and on 2",
         ),
-        (LARGE + "*A2     .7\n", r"d.bdf:3|the mark stands in field 10 of lines 1 and on 2"),
+        (LARGE + "*A2     .7\n", r"d.bdf:4: .*the mark is in field 10 of lines 1 and on 2"),
         (
             "CORD2R,5,,0.,0.,0.,0.,0.,1.,+C1\n,1.,0.,0.\n+C1,1.,0.,0.\n",
             r"d.bdf:3: a second continuation of line 1; the first is line 2",
@@ -388,7 +388,7 @@ def test_a_field_that_is_too_long_for_large_fields_is_shortened(deck, tmp_path):
     assert found.reals((1, 3)) == pytest.approx([3000.0, 0.0123456789012], rel=1e-9)
 
 
-def test_include_looks_beside_its_file_and_beside_the_main_file(deck, tmp_path):
+def test_include_looks_in_the_folders_of_its_file_and_of_the_main_file(deck, tmp_path):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "x.inc").write_text("GRID,10\nINCLUDE 'sub/y.inc'")
     (tmp_path / "sub" / "y.inc").write_text("GRID,11\nINCLUDE 'z.inc'\n")

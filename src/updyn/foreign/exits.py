@@ -6,18 +6,18 @@ import signal
 
 __all__ = ["describe_exit", "signal_name"]
 
-#: Exit codes from which a shell reports a signal that ended the program it ran.
+#: A shell returns this plus the number of the signal that ended its program.
 _BY_SHELL = 128
 
 
 def signal_name(status: int) -> str | None:
-    """Return the name of the signal that ended a program, such as SIGSEGV; None if none did.
+    """Return the name of the signal that ended a program (SIGSEGV); None if it ended by itself.
 
     Parameters
     ----------
     status : int
-        The return code of `subprocess`: below 0 for a signal; a shell that ran the program returns
-        128 more than the signal.
+        The return code of `subprocess`: minus the signal, or 128 plus the signal if a shell ran the
+        program.
 
     Returns
     -------

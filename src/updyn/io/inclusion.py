@@ -10,9 +10,10 @@ from pathlib import Path
 
 __all__ = ["DEEPEST", "Inclusions"]
 
-#: Largest depth of files that include files.
+#: Largest depth of files that include files: the lines of each level are in memory.
 DEEPEST = 20
-#: Largest number of inclusions of files that were included before, and of lines in these.
+#: Largest number of repeated inclusions, and of their lines: a deck may include a file with few
+#: lines for each of many parts, but its size may not grow exponentially.
 _REPEATS = 100
 _REPEATED_LINES = 1_000_000
 
@@ -26,7 +27,7 @@ class Inclusions:
         self._lines = 0
 
     def excess(self, path: Path, lines: int) -> str | None:
-        """Count an inclusion; return why it is one too many, None if it is not.
+        """Count an inclusion; return the limit that it exceeds, None if it exceeds no limit.
 
         Parameters
         ----------
@@ -38,7 +39,7 @@ class Inclusions:
         Returns
         -------
         str or None
-            For a message.
+            The limit, for a message.
         """
         if path not in self._seen:
             self._seen.add(path)

@@ -35,6 +35,7 @@ from updyn.errors import FormatError, OptionError, UpdynWarning, suggest
 from updyn.geometry import Geometry
 from updyn.io.consistent_units import System
 from updyn.io.items import placed, unreadable
+from updyn.io.keyword_deck.sets import distinct
 from updyn.io.text_numbers import number_rows, real_of
 from updyn.model import Group, Matrix, Model
 
@@ -504,12 +505,6 @@ def _labels(parts: Sequence[Part], dofs: DofSet | None, path: Path) -> tuple[Lab
     return labels, labels.dofs
 
 
-def _is_among(numbers: NDArray[np.int64], ascending: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which numbers are in a row that is ascending and not empty."""
-    at = np.searchsorted(ascending, numbers)
-    return np.asarray(ascending[np.minimum(at, len(ascending) - 1)] == numbers)
-
-
 def _free(
     matrices: Sequence[Mapping[str, Matrix]],
     dofs: DofSet,
@@ -519,9 +514,9 @@ def _free(
     """Return which degrees of freedom are neither held nor empty."""
     used = np.zeros(len(dofs), dtype=np.bool_)
     held = np.zeros(len(dofs), dtype=np.bool_)
-    if supports is not None and len(supports):
+    if supports is not None:
         codes = np.column_stack([dofs.nodes, dofs.axes + 1]) @ _CODE
-        held |= _is_among(codes, np.sort(supports @ _CODE))
+        held = np.isin(codes, distinct(supports @ _CODE), assume_unique=True)
     for own in matrices:
         for what, A in own.items():
             if what == "stiffness":

@@ -88,7 +88,7 @@ _WORDS = """
     VSBW VSEL VSLA VSUM VSWEEP VSYMM VTRAN WPAVE WPCSYS WPLANE WPOFFS WPROTA WPSTYL WRFULL
 """
 _HARMLESS = {name[:4] for name in (_STAR + _WORDS).split()}
-#: Told by their whole names: their first four letters are those of others.
+#: Compared by their whole names: MPLIB and MPLIST have the same first four letters.
 _WHOLE_NAMES = ("MPLIST", "MPPLOT", "MPWRITE")
 
 

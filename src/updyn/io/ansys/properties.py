@@ -69,7 +69,7 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
     ------
     FormatError
         If the deck has no such material or real constant set, or has no number there to change, or
-        a change is none, or a command may change properties otherwise.
+        a change has no value, or a command that is not followed may change these properties.
     """
     deck = _commands(deck)
     check_changes(changes, deck)
@@ -322,11 +322,11 @@ class Doubt:
     kinds : tuple of str
         Kinds of property, "material" and "real".
     line : int
-        Where it stands in the deck, counted from 1.
+        Line of the command in the deck, counted from 1.
     reason : str
-        Why, for a message.
+        Why they may differ, for a message.
     number : int, optional
-        The one material that may differ. None: any.
+        The only material that may differ. None: any.
     """
 
     kinds: tuple[str, ...]
@@ -381,7 +381,7 @@ class AnsysDeck:
         Raises
         ------
         FormatError
-            At the first command that makes it so.
+            If there is such a command; the message names the first.
         """
         for doubt in self.doubts:
             if kind in doubt.kinds and doubt.number in (None, number):
@@ -513,7 +513,7 @@ class _Reading:
                 self._doubt((MATERIAL, REAL), line, f"{name} numbers properties anew")
         elif kinds:
             if self.open:
-                self._doubt(kinds, line, f"{name} stands within *IF or *DO")
+                self._doubt(kinds, line, f"{name} is within *IF or *DO")
         elif reason := reason_against(name):
             self._doubt(reason[0], line, f"{name} {reason[1]}")
         elif not ("=" in name or name.startswith(":") or name in _BRANCHES or is_harmless(name)):
@@ -574,17 +574,19 @@ class _Reading:
         """Delete properties: MPDELE, label, first material, last one, step."""
         label = _at(fields, 0).upper()[:4]
         first, last, step = (_whole(_at(fields, i) or d) for i, d in ((1, "1"), (2, "0"), (3, "1")))
-        for number in list(self.deck.materials):
-            if _at(fields, 1).upper() == "ALL":
-                is_meant = True
-            elif first is None or last is None or step is None or step < 1:
+        meant = list(self.deck.materials)
+        if not meant:
+            return
+        if _at(fields, 1).upper() != "ALL":
+            if first is None or last is None or step is None or step < 1:
                 self._doubt((MATERIAL,), line, f"MPDELE is of material {_at(fields, 1)!r}")
                 return
-            else:
-                is_meant = number in range(first, max(last, first) + 1, step)
-            if is_meant and label == "ALL":
+            numbers = range(first, max(last, first) + 1, step)
+            meant = [number for number in meant if number in numbers]
+        for number in meant:
+            if label == "ALL":
                 del self.deck.materials[number]
-            elif is_meant:
+            else:
                 self.deck.materials[number].pop(label, None)
 
     def _temperatures(self, fields: list[str], line: int) -> None:

@@ -113,8 +113,8 @@ class KeywordDeck:
     sections : tuple of Section
         The solid sections.
     cards : tuple of Card
-        The cards of the model, with sets that a program can read in time
-        (`updyn.io.keyword_deck.sets.Sets.read`).
+        The cards of the model; cards of sets as `updyn.io.keyword_deck.sets.Sets.read` returns
+        them.
     """
 
     path: Path

@@ -1,8 +1,8 @@
 """Bulk data as cards: continuations, INCLUDE, comments. No card is known here by name.
 
-A continuation without a mark belongs to the line before it. One with a mark may stand anywhere: it
-belongs to the line whose field 10 has the mark (MSC Nastran Quick Reference Guide, "Format of Bulk
-Data Entries", continuations).
+A continuation without a mark belongs to the line before it. A continuation with a mark can be on
+any line: it belongs to the line with this mark in field 10 (MSC Nastran Quick Reference Guide,
+"Format of Bulk Data Entries", continuations).
 """
 
 from __future__ import annotations
@@ -148,8 +148,8 @@ class Card:
 def lines_of(path: Path) -> Iterator[Line]:
     """Yield the lines of a deck, INCLUDE files put in, comments and empty lines left out.
 
-    A name in an INCLUDE is relative to the folder of the file that it stands in, or to that of the
-    main file.
+    A name in an INCLUDE is relative to the folder of the file with the INCLUDE, or to the folder of
+    the main file.
 
     Raises
     ------
@@ -315,8 +315,8 @@ def _paired(rows: Sequence[Row], parents: list[int], claims: list[int]) -> dict[
     if len(adjacent) < len(claims) or cards - set(adjacent.values()):
         lines = ", ".join(str(rows[parent].line.number) for parent in parents[:6])
         raise first.line.error(
-            f"continuation {first.head!r}: the mark stands in field 10 of lines {lines} and on"
-            f" {len(claims)} continuations; give each pair a mark of its own"
+            f"continuation {first.head!r}: the mark is in field 10 of lines {lines} and on"
+            f" {len(claims)} continuations; give each pair its own mark"
         )
     return adjacent
 

@@ -283,7 +283,7 @@ def materials_of(card: Card) -> tuple[int, ...]:
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _POINTS = ("GRID", "GRDSET", "SPOINT")
-#: Largest number of scalar points.
+#: Largest number of scalar points: a card such as SPOINT,1,THRU,999999999 would fill the memory.
 _MOST_POINTS = 1_000_000
 _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)

@@ -70,9 +70,9 @@ def _with_point(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of a deck, without comment and trailing blanks, and where it stands.
+    """One line of a deck, without comment and trailing blanks, and its place.
 
-    What stands in a binary file has no number.
+    Lines of a binary file have no number.
     """
 
     text: str
@@ -96,7 +96,7 @@ class Row:
     Parameters
     ----------
     line : Line
-        Where it stands.
+        The line, for messages.
     head : str
         Field 1: the name of a card, a replicator, or the mark of a continuation.
     fields : tuple of str

@@ -71,6 +71,7 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     Returns
     -------
     list of Card
+        The cards to write.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from updyn.io.text_numbers import whole_of
 
 __all__ = ["expand", "is_replicator"]
 
-#: Largest number of copies in a deck.
+#: Largest number of copies in a deck: a line such as =(999999999) would fill the memory.
 _MOST_COPIES = 100_000
 _COUNT = re.compile(r"=\s*(?:\((\d{1,9})\)|(\d{1,9}))")
 _STEP = re.compile(r"\*\s*(?:\(([^()]+)\)|([^()]+))")
@@ -70,7 +70,7 @@ def _count(row: Row, steps: dict[int, str]) -> int:
         )
     if not steps:
         raise row.line.error(
-            f"{row.head!r} repeats a copy with increments, such as =,*(1),==; there is none before"
+            f"{row.head!r} repeats a copy with increments, such as =,*(1),==; expected one before"
         )
     return int(found[1] or found[2])
 
