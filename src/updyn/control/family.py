@@ -37,7 +37,7 @@ __all__ = ["PlantFamily", "plant_family"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Largest number of members: each is a plant in memory and in the file.
+#: Largest number of members, each of which is a plant in memory and in the file.
 _MOST = 10_000
 #: How an update has to have ended.
 _ENDED = ("converged", "not-credible", "not-identifiable", "stalled")

@@ -32,7 +32,8 @@ _Real = NDArray[np.float64]
 
 Band = tuple[float, float]
 
-#: Largest number of lines of a plan: the model is solved at each, and their sensitivities are kept.
+#: Largest number of lines of a plan: the model is solved at each line, and all sensitivities are
+#: kept in memory.
 _MOST_LINES = 100_000
 #: Largest number of draws of the start: the plan is computed at each.
 _MOST_STARTS = 1_000

@@ -1,4 +1,4 @@
-"""Numbers of draws, starts and evaluations that users give: their checks."""
+"""Checks of the numbers of draws, starts and evaluations that users give."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def check_count(name: str, value: Any, what: str, least: int, most: int) -> int:
     Parameters
     ----------
     name : str
-        Of the argument.
+        Name of the argument.
     value : int
         The number.
     what : str
-        Of what it is the number, for the message.
+        What is counted, for the message.
     least, most : int
         Smallest and largest one.
 

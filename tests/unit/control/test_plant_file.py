@@ -362,15 +362,11 @@ def test_files_of_earlier_versions_are_read(suffix: str, tmp_path: Path) -> None
         else:
             load = np.load if suffix == ".npz" else scipy.io.loadmat
             found = {k: v for k, v in load(path).items() if k not in without and k[:2] != "__"}
-            save = np.savez if suffix == ".npz" else scipy.io.savemat
-            save(
-                path,
-                **(
-                    {**found, "schema": schema}
-                    if suffix == ".npz"
-                    else {"mdict": {**found, "schema": float(schema)}}
-                ),
-            )
+            found["schema"] = np.array(float(schema))
+            if suffix == ".npz":
+                np.savez(path, **found)
+            else:
+                scipy.io.savemat(path, found)
         found = updyn.read_plant(path)
         np.testing.assert_array_equal(found.A, one.A)
         assert np.isnan(found.relative_error) == (schema == 1 or np.isnan(one.relative_error))

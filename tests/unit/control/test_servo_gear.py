@@ -103,6 +103,19 @@ def test_stated_gains_stay_as_they_are() -> None:
     assert not [n for n in updyn.servo(behind, given, step=None, **LOAD).notes if "ratio" in n]
 
 
+def test_ratios_that_are_nearly_those_of_the_plant() -> None:
+    """The rule takes a ratio within 0.1 % of 1 as 1; a note names one that is off by 5 % or more."""
+    for n, expected in ((1.0009, 1.0), (1.0011, pytest.approx(1.0011, rel=1e-9))):
+        assert (
+            updyn.Controller.tuned(geared(two_masses(), n, "load"), 2.0, **LOAD).ratio == expected
+        )
+    for ratio, count in ((52.4, 0), (52.6, 1)):
+        behind = geared(two_masses(), 50.0, "load")
+        controller = updyn.Controller.tuned(behind, 2.0, ratio=ratio, **LOAD)
+        notes = updyn.servo(behind, controller, step=None, **LOAD).notes
+        assert sum("ratio" in note for note in notes) == count
+
+
 def test_limit_cycles_behind_a_gear_are_those_without() -> None:
     names = {"velocity": "speed", "position": "load", "torque": "torque"}
     law = Backlash(4.0 * (20.0 * np.pi) ** 2, gap=1e-3)

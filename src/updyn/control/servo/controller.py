@@ -46,7 +46,7 @@ _POINTS = 256
 _ROOM = 1.5
 #: Least share of the mobility on the circle that the slow poles have if the structure turns freely.
 _DOMINANT = 0.5
-#: A gear ratio nearer to 1 than this is 1.
+#: A gear ratio that differs from 1 by less than this is 1: the plant is reduced, with errors.
 _EXACT = 1e-3
 
 

@@ -30,7 +30,7 @@ __all__ = ["servo"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-#: Relative difference of gear ratios that is not reported.
+#: Smallest relative difference of gear ratios that is reported: 0.4 dB of the position loop's gain.
 _SAME_RATIO = 0.05
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
 #: Velocity loop, position loop, and the loop broken at the torque.

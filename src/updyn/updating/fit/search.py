@@ -51,7 +51,7 @@ _Attempt: TypeAlias = "Callable[[Problem, tuple[Search, _Vector]], _Found]"
 SEARCH_LINES = 400
 #: A try goes down on about so many of them, and on so many numbers for each unknown.
 _FEW, _NUMBERS = 32, 4
-#: Largest number of tries: each is a descent of its own, and their starts are drawn together.
+#: Largest number of tries: each is a descent, and the starts of all are drawn at once.
 MOST_STARTS = 10_000
 #: Largest number of steps of a try.
 SEARCH_STEPS = 60
