@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 __all__ = [
     "CATEGORIES",
     "DARK",
+    "DASHES",
     "DIVERGING",
     "FIGURE_TEXT",
     "LOOKS",
@@ -149,7 +150,7 @@ OTHERS = ("third", "fourth")
 #: Roles of the colours of several curves, in their order, and dashes in the notation of matplotlib:
 #: the colours are repeated with the next dash.
 CATEGORIES = ("after", "before", "third", "fourth")
-_DASHES = ("-", "--", "-.", ":")
+DASHES = ("-", "--", "-.", ":")
 #: Evenly spaced stops of a map from 0 to 1, light to dark, and of one from -1 to 1.
 SEQUENTIAL = ("#f7f7f7", "#a6c6e5", "#5a92cb", "#29609f", "#08306b")
 DIVERGING = ("#8a3c00", "#dd8433", "#f7f7f7", "#6a9fd4", "#08519c")
@@ -183,7 +184,7 @@ def category(number: int) -> tuple[str, str]:
         A colour on a light ground, and a dash in the notation of matplotlib.
     """
     round_, place = divmod(number, len(CATEGORIES))
-    return PAPER[CATEGORIES[place]], _DASHES[round_ % len(_DASHES)]
+    return PAPER[CATEGORIES[place]], DASHES[round_ % len(DASHES)]
 
 
 def state(name: str, other: int = 0) -> str:

@@ -408,8 +408,8 @@ def _responses_of_model(inputs: Inputs) -> list[str]:
     """Return the responses as the model labels them, as far as they are known."""
     if inputs.matching is not None:
         return inputs.matching.frf.responses.labels
-    labels = inputs.frf.responses.labels if inputs.lost else []
-    return [label for label in labels if label.replace("-", "") not in inputs.lost]
+    responses = inputs.frf.responses if inputs.lost else []
+    return [str(dof) for dof in responses if str(abs(dof)) not in inputs.lost]
 
 
 def _held_out(inputs: Inputs) -> list[str]:

@@ -21,7 +21,7 @@ from updyn.plots.canvas import (
     phase_axis,
 )
 from updyn.report.plots import wrapped_phase
-from updyn.style import PAPER, STATES, category, state
+from updyn.style import DASHES, PAPER, STATES, category, state
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,9 +31,8 @@ __all__ = ["frf", "overlay"]
 
 #: Channels of an overlay at most, and lines up to which the measured ones are points.
 _MOST_CHANNELS, _MOST_POINTS = 16, 200
-#: Dashes of the models of an update, and of other computed curves.
+#: Dashes of the models of an update; other computed curves have those of `DASHES`.
 _DASHES = {"start": ":", "updated": "-"}
-_OTHER_DASHES = ("-", "--", "-.", ":")
 _FREQUENCY = "frequency (Hz)"
 
 
@@ -307,7 +306,7 @@ def _computed_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     looks: dict[str, dict[str, Any]] = {}
     others = 0
     for name in names:
-        dash = _DASHES[name] if name in _DASHES else _OTHER_DASHES[others % len(_OTHER_DASHES)]
+        dash = _DASHES[name] if name in _DASHES else DASHES[others % len(DASHES)]
         looks[name] = {"color": PAPER[state(name, others)], "linestyle": dash}
         others += name not in STATES
     return looks
