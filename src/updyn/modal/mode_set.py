@@ -47,9 +47,10 @@ class ModeSet:
     ----------
     frequency : array_like of float, shape (n,)
         Natural frequencies in Hz, at least 0; sorted here, all else with them.
-    shapes : array_like of complex, shape (N, n)
+    shapes : array_like of complex, shape (N, n), optional
         Mode shapes as columns. Where `scaled`, to unit modal mass (phi^T M phi = 1, transpose, not
-        conjugate), in 1/sqrt(kg) for translations; elsewhere of any scale.
+        conjugate), in 1/sqrt(kg) for translations; elsewhere of any scale. None: natural
+        frequencies alone; the attribute then has the shape (0, n).
     dofs : iterable of str or Dof
         Signed labels of the N rows.
     loss_factor : array_like of float, shape (n,), optional
@@ -91,6 +92,8 @@ class ModeSet:
     >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
     >>> modes.frequency
     array([12., 31.])
+    >>> updyn.ModeSet([15.57, 44.70, 70.72])
+    ModeSet(3 natural frequencies: 15.57, 44.7, 70.72 Hz; DIGEST)
     """
 
     frequency: _Real
@@ -110,8 +113,8 @@ class ModeSet:
     def __init__(
         self,
         frequency: ArrayLike,
-        shapes: ArrayLike,
-        dofs: Iterable[str | Dof],
+        shapes: ArrayLike | None = None,
+        dofs: Iterable[str | Dof] = (),
         loss_factor: ArrayLike | None = None,
         scaled: ArrayLike = False,
         quality: ArrayLike | None = None,
@@ -136,12 +139,16 @@ class ModeSet:
                 f"modes: frequency {f[~(np.isfinite(f) & (f >= 0))][0]:g} Hz; expected finite, at"
                 " least 0"
             )
-        phi = _array("shapes", shapes, np.complex128)
+        phi = _array("shapes", np.zeros((0, n)) if shapes is None else shapes, np.complex128)
+        if shapes is None and len(labels):
+            raise DataError(f"modes: {len(labels)} DOFs and no shapes; leave out both, or neither")
         if phi.shape != (len(labels), n):
             raise DataError(
                 f"modes: expected shapes of (DOFs, modes) = {(len(labels), n)}, found {phi.shape}"
             )
-        bad = ~np.isfinite(phi).all(axis=0) | ~phi.any(axis=0)
+        bad = ~np.isfinite(phi).all(axis=0)
+        if len(labels):
+            bad |= ~phi.any(axis=0)
         if bad.any():
             raise DataError(
                 f"modes: the shape at {f[bad][0]:g} Hz is zero or holds a number that is not finite"
@@ -184,10 +191,8 @@ class ModeSet:
         shown = [f"{f:.6g}" for f in self.frequency[:6]]
         if len(self) > 6:
             shown.append("...")
-        return (
-            f"ModeSet({len(self)} modes at {len(self.dofs)} DOFs: {', '.join(shown)} Hz;"
-            f" {self.digest})"
-        )
+        what = f"modes at {len(self.dofs)} DOFs" if self.has_shapes else "natural frequencies"
+        return f"ModeSet({len(self)} {what}: {', '.join(shown)} Hz; {self.digest})"
 
     def _repr_html_(self) -> str:
         columns = (
@@ -259,6 +264,11 @@ class ModeSet:
         return xr.Dataset(data, coords=coords, attrs={"source": self.source})
 
     @property
+    def has_shapes(self) -> bool:
+        """Whether shapes are known; else the set holds frequencies and damping alone."""
+        return len(self.dofs) > 0
+
+    @property
     def damping(self) -> _Real:
         """Share of critical damping, half the loss factor; shape (n,)."""
         return self.loss_factor / 2.0
@@ -294,8 +304,10 @@ class ModeSet:
 
         Of the 2 x 2 matrix of inner products of real and imaginary part, ((a - b) / (a + b))^2 with
         its eigenvalues a and b (Pappa, Elliott & Schenk, J. Guidance Control Dyn. 16 (1993) 852,
-        without the mean removed).
+        without the mean removed); nan without shapes.
         """
+        if not self.has_shapes:
+            return np.full(len(self), np.nan)
         xx = np.sum(self.shapes.real**2, axis=0)
         yy = np.sum(self.shapes.imag**2, axis=0)
         xy = np.sum(self.shapes.real * self.shapes.imag, axis=0)
@@ -307,6 +319,8 @@ class ModeSet:
 
         The largest component is positive.
         """
+        if not self.has_shapes:
+            return np.zeros(self.shapes.shape)
         turn = np.exp(-0.5j * np.angle(np.sum(self.shapes**2, axis=0)))
         real = (self.shapes * turn).real
         largest = real[np.argmax(np.abs(real), axis=0), np.arange(len(self))]

@@ -303,6 +303,8 @@ def _axes(
 
 def _towards(seen: _Real, measured: _Real) -> _Real:
     """Return the rotation, shape (m, m), that puts shapes near to measured ones first."""
+    if not len(seen):
+        return np.eye(seen.shape[1])
     share = np.linalg.lstsq(seen, measured, rcond=None)[0]
     near = np.linalg.norm(seen @ share, axis=0)
     order = np.argsort(-near, kind="stable")[: len(share)]

@@ -108,7 +108,7 @@ class Target:
                 rms = float(np.sqrt(np.mean(shapes[kind] ** 2)))
                 level[kind] = rms if rms > 0 else 1.0
         weighted = shapes / level[:, None]
-        length = np.linalg.norm(weighted, axis=0)
+        length = np.linalg.norm(weighted, axis=0) if len(level) else np.ones(len(modes))
         known = modes.loss_factor > 0
         loss = np.where(known, modes.loss_factor, np.nan)
         return cls(
@@ -142,6 +142,16 @@ class Target:
     def seen(self, shapes: _Real) -> _Real:
         """Return shapes of the model as the sensors see them, shape (k, n)."""
         return np.asarray(shapes[self.rows] * self.weight[:, None])
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether shapes were measured."""
+        return len(self.rows) > 0
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether shapes differ: at one sensor, all are alike."""
+        return len(self.rows) > 1
 
     @property
     def frequency(self) -> _Real:
@@ -182,7 +192,8 @@ class Pairs:
         """Compute the model's modes and pair them.
 
         One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
-        (Hungarian assignment; Kuhn 1955).
+        (Hungarian assignment; Kuhn 1955). Where no shape tells modes apart, with the least sum of
+        the squares of these logarithms, so that pairs keep the order of the frequencies.
 
         Raises
         ------
@@ -201,12 +212,15 @@ class Pairs:
         modes = separated(modes, system, unknowns, values, target.seen, target.shapes)
         # The MAC of rounding, as of a mode in another plane than the sensors, says nothing; where
         # there is one sensor, it is 1.
-        move = moving(modes.shapes[target.rows], modes.shapes)
-        macs = np.zeros((len(move), len(target.value)))
-        if move.any():
-            macs[move] = mac(target.seen(modes.shapes[:, move]), target.shapes)
+        macs = np.ones((len(modes.value), len(target.value)))
+        if target.has_shapes:
+            move = moving(modes.shapes[target.rows], modes.shapes)
+            macs[~move] = 0.0
+            if move.any():
+                macs[move] = mac(target.seen(modes.shapes[:, move]), target.shapes)
         apart = np.abs(np.log(modes.value[:, None] / target.value)) / 2.0
-        first, second = linear_sum_assignment(macs - _APART * apart, maximize=True)
+        cost = _APART * apart if target.tells_apart else apart**2
+        first, second = linear_sum_assignment(macs - cost, maximize=True)
         which = first[np.argsort(second)]
         return cls(modes, which, macs[which, np.arange(len(which))])
 
@@ -288,10 +302,10 @@ class ModalPart:
 
     @property
     def n_numbers(self) -> int:
-        """Number of measured numbers: frequencies, shapes but for their lengths, damping."""
+        """Number of measured numbers: frequencies, shapes except their lengths, damping."""
         k, m = self.target.shapes.shape
         damped = int(np.isfinite(self.target.loss_factor).sum()) if self.sees_damping else 0
-        return int(m * k + damped)
+        return int(m * max(k, 1) + damped)
 
     @property
     def sees_damping(self) -> bool:
@@ -396,7 +410,7 @@ class ModalPart:
         lost = None
         if self.sees_damping and np.isfinite(target.loss_factor[k]):
             lost = _Loss.of(self.system, self.unknowns, self.state(x), values, phi, own)
-        with_shapes = shapes and len(target.rows) > 1
+        with_shapes = shapes and target.tells_apart
         value, shape = np.zeros(self.n), np.zeros((len(target.rows) + 1, self.n))
         if derivatives:
             at = target.rows if with_shapes else None
@@ -635,7 +649,7 @@ class ModalError:
         std = self.noise.std(rows)
         used = np.isfinite(std)
         # One number of each shape is its length, which is free.
-        k = len(part.target.rows)
+        k = max(len(part.target.rows), 1)
         share = np.where(rows.kind == KINDS.index("shape"), (k - 1.0) / k, 1.0)[used]
         paired = np.sum(0.5 * (rows.r[used] / std[used]) ** 2 + share * np.log(std[used]))
         size = sum(number * float(np.log(std)) for number, std in self._of_lost(part))
@@ -649,7 +663,7 @@ class ModalError:
     def _of_lost(self, part: ModalPart) -> list[tuple[int, float]]:
         """Return number and standard deviation of the residuals that a mode would have."""
         counts = {"frequency": 1, "loss_factor": int(part.sees_damping)}
-        if self.shapes:
+        if self.shapes and part.target.tells_apart:
             counts |= {"shape": len(part.target.rows) - 1, "mac": 1}
         added = self.noise.added
         return [(n, added[kind]) for kind, n in counts.items() if n and kind in added]
