@@ -1,0 +1,54 @@
+"""`alike_pairs`: modes of a set that the sensors cannot distinguish, as one mode found twice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from updyn.correlation import auto_mac
+from updyn.modal.mode_set import ModeSet
+
+__all__ = ["AlikePair", "alike_pairs"]
+
+#: MAC from which two shapes are commonly taken for the same (R. J. Allemang, Sound and Vibration
+#: 37 (8) (2003) 14-21).
+_SAME_SHAPE = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class AlikePair:
+    """Two modes with nearly the same shape.
+
+    Attributes
+    ----------
+    first, second : float
+        Their frequencies in Hz, ascending.
+    mac : float
+        MAC of their shapes.
+    close : bool
+        Whether the frequencies differ by less than the sum of the half-power bandwidths: the
+        resonance curves overlap, so that the two may be one mode found twice.
+    """
+
+    first: float
+    second: float
+    mac: float
+    close: bool
+
+
+def alike_pairs(modes: ModeSet) -> list[AlikePair]:
+    """Return the pairs of modes with a MAC of 0.9 or more, close ones first, then by MAC.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        Of one test. Where a loss factor is not known, the pair does not count as close.
+    """
+    mac, frequency = auto_mac(modes.shapes), modes.frequency
+    width = frequency * modes.loss_factor
+    found = []
+    for i, j in np.argwhere(np.triu(mac >= _SAME_SHAPE, 1)).tolist():
+        close = bool(frequency[j] - frequency[i] < width[i] + width[j])
+        found.append(AlikePair(float(frequency[i]), float(frequency[j]), float(mac[i, j]), close))
+    return sorted(found, key=lambda pair: (not pair.close, -pair.mac))
