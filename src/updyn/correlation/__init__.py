@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from updyn.correlation.clusters import Subspace
 from updyn.correlation.frfs import (
     Correlation,
     csac,
@@ -22,12 +23,14 @@ from updyn.correlation.shapes import (
     ecomac,
     mac,
     pair_modes,
+    principal_cosines,
 )
 
 __all__ = [
     "Correlation",
     "ModeCorrelation",
     "ModePairs",
+    "Subspace",
     "auto_mac",
     "comac",
     "correlate",
@@ -41,5 +44,6 @@ __all__ = [
     "frf_correlation",
     "mac",
     "pair_modes",
+    "principal_cosines",
     "relative_residual",
 ]

@@ -12,7 +12,7 @@ from updyn.model import Model
 
 __all__ = ["correlate"]
 
-_OPTIONS = ("band", "gate", "least_mac", "dofs")
+_OPTIONS = ("band", "gate", "least_mac", "close", "dofs")
 
 
 @overload
@@ -33,7 +33,7 @@ def correlate(computed: Any, measured: Any, **options: Any) -> Correlation | Mod
     measured : FRF, ModeSet or Modes
         What it is compared with.
     **options
-        For modes: ``band``, ``gate``, ``least_mac`` and ``dofs``, see
+        For modes: ``band``, ``gate``, ``least_mac``, ``close`` and ``dofs``, see
         `updyn.correlation.modes.correlate_modes`.
 
     Returns

@@ -9,6 +9,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.clusters import (
+    CLOSE,
+    Matched,
+    PairingRule,
+    Subspace,
+    pair_clusters,
+    principal_vectors,
+)
 from updyn.correlation.shapes import (
     ModePairs,
     auto_mac,
@@ -36,9 +44,6 @@ GATE = 0.3
 #: Least MAC of a pair of equal frequencies. By Bessel's inequality a shape can have a MAC above one
 #: half with one shape of an orthogonal set at most.
 LEAST_MAC = 0.5
-#: Weight of the difference of frequency, squared, as a share of the gate, against MAC: it decides
-#: where the sensors cannot tell shapes apart, and asks for a MAC of 0.9 at the gate.
-_FREQUENCY_WEIGHT = 0.4
 #: Modes of damped structures are computed as complex ones up to this many DOFs.
 _COMPLEX_UP_TO = 5_000
 #: Most modes of a model.
@@ -81,13 +86,21 @@ class ModeCorrelation:
         them as large as the translations over the measured modes; else the unit would decide.
     pairs : ModePairs
         Columns of the computed (``first``) and of the measured modes (``second``) that belong
-        together, and their MAC, by ascending measured frequency.
+        together, and their MAC, by ascending measured frequency. The MAC of a pair in a subspace is
+        that of the subspace, and which of its modes are paired is arbitrary.
+    subspaces : tuple of Subspace
+        Close modes, whose shapes are an arbitrary basis: they are compared by the spans of their
+        shapes.
+    close : float
+        Relative difference of frequency within which modes are close.
     """
 
     computed: Modes
     measured: Modes
     mac: Array
     pairs: ModePairs
+    subspaces: tuple[Subspace, ...] = ()
+    close: float = CLOSE
 
     def __repr__(self) -> str:
         return (
@@ -120,6 +133,12 @@ class ModeCorrelation:
         return np.setdiff1d(np.arange(len(self.measured)), self.pairs.second)
 
     @property
+    def in_subspace(self) -> NDArray[np.bool_]:
+        """Whether the MAC of a pair is that of a subspace, by pair."""
+        close = [one.measured for one in self.subspaces]
+        return np.isin(self.pairs.second, np.concatenate([np.zeros(0, np.intp), *close]))
+
+    @property
     def auto_mac(self) -> Array:
         """MAC of the measured modes with each other, shape (n_measured, n_measured).
 
@@ -131,7 +150,7 @@ class ModeCorrelation:
         """Return the co-ordinate MAC over the pairs, shape (n_dofs,); nan without a pair.
 
         See `updyn.correlation.comac`. A low value points at a sensor, or at a place where the
-        model moves otherwise.
+        model moves otherwise. Of a subspace the principal vectors are compared.
         """
         return self._by_dof(comac)
 
@@ -145,8 +164,14 @@ class ModeCorrelation:
     def _by_dof(self, criterion: Any) -> Array:
         if not len(self.pairs.mac):
             return np.full(len(self.dofs), np.nan)
-        computed = _weighted(self.computed, self.measured)[:, self.pairs.first]
-        measured = _weighted(self.measured, self.measured)[:, self.pairs.second]
+        a = _weighted(self.computed, self.measured)
+        b = _weighted(self.measured, self.measured)
+        single = ~self.in_subspace
+        columns = [(a[:, self.pairs.first[single]], b[:, self.pairs.second[single]])]
+        for one in self.subspaces:
+            n_pairs = int(np.isin(self.pairs.second, one.measured).sum())
+            columns.append(principal_vectors(a[:, one.computed], b[:, one.measured], n_pairs))
+        computed, measured = (np.hstack(part) for part in zip(*columns, strict=True))
         return np.asarray(criterion(computed, measured))
 
     def cross_orthogonality(self, mass: Any) -> NDArray[Any]:
@@ -172,7 +197,7 @@ class ModeCorrelation:
     def figures(self) -> dict[str, float]:
         """Return counts of modes, MAC (median, min) and change of frequency (median, max, in %).
 
-        Without a pair the latter are nan.
+        Without a pair the latter are nan. The MAC of pairs in a subspace is that of the subspace.
         """
         change = np.abs(self.frequency_change)
         found = {
@@ -190,22 +215,50 @@ class ModeCorrelation:
         return found | {name: float(value) for name, value in values.items()}
 
     def table(self) -> str:
-        """Return the pairs, and the modes without one, as text by ascending frequency."""
+        """Return the pairs, and the modes without one, as text by ascending frequency.
+
+        The MAC of subspaces is marked by an asterisk, and explained below the table.
+        """
         rows = []
-        for i, j, value, change in zip(*self.pairs, self.frequency_change, strict=True):
+        marks = [self._mark(close) for close in self.in_subspace.tolist()]
+        pairs = zip(*self.pairs, self.frequency_change, marks, strict=True)
+        for i, j, value, change, mark in pairs:
             cells = [*_cells(self.measured, j), *_cells(self.computed, i)]
             frequency = float(self.measured.frequency[j])
-            rows.append((frequency, [*cells, f"{change:+.2f}", f"{value:.3f}"]))
+            rows.append((frequency, [*cells, f"{change:+.2f}", f"{value:.3f}{mark}"]))
         for j in self.unpaired_measured:
-            cells = [*_cells(self.measured, j), "-", "-", "-", "-"]
+            cells = [*_cells(self.measured, j), "-", "-", "-", f"-{self._mark(False)}"]
             rows.append((float(self.measured.frequency[j]), cells))
         for i in self.unpaired_computed:
-            cells = ["-", "-", *_cells(self.computed, i), "-", "-"]
+            cells = ["-", "-", *_cells(self.computed, i), "-", f"-{self._mark(False)}"]
             rows.append((float(self.computed.frequency[i]), cells))
         rows.sort(key=lambda row: row[0])
         header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
         numbered = [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
-        return text_table((*header, "change (%)", "MAC"), numbered)
+        table = text_table((*header, "change (%)", f"MAC{self._mark(False)}"), numbered)
+        return "\n".join([table, *self.subspace_notes()])
+
+    def _mark(self, subspace: bool) -> str:
+        """Return the mark of a MAC in tables: an asterisk for subspaces, else a blank."""
+        if not self.subspaces:
+            return ""
+        return "*" if subspace else " "
+
+    def subspace_notes(self) -> list[str]:
+        """Return explanations of the MAC of each subspace; empty if there is none.
+
+        Returns
+        -------
+        list of str
+            What the value means, then the modes of each subspace with it, each as a line of text.
+        """
+        if not self.subspaces:
+            return []
+        return [
+            f"* Subspace MAC of modes within {100.0 * self.close:.2g} % of frequency, whose single"
+            " shapes are arbitrary: the lowest MAC that a shape of one span has with the other.",
+            *(f"* {one.text()[0].upper()}{one.text()[1:]}." for one in self.subspaces),
+        ]
 
 
 def _cells(of: Modes, at: int) -> list[str]:
@@ -222,6 +275,7 @@ def correlate_modes(
     band: tuple[float, float] | None = None,
     gate: float = GATE,
     least_mac: float = LEAST_MAC,
+    close: float = CLOSE,
     dofs: Iterable[str | Dof] | None = None,
 ) -> ModeCorrelation:
     """Pair computed and measured modes one to one and compare them.
@@ -240,6 +294,9 @@ def correlate_modes(
         Modes whose frequencies differ by more than this share of the lower one are no pair.
     least_mac : float
         Modes of a lower MAC, less the term for the difference of frequency below, are no pair.
+    close : float
+        Modes of one set whose frequencies differ by at most this share are compared by the span of
+        their shapes. 0: only those of one frequency.
     dofs : iterable of str or Dof, optional
         Where shapes are compared. None: at all DOFs of the measured modes, which the computed ones
         must have; labels may differ in sign and order.
@@ -263,6 +320,14 @@ def correlate_modes(
     The pairs maximise the sum of MAC - 0.4 (|f_c - f_m| / (gate min(f_c, f_m)))^2 over all
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
     `least_mac`. The second term decides where the sensors cannot tell shapes apart.
+
+    The shapes of close modes are an arbitrary basis of their span. Instead of MAC between a cluster
+    of them and other modes stands the mean of the squared cosines of the principal angles between
+    the spans (Bjorck & Golub, Math. Comp. 27 (1973) 579-594), of those angles whose squared cosine
+    is at least `least_mac`; clusters have no more pairs than such angles. Clusters that are joined
+    by pairs are one `Subspace`, and each of their pairs has its subspace MAC: the squared cosine of
+    the largest of these angles. Modes that are separate in one of the two sets only are in it, too;
+    then the differences of frequency show that the sets disagree, and `Subspace.close` says it.
     """
     if not isinstance(measured, ModeShapes):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")
@@ -272,6 +337,12 @@ def correlate_modes(
             f"correlate: gate = {gate!r}, least_mac = {least_mac!r}; expected a gate above 0 and a"
             " MAC from 0 to 1"
         )
+    if not is_number(close) or not 0 <= close < 1:
+        raise DataError(
+            f"correlate: close = {close!r}; expected a share of the frequency from 0 to below 1,"
+            f" such as {CLOSE:g}"
+        )
+    rule = PairingRule(gate, least_mac, close)
     at = measured.dofs
     if dofs is not None:
         at = DofSet(dofs)
@@ -291,17 +362,18 @@ def correlate_modes(
                 f" {found.frequency[-1]:g} Hz moves at the DOFs of the measured modes"
             )
         a = seen.select(move)
-        pairs = _paired(a, b, gate, least_mac)
+        matched = _match(a, b, rule)
         listed = (a.frequency >= low) & (a.frequency <= high)
-        listed[pairs.first] = True
+        listed[matched.computed] = True
         if not listed.any():
             raise DataError(
                 f"correlate: the model has no mode from {low:g} to {high:g} Hz that moves at the"
                 " DOFs of the measured modes, and none that is paired with one of them"
             )
-        a = a.select(listed)
+        a, matched = a.select(listed), matched.renumbered(listed)
     elif isinstance(computed, ModeShapes):
         a = _at(computed, at)
+        matched = _match(a, b, rule)
     else:
         raise DataError(
             f"correlate: expected a Model or modes, found {type(computed).__name__}; measured FRFs"
@@ -309,7 +381,7 @@ def correlate_modes(
         )
     values = _mac(a, b)
     values.flags.writeable = False
-    return ModeCorrelation(a, b, values, _paired(a, b, gate, least_mac))
+    return ModeCorrelation(a, b, values, matched.pairs, matched.subspaces, close)
 
 
 def model_modes(model: Model, highest: float) -> Modes:
@@ -418,19 +490,7 @@ def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
     return np.asarray(of.shapes * np.where(rotates, length, 1.0)[:, None])
 
 
-def _paired(a: Modes, b: Modes, gate: float, least_mac: float) -> ModePairs:
-    """Return the pairs by ascending measured frequency."""
-    from scipy.optimize import linear_sum_assignment
-
-    values = _mac(a, b)
-    apart = np.abs(a.frequency[:, None] - b.frequency)
-    limit = gate * np.minimum(a.frequency[:, None], b.frequency)
-    share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
-    score = values - _FREQUENCY_WEIGHT * share**2
-    may = (apart <= limit) & (score >= least_mac)
-    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
-    keep = may[first, second]
-    first, second = first[keep], second[keep]
-    order = np.argsort(second, kind="stable")
-    first, second = first[order], second[order]
-    return ModePairs(first, second, values[first, second])
+def _match(a: Modes, b: Modes, rule: PairingRule) -> Matched:
+    """Return the pairs and subspaces of modes as the sensors see them."""
+    seen = _weighted(a, b), _weighted(b, b)
+    return pair_clusters(*seen, (a.frequency, b.frequency), rule)

@@ -2,7 +2,7 @@
 
 Sources: Allemang & Brown, IMAC I (1982) 110-116 (MAC); Allemang, Sound and Vibration 37 (8) (2003)
 14-21 (cross-orthogonality, ECOMAC); Lieven & Ewins, IMAC VI (1988) 690-695 (COMAC); Hunt, IMAC X
-(1992) 66-71 (ECOMAC).
+(1992) 66-71 (ECOMAC); Bjorck & Golub, Math. Comp. 27 (1973) 579-594 (principal angles).
 """
 
 from __future__ import annotations
@@ -18,18 +18,25 @@ __all__ = [
     "ModePairs",
     "auto_mac",
     "comac",
+    "cosines_of",
     "cross_orthogonality",
     "ecomac",
     "mac",
     "moving",
+    "orthonormal",
     "pair_modes",
+    "principal_cosines",
     "ratio",
+    "unit_shapes",
 ]
 
 Array = NDArray[np.float64]
 
 #: A shape of which the sensors see less than this share of its largest component is at rest there.
 _AT_REST = 1e-9
+#: Directions in which shapes of unit length have a singular value below this share of the largest
+#: are no part of their span: measured shapes usually have errors of 10 %.
+_LEAST_SPREAD = 0.1
 
 
 def mac(A: ArrayLike, B: ArrayLike) -> Array:
@@ -50,9 +57,52 @@ def mac(A: ArrayLike, B: ArrayLike) -> Array:
     DataError
         If the row counts differ, or a shape is zero or not finite: its direction is not defined.
     """
-    a, b = _unit_shapes("A", A), _unit_shapes("B", B)
+    a, b = unit_shapes("A", A), unit_shapes("B", B)
     _same_rows(a, b)
     return np.asarray(np.minimum(np.abs(a.conj().T @ b) ** 2, 1.0))
+
+
+def principal_cosines(A: ArrayLike, B: ArrayLike) -> Array:
+    """Cosines of the principal angles between the spans of shapes (Bjorck & Golub 1973).
+
+    Parameters
+    ----------
+    A, B : array_like, shape (N, n_a) and (N, n_b)
+        Shapes as columns at the same DOFs in the same order; real or complex, any scale.
+
+    Returns
+    -------
+    ndarray of float
+        Descending, between 0 and 1; as many as the smaller span has dimensions. The square of the
+        last is the lowest MAC that a shape of the smaller span has with the best combination of
+        the other shapes; of two single shapes it is their MAC.
+
+    Raises
+    ------
+    DataError
+        As `mac`.
+
+    Notes
+    -----
+    Directions in which the shapes of unit length have a singular value below a tenth of the largest
+    one are not part of a span: in measured shapes they are errors.
+    """
+    a, b = orthonormal(unit_shapes("A", A)), orthonormal(unit_shapes("B", B))
+    _same_rows(a, b)
+    return cosines_of(a, b)
+
+
+def orthonormal(unit: NDArray[Any]) -> NDArray[Any]:
+    """Return an orthonormal basis of the span of shapes of unit length, shape (N, r)."""
+    if unit.shape[1] == 1:
+        return unit
+    left, size, _ = np.linalg.svd(unit, full_matrices=False)
+    return np.asarray(left[:, size > _LEAST_SPREAD * size[0]])
+
+
+def cosines_of(a: NDArray[Any], b: NDArray[Any]) -> Array:
+    """Return the cosines of the principal angles between the spans of orthonormal bases."""
+    return np.asarray(np.minimum(np.linalg.svd(a.conj().T @ b, compute_uv=False), 1.0))
 
 
 def auto_mac(A: ArrayLike) -> Array:
@@ -255,7 +305,8 @@ def _shapes(name: str, given: ArrayLike) -> NDArray[Any]:
     return array * 1.0
 
 
-def _unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+def unit_shapes(name: str, given: ArrayLike) -> NDArray[Any]:
+    """Return shapes as columns of unit length; errors state the name."""
     array = _shapes(name, given)
     largest = np.abs(array).max(axis=0)
     if (largest == 0).any():
@@ -274,7 +325,7 @@ def _same_rows(a: NDArray[Any], b: NDArray[Any]) -> None:
 
 
 def _paired(A: ArrayLike, B: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-    a, b = _unit_shapes("A", A), _unit_shapes("B", B)
+    a, b = unit_shapes("A", A), unit_shapes("B", B)
     if a.shape != b.shape:
         raise DataError(
             f"arrays of shape {a.shape} and {b.shape}; expected paired modes (see pair_modes)"

@@ -1,0 +1,352 @@
+"""Clusters of close modes, whose shapes are compared as subspaces: `close_modes`, `pair_clusters`.
+
+Two shapes at one frequency are an arbitrary basis of a plane, and a small perturbation turns those
+at two close frequencies: one that couples them by a share e of their frequency turns them by 1/2
+atan(2 e / gap). So close modes are compared by the principal angles between the spans of their
+shapes (Bjorck & Golub, Math. Comp. 27 (1973) 579-594).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation.shapes import ModePairs, cosines_of, mac, orthonormal, unit_shapes
+
+__all__ = [
+    "CLOSE",
+    "Matched",
+    "PairingRule",
+    "Subspace",
+    "close_modes",
+    "pair_clusters",
+    "principal_vectors",
+]
+
+Array = NDArray[np.float64]
+_Indices = NDArray[np.intp]
+
+#: Modes within this relative difference of frequency are close. Frequencies of one structure vary
+#: by 0.22 % when it is assembled anew (median of 26 elastic modes over 130 assemblies of AIRMOD;
+#: data of Patelli et al., Arch. Appl. Mech. 87 (2017) 905-925). A coupling of that size leaves a
+#: MAC of 0.9 at a gap of 0.59 %, and less at smaller ones; 0.9 is the usual limit for one mode.
+CLOSE = 0.006
+#: Weight of the difference of frequency, squared, as a share of the gate, against MAC: it decides
+#: where the sensors cannot tell shapes apart, and asks for a MAC of 0.9 at the gate.
+_FREQUENCY_WEIGHT = 0.4
+#: Where modes are close, by whether the computed and whether the measured ones are.
+_CLOSE_IN = {(True, True): "both", (True, False): "computed", (False, True): "measured"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subspace:
+    """Close modes whose shapes are compared by the subspaces that they span.
+
+    Attributes
+    ----------
+    computed, measured : ndarray of int
+        Which computed and which measured modes, by ascending frequency. Their numbers may differ.
+    frequency_computed, frequency_measured : ndarray of float
+        Their natural frequencies in Hz.
+    cosines : ndarray of float
+        Cosines of the principal angles between the two spans, descending, as the sensors see them;
+        as many as the smaller span has dimensions.
+    mac : float
+        Subspace MAC: the squared cosine of the largest of as many principal angles as there are
+        pairs. It is the lowest MAC that a shape of the smaller span has with the best combination
+        of the shapes of the other (S2MAC for a mode and a plane, W. D'Ambrogio & A. Fregolent,
+        Mech. Syst. Signal Process. 17 (2003) 599-610), and does not depend on the basis.
+    mac_single : float
+        Lowest MAC of single shapes if these modes are paired one to one so that the sum of MAC is
+        largest. It depends on the basis.
+    close : str
+        Where the modes are close: ``"computed"``, ``"measured"`` or ``"both"``.
+    vacuous : bool
+        Whether one of the spans holds every shape that the sensors can see. The subspace MAC is
+        then 1 for any shapes.
+    """
+
+    computed: _Indices
+    measured: _Indices
+    frequency_computed: Array
+    frequency_measured: Array
+    cosines: Array
+    mac: float
+    mac_single: float
+    close: str
+    vacuous: bool
+
+    def __repr__(self) -> str:
+        return f"Subspace({self.text()})"
+
+    def text(self) -> str:
+        """Return the modes, the subspace MAC and what limits it, in words."""
+        text = (
+            f"measured {_in_hertz(self.frequency_measured)} and computed"
+            f" {_in_hertz(self.frequency_computed)}: subspace MAC {self.mac:.3f}, MAC of single"
+            f" shapes at best {self.mac_single:.3f}"
+        )
+        other = {"measured": self.frequency_computed, "computed": self.frequency_measured}
+        if self.close in other:
+            apart = other[self.close]
+            text += f"; only the {self.close} modes are close"
+            if len(apart) > 1:
+                spread = 100.0 * (apart[-1] / apart[0] - 1.0)
+                text += f", the others are {spread:.2g} % apart"
+        if self.vacuous:
+            text += "; 1 for any shapes, as there are no more sensors than modes"
+        return text
+
+
+def _in_hertz(frequency: Array) -> str:
+    return ", ".join(f"{f:#.5g}".rstrip(".") for f in frequency) + " Hz"
+
+
+@dataclass(frozen=True, slots=True)
+class PairingRule:
+    """Which modes can be pairs.
+
+    Attributes
+    ----------
+    gate : float
+        Largest relative difference of frequency.
+    least_mac : float
+        Least MAC of a pair of equal frequencies.
+    close : float
+        Largest relative difference of frequency in a cluster.
+    """
+
+    gate: float
+    least_mac: float
+    close: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matched:
+    """Pairs of modes, and the subspaces of those that are close.
+
+    Attributes
+    ----------
+    pairs : ModePairs
+        By ascending measured frequency.
+    subspaces : tuple of Subspace
+        By ascending measured frequency.
+    """
+
+    pairs: ModePairs
+    subspaces: tuple[Subspace, ...]
+
+    @property
+    def computed(self) -> _Indices:
+        """Computed modes that are in a pair or a subspace."""
+        return np.unique(np.concatenate([self.pairs.first, *(s.computed for s in self.subspaces)]))
+
+    def renumbered(self, kept: NDArray[np.bool_]) -> Matched:
+        """Return the same for some of the computed modes, all of `computed` among them."""
+        number = np.cumsum(kept) - 1
+        subspaces = [replace(s, computed=number[s.computed]) for s in self.subspaces]
+        return Matched(self.pairs._replace(first=number[self.pairs.first]), tuple(subspaces))
+
+
+def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
+    """Divide modes into clusters of close frequencies.
+
+    Parameters
+    ----------
+    frequency : ndarray of float, shape (n,)
+        Natural frequencies in Hz, ascending.
+    close : float
+        Largest relative difference between the highest and the lowest frequency of a cluster.
+
+    Returns
+    -------
+    list of ndarray of int
+        The modes of each cluster, a mode that is not close to another by itself, ascending. Modes
+        that are too many for one cluster are divided at their largest gap.
+    """
+    found: list[_Indices] = []
+    waiting = [np.arange(len(frequency))]
+    while waiting:
+        part = waiting.pop()
+        f = frequency[part]
+        if f[-1] <= f[0] * (1.0 + close):
+            found.append(part)
+            continue
+        step = np.diff(f)
+        infinite = np.where(step > 0, np.inf, 0.0)  # from 0 Hz
+        gap = np.divide(step, f[:-1], out=infinite, where=f[:-1] > 0)
+        cut = int(np.argmax(gap)) + 1
+        waiting += [part[cut:], part[:cut]]
+    return found
+
+
+def pair_clusters(
+    a: NDArray[Any], b: NDArray[Any], frequency: tuple[Array, Array], rule: PairingRule
+) -> Matched:
+    """Pair computed and measured modes one to one, those of clusters by their subspaces.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (N, n_a) and (N, n_b)
+        Computed and measured shapes as the sensors see them.
+    frequency : tuple of ndarray of float
+        Natural frequencies of both in Hz.
+    rule : PairingRule
+        Which can be pairs.
+
+    Returns
+    -------
+    Matched
+        The MAC of a pair whose modes are in a subspace is that of the subspace.
+    """
+    clusters = close_modes(frequency[0], rule.close), close_modes(frequency[1], rule.close)
+    values = mac(a, b)
+    apart, limit = _differences(frequency, rule.gate)
+    alike, most = values.copy(), {}
+    bases = [_bases(shapes, of) for shapes, of in zip((a, b), clusters, strict=True)]
+    for i, one in enumerate(clusters[0]):
+        for j, two in enumerate(clusters[1]):
+            if len(one) == len(two) == 1:
+                continue
+            block = np.ix_(one, two)
+            if (apart[block] > limit[block]).all():
+                continue
+            ranks = bases[0][i].shape[1], bases[1][j].shape[1]
+            squares = cosines_of(bases[0][i], bases[1][j]) ** 2
+            shared = squares[squares >= rule.least_mac]
+            alike[block] = shared.mean() if len(shared) else squares[0]
+            largest = max(len(one), len(two)) - max(ranks) + len(shared)
+            most[i, j] = min(len(one), len(two), largest)
+    first, second = _assigned(alike, apart, limit, rule)
+    membership = _membership(clusters[0]), _membership(clusters[1])
+    kept = _within(most, membership, first, second, apart)
+    first, second = first[kept], second[kept]
+    pairs = ModePairs(first, second, values[first, second])
+    return _with_subspaces(pairs, (a, b), frequency, clusters, values)
+
+
+def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Array]:
+    """Return differences of frequency and the largest that pairs may have, both in Hz."""
+    one, two = frequency[0][:, None], frequency[1]
+    return np.abs(one - two), gate * np.minimum(one, two)
+
+
+def _bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[Any]]:
+    """Return an orthonormal basis of the shapes of each cluster."""
+    unit = unit_shapes("shapes", shapes)
+    return [orthonormal(unit[:, cluster]) for cluster in clusters]
+
+
+def _membership(clusters: Sequence[_Indices]) -> _Indices:
+    """Return the number of the cluster of each mode."""
+    return np.repeat(np.arange(len(clusters)), [len(cluster) for cluster in clusters])
+
+
+def _assigned(
+    alike: Array, apart: Array, limit: Array, rule: PairingRule
+) -> tuple[_Indices, _Indices]:
+    """Return the pairs with the largest sum, by ascending measured frequency."""
+    from scipy.optimize import linear_sum_assignment
+
+    share = np.divide(apart, limit, out=np.zeros_like(apart), where=limit > 0)
+    score = alike - _FREQUENCY_WEIGHT * share**2
+    may = (apart <= limit) & (score >= rule.least_mac)
+    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
+    keep = may[first, second]
+    first, second = first[keep], second[keep]
+    order = np.argsort(second, kind="stable")
+    return first[order], second[order]
+
+
+def _within(
+    most: dict[tuple[int, int], int],
+    membership: tuple[_Indices, _Indices],
+    first: _Indices,
+    second: _Indices,
+    apart: Array,
+) -> NDArray[np.bool_]:
+    """Return which pairs to keep so that no two clusters have more than their common directions.
+
+    The basis of a cluster is arbitrary, so any of its pairs can be left out: the one whose
+    frequencies differ most.
+    """
+    keep = np.ones(len(first), dtype=bool)
+    blocks = list(zip(membership[0][first].tolist(), membership[1][second].tolist(), strict=True))
+    for block in set(blocks) & set(most):
+        inside = np.flatnonzero([one == block for one in blocks])
+        order = inside[np.argsort(apart[first[inside], second[inside]], kind="stable")]
+        keep[order[most[block] :]] = False
+    return keep
+
+
+def _with_subspaces(
+    pairs: ModePairs,
+    shapes: tuple[NDArray[Any], NDArray[Any]],
+    frequency: tuple[Array, Array],
+    clusters: tuple[list[_Indices], list[_Indices]],
+    values: Array,
+) -> Matched:
+    """Return the pairs with the MAC of the subspaces that their clusters belong to.
+
+    Clusters that are joined by pairs, directly or through others, are one subspace.
+    """
+    from scipy.optimize import linear_sum_assignment
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(clusters[0]), len(clusters[1])
+    member = _membership(clusters[0]), _membership(clusters[1])
+    edges = member[0][pairs.first], n[0] + member[1][pairs.second]
+    graph = coo_array((np.ones(len(pairs.mac)), edges), shape=(sum(n), sum(n)))
+    _, group = connected_components(graph, directed=False)
+    of_mode = group[member[0]], group[n[0] + member[1]]
+    criterion, found = pairs.mac.copy(), []
+    for number in dict.fromkeys(of_mode[1][pairs.second].tolist()):
+        inside = of_mode[1][pairs.second] == number
+        which = np.flatnonzero(of_mode[0] == number), np.flatnonzero(of_mode[1] == number)
+        if len(which[0]) == len(which[1]) == 1:
+            continue
+        close = [bool(np.bincount(of[at]).max() > 1) for of, at in zip(member, which, strict=True)]
+        seen = shapes[0][:, which[0]], shapes[1][:, which[1]]
+        a, b = (orthonormal(unit_shapes("shapes", one)) for one in seen)
+        cosines, single = cosines_of(a, b), values[np.ix_(*which)]
+        cosines.flags.writeable = False
+        subspace = Subspace(
+            *which,
+            frequency[0][which[0]],
+            frequency[1][which[1]],
+            cosines,
+            float(cosines[min(int(inside.sum()), len(cosines)) - 1] ** 2),
+            float(single[linear_sum_assignment(single, maximize=True)].min()),
+            _CLOSE_IN[close[0], close[1]],
+            max(a.shape[1], b.shape[1]) >= len(a),
+        )
+        criterion[inside] = subspace.mac
+        found.append(subspace)
+    return Matched(pairs._replace(mac=criterion), tuple(found))
+
+
+def principal_vectors(
+    a: NDArray[Any], b: NDArray[Any], n: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the vectors of two spans between which the n smallest principal angles are.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (N, n_a) and (N, n_b)
+        Shapes as columns.
+    n : int
+        How many pairs of vectors, at most as many as the smaller span has dimensions.
+
+    Returns
+    -------
+    tuple of ndarray, shape (N, n)
+        Vectors of unit length, orthogonal within each span.
+    """
+    one, two = orthonormal(unit_shapes("shapes", a)), orthonormal(unit_shapes("shapes", b))
+    left, _, right = np.linalg.svd(one.conj().T @ two, full_matrices=False)
+    return one @ left[:, :n], two @ right[:n].conj().T
