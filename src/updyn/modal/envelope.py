@@ -8,8 +8,9 @@ Khinchin). A decision that takes such lines as independent makes modes of the ri
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ _Real = NDArray[np.float64]
 #: Lines of a part of the band, each of which gives an estimate: so many values of the power over
 #: time, enough for an exponential window that ends at 1 % to be resolved.
 _LINES = 64
-#: Fewest parts: with fewer, each may hold modes, and the noise is taken as white.
+#: Fewest parts of measured functions, since each may hold modes, and fewest functions of residuals,
+#: of which the median is taken.
 _PARTS = 8
 #: Degree of the polynomial that is removed from a part, for the modes outside it.
 _DEGREE = 3
@@ -33,10 +35,15 @@ _SHARE = 0.25
 #: At times at which the polynomial removes more than this share of white noise, the estimate would
 #: be the quotient of two small numbers, and is not made.
 _REMOVED = 0.5
-#: Times on either side of these whose mean replaces the estimate.
-_NEAREST = 2
+#: Times just after these from which the power is continued to them: so many that white noise is
+#: raised by less than 5 % at time 0 on the average.
+_NEAREST = 12
 #: Distances between lines that differ by less than this share are even: files round them.
 _EVEN = 1e-3
+#: Rounds of the fixed-point iteration: after the first, the last 2 % of an exponential window have
+#: several times their power, since the taper mixes neighbouring times; more of them amplify random
+#: errors.
+_ROUNDS = 2
 _TINY = 1e-300
 
 
@@ -97,11 +104,8 @@ class Envelope:
             return cls.white()
         flatness = [float(np.mean(np.log(np.mean(part, axis=1) + _TINY))) for part in parts]
         chosen = np.argsort(flatness)[::-1][: max(1, round(_SHARE * len(parts)))]
-        # Of exponentially distributed powers the median is log 2 of the mean; a median, since a
-        # mode in one part would raise the mean.
-        median = np.median(np.hstack([parts[k] for k in chosen]), axis=1) / np.log(2.0)
-        expected = np.mean(_power(taper * (np.eye(_LINES) - Q @ Q.T)), axis=1)
-        return cls(_completed(median, expected / np.mean(expected)))
+        response = _response(taper * (np.eye(_LINES) - Q @ Q.T))
+        return cls(_likeliest([np.hstack([parts[k] for k in chosen])], [response]))
 
     @classmethod
     def of_residuals(cls, residuals: Sequence[tuple[_Complex, NDArray[np.complex128]]]) -> Envelope:
@@ -116,22 +120,23 @@ class Envelope:
         Returns
         -------
         Envelope
-            White if too few windows are long enough.
+            White if there are too few channels and lines.
         """
-        powers, expected = [], []
+        powers, responses = [], []
         for Q, residual in residuals:
-            n = len(Q)
-            if n < _LINES // 4:
-                continue
-            taper = np.hanning(n + 2)[1:-1, None]
-            powers.append(_over_time(taper * residual.T))
-            white = taper * (np.eye(n) - Q @ Q.conj().T)
-            expected.append(np.sum(_over_time(white), axis=1))
-        if len(powers) < _PARTS:
+            for part in _parts(len(Q)):
+                taper = np.hanning(part.stop - part.start + 2)[1:-1, None]
+                over_time = _power(taper * residual.T[part], _LINES)
+                level = np.mean(over_time, axis=0)
+                if not (level > 0.0).any():
+                    continue
+                # Of noise outside the part the fit brings little into it.
+                left = np.eye(len(taper)) - Q[part] @ Q[part].conj().T
+                powers.append(over_time[:, level > 0.0])
+                responses.append(_response(taper * left))
+        if sum(power.shape[1] for power in powers) < _PARTS:
             return cls.white()
-        shares = [power / (e[:, None] + _TINY) for power, e in zip(powers, expected, strict=True)]
-        median = np.median(np.hstack(shares), axis=1) / np.log(2.0)
-        return cls(median / np.mean(median))
+        return cls(_likeliest(powers, responses))
 
     def inflation(self, columns: NDArray[Any]) -> _Real:
         """Return the variance of projections of the noise over that of white noise.
@@ -162,26 +167,68 @@ def _power(columns: NDArray[np.complex128] | _Real, n: int | None = None) -> _Re
     return np.asarray(np.abs(np.fft.ifft(columns, n, axis=0)) ** 2)
 
 
-def _over_time(columns: NDArray[np.complex128]) -> _Real:
-    """Return the power of functions of any number of lines at the times of the envelope."""
-    n = len(columns)
-    if n <= _LINES:
-        return _power(columns, _LINES)
-    power = _power(columns)
-    at = (np.arange(n) * _LINES) // n
-    out = np.zeros((_LINES, columns.shape[1]))
-    np.add.at(out, at, power)
-    return out / np.bincount(at, minlength=_LINES)[:, None]
+def _parts(n: int) -> Iterator[slice]:
+    """Yield the parts of n lines, each of which gives an estimate; none of too few lines."""
+    if n < _LINES // 4:
+        return
+    edges = np.linspace(0, n, -(-n // _LINES) + 1).astype(int).tolist()
+    for first, last in pairwise(edges):
+        yield slice(first, last)
 
 
-def _completed(median: _Real, expected: _Real) -> _Real:
+def _response(left: NDArray[np.complex128] | _Real) -> _Real:
+    """Return the mean power of functions at each time by the power of the noise at each time.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n, m)
+        From m lines of noise to n lines of the functions.
+    """
+    turns = np.exp(2j * np.pi * np.outer(np.arange(left.shape[1]), np.arange(_LINES)) / -_LINES)
+    return np.asarray(_power(left @ turns, _LINES) / left.shape[1])
+
+
+def _likeliest(powers: Sequence[_Real], responses: Sequence[_Real]) -> _Real:
     """Return the power over time, of mean 1.
 
-    Around time 0 it is not estimated; there it is the larger of the powers just after and, since
-    time is periodic, just before.
+    Parameters
+    ----------
+    powers : sequence of ndarray of float, shapes (m, p)
+        Of the parts, at each time, in each channel.
+    responses : sequence of ndarray of float, shape (m, m)
+        Of each part (`_response`).
+
+    Notes
+    -----
+    By fixed-point iteration: at each time the power is multiplied by the median of measured over
+    expected powers. Of exponentially distributed powers it is log 2 of the mean; a median, since
+    a mode in one part would raise the mean.
     """
-    known = np.flatnonzero(expected > _REMOVED)
-    power = median[known] / expected[known]
-    whole = np.full(len(median), max(np.mean(power[:_NEAREST]), np.mean(power[-_NEAREST:])))
-    whole[known] = power
+    whole = np.ones(_LINES)
+    seen = np.mean([np.sum(r, axis=1) for r in responses], axis=0)
+    known = seen > _REMOVED * np.max(seen)
+    for _ in range(_ROUNDS):
+        ratios = []
+        for power, response in zip(powers, responses, strict=True):
+            ratio = power / (response @ whole + _TINY)[:, None]
+            ratios.append(ratio / np.mean(ratio, axis=0))
+        whole = whole * np.median(np.hstack(ratios), axis=1) / np.log(2.0)
+        whole = _completed(whole, known)
+    return whole
+
+
+def _completed(power: _Real, known: NDArray[np.bool_]) -> _Real:
+    """Return the power over time, of mean 1.
+
+    Around time 0 it is not estimated. There it is continued from the powers just after and, since
+    time is periodic, just before; exponentially, as records in an exponential window decay.
+    """
+    at = np.flatnonzero(known)
+    first, last = int(at[0]), int(at[-1])
+    logs = np.log(power + _TINY)
+    whole = power.copy()
+    near = at[:_NEAREST]
+    slope, level = np.polyfit(near, logs[near], 1)
+    whole[:first] = np.exp(level + min(slope, 0.0) * np.arange(first))
+    whole[last + 1 :] = np.mean(power[at[-2:]])
     return np.asarray(whole / np.mean(whole))

@@ -148,7 +148,8 @@ def shows_on_lines(
     inflation : float
         Of the pole (`Window.inflation`).
     """
-    strongest = int(np.argmax(np.sum((fitted.left - more.left) / weights.channel**2, axis=0)))
+    deviation = weights.channel * weights.line
+    strongest = int(np.argmax(np.sum((fitted.left - more.left) / deviation**2, axis=0)))
     if len(window.x) - 1 <= more.columns.Q.shape[1]:
         return False  # too few lines to tell
     others = np.arange(len(window.x)) != strongest

@@ -95,6 +95,8 @@ def _with_envelope(measured: Measured, fits: list[Weighted]) -> list[Weighted]:
         deviation = fit.weights.channel * fit.weights.line
         residuals.append((Q, fit.solved.error / deviation))
     envelope = Envelope.of_residuals(residuals)
+    if envelope.is_white:
+        return fits
     return [replace(fit, window=replace(fit.window, envelope=envelope)) for fit in fits]
 
 

@@ -357,6 +357,15 @@ def test_channels_and_lines_without_signal_and_any_unit_do_no_harm() -> None:
         assert updyn.identify_modes(given).frequency == pytest.approx(sound, rel=3e-4)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_line_without_values_beside_a_high_peak_is_no_mode(seed: int) -> None:
+    frf = FEW.frf(FREQ, 0.01, seed)
+    values = frf.values.copy()
+    values[100] = 0.0
+    gap = updyn.FRF(FREQ, values, frf.responses, frf.references, "accelerance")
+    assert updyn.identify_modes(gap).frequency == pytest.approx(FEW.frequency, rel=1e-3)
+
+
 def test_lines_need_not_be_even() -> None:
     found = updyn.identify_modes(FEW.frf(np.geomspace(5.0, 100.0, 300), 0.01, 0))
     assert found.frequency == pytest.approx(FEW.frequency, rel=1e-3)
