@@ -35,10 +35,11 @@ def test_limits_are_those_of_the_source() -> None:
     options = inspect.signature(correlate_modes).parameters
     for name in ("gate", "least_mac"):
         assert f"`{name}` ({options[name].default:g})" in WORDS
+    assert f"within {100 * options['close'].default:g} % of frequency (`close`)" in WORDS
     assert f"above {LARGEST:,} DOFs" in WORDS
 
 
 def test_figures_of_the_table_are_there() -> None:
-    for name in ("mac", "auto_mac", "comac", "ecomac", "cross_orthogonality"):
+    for name in ("mac", "subspaces", "auto_mac", "comac", "ecomac", "cross_orthogonality"):
         assert hasattr(ModeCorrelation, name)
         assert f"`.{name}" in TEXT

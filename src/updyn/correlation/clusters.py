@@ -83,6 +83,12 @@ class Subspace:
     def __repr__(self) -> str:
         return f"Subspace({self.text()})"
 
+    @property
+    def blocks(self) -> list[tuple[int, int, int, int]]:
+        """First and last computed, first and last measured mode of each block of adjacent ones."""
+        rows, columns = _runs(self.computed), _runs(self.measured)
+        return [(*row, *column) for row in rows for column in columns]
+
     def text(self) -> str:
         """Return the modes, the subspace MAC and what limits it, in words."""
         text = (
@@ -100,6 +106,12 @@ class Subspace:
         if self.vacuous:
             text += "; 1 for any shapes, as there are no more sensors than modes"
         return text
+
+
+def _runs(modes: _Indices) -> list[tuple[int, int]]:
+    """Return the first and last of each run of consecutive numbers."""
+    parts = np.split(modes, np.flatnonzero(np.diff(modes) > 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts]
 
 
 def _in_hertz(frequency: Array) -> str:

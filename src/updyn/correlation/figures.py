@@ -23,6 +23,7 @@ FIGURE_NAMES: Mapping[str, str] = {
     "db_error_p95": "level difference, 95 % of values below (dB)",
     "modes_measured": "modes, measured",
     "modes_paired": "modes, paired",
+    "modes_close": "modes, close (MAC of their subspaces)",
     "mac_median": "MAC, median over modes",
     "mac_min": "MAC, worst mode",
     "frequency_error_rms": "frequency, rms error of pairs (%)",

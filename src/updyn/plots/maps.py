@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from updyn.correlation import Correlation, ModeCorrelation, auto_mac
+from updyn.correlation import Correlation, ModeCorrelation, Subspace, auto_mac
 from updyn.errors import OptionError, suggest
 from updyn.modal import ModeSet
 from updyn.plots.canvas import Canvas, WhichAxes, canvas, heat_map
@@ -26,6 +26,8 @@ _CRITERIA = {"frac": ("FRAC", False), "frf_correlation": ("FRF correlation", Tru
 def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Figure:
     """Draw the MAC of computed and measured modes as a map; pairs have a frame.
 
+    Close modes have one frame together, with the MAC of their subspaces.
+
     Parameters
     ----------
     found : ModeCorrelation or ModeSet
@@ -42,6 +44,7 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
     OptionError
         If matplotlib is not there, or `found` is neither.
     """
+    subspaces: tuple[Subspace, ...] = ()
     if isinstance(found, ModeSet):
         values, names = auto_mac(found.shapes), (_frequencies(found.frequency),) * 2
         titles, title = ("mode (Hz)", "mode (Hz)"), "AutoMAC (–)"
@@ -50,7 +53,9 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
         values = found.mac
         names = _frequencies(found.computed.frequency), _frequencies(found.measured.frequency)
         titles, title = ("computed mode (Hz)", "measured mode (Hz)"), "MAC (–)"
-        pairs = list(zip(found.pairs.first.tolist(), found.pairs.second.tolist(), strict=True))
+        single = ~found.in_subspace
+        which = found.pairs.first[single].tolist(), found.pairs.second[single].tolist()
+        pairs, subspaces = list(zip(*which, strict=True)), found.subspaces
     else:
         raise OptionError(
             f"plots.mac: expected a ModeCorrelation or a ModeSet, found {type(found).__name__}"
@@ -59,7 +64,11 @@ def mac(found: ModeCorrelation | ModeSet, *, ax: WhichAxes | None = None) -> Fig
         heat_map(made, values, names, title)
         _titled(made, titles)
         for row, column in pairs:
-            _frame(made, row, column)
+            _frame(made, row, row, column, column)
+        for one in subspaces:
+            for block in one.blocks:
+                _frame(made, *block)
+                _label(made, block, f"{one.mac:.2f}")
     return made.figure
 
 
@@ -114,7 +123,22 @@ def _titled(made: Canvas, titles: tuple[str, str]) -> None:
     made.first.set_xlabel(titles[1])
 
 
-def _frame(made: Canvas, row: int, column: int) -> None:
-    x = np.array([0.03, 0.97, 0.97, 0.03, 0.03]) + column
-    y = np.array([0.03, 0.03, 0.97, 0.97, 0.03]) + row
+def _frame(made: Canvas, top: int, bottom: int, left: int, right: int) -> None:
+    x = np.array([left + 0.03, right + 0.97])[[0, 1, 1, 0, 0]]
+    y = np.array([top + 0.03, bottom + 0.97])[[0, 0, 1, 1, 0]]
     made.first.plot(x, y, color=PAPER["before"], linewidth=1.6)
+
+
+def _label(made: Canvas, block: tuple[int, int, int, int], text: str) -> None:
+    """Print the MAC of subspaces in the middle of their frame, between the cells."""
+    top, bottom, left, right = block
+    made.first.text(
+        0.5 * (left + right + 1),
+        0.5 * (top + bottom + 1),
+        text,
+        color=PAPER["before"],
+        fontsize=8,
+        ha="center",
+        va="center",
+        bbox={"facecolor": PAPER["ground"], "edgecolor": PAPER["before"], "pad": 1.5},
+    )

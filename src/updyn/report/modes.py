@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from updyn.correlation import Subspace
 from updyn.correlation.modes import ModeCorrelation
 from updyn.dynamics.modes import Modes
 from updyn.geometry import Geometry
+from updyn.modal import ModeSet
 from updyn.report.formats import counted, figure_of_agreement, number, padded, percentage
 from updyn.report.picture import VIEWS, camera
 from updyn.report.plots import (
@@ -48,7 +51,12 @@ _NAMED = 40
 
 
 def mode_map(
-    values: ArrayLike, rows: Modes, columns: Modes, names: tuple[str, str], criterion: str
+    values: ArrayLike,
+    rows: Modes | ModeSet,
+    columns: Modes | ModeSet,
+    names: tuple[str, str],
+    criterion: str,
+    subspaces: Sequence[Subspace] = (),
 ) -> Figure:
     """Return a heat map of modes against modes on the scale 0 to 1.
 
@@ -56,12 +64,14 @@ def mode_map(
     ----------
     values : array_like, shape (n_rows, n_columns)
         The criterion; of complex or signed values the modulus is shown.
-    rows, columns : Modes
+    rows, columns : Modes or ModeSet
         The modes, the first of each at the top and on the left.
     names : tuple of str
         Whose modes the rows and the columns are.
     criterion : str
         Its name.
+    subspaces : sequence of Subspace
+        Close modes of rows and columns; they are framed, with their subspace MAC on the frame.
     """
     size = np.abs(np.asarray(values))
     hover = []
@@ -69,6 +79,9 @@ def mode_map(
         first = f"{label(names[0])} {number(at, 5)} Hz<br>{label(names[1])}"
         cells = zip(columns.frequency, row, strict=True)
         hover.append([f"{first} {number(f, 5)} Hz<br>{criterion} {v:.3f}" for f, v in cells])
+    for one in subspaces:
+        for i, j in product(one.computed.tolist(), one.measured.tolist()):
+            hover[i][j] += f" of single shapes<br>subspace MAC {one.mac:.3f}"
     height = int(np.clip(rows_height(len(rows), extra=110), *_HEIGHTS))
     trace: dict[str, Any] = {
         "type": "heatmap",
@@ -93,8 +106,31 @@ def mode_map(
         "layout": {
             "xaxis": _axis(columns.frequency, f"{names[1]} (Hz)", _MARKS_ACROSS),
             "yaxis": {**_axis(rows.frequency, f"{names[0]} (Hz)", _MARKS), "autorange": "reversed"},
+            **_frames(subspaces),
         },
     }
+
+
+def _frames(subspaces: Sequence[Subspace]) -> dict[str, Any]:
+    """Return frames around close modes, with their subspace MAC in the middle."""
+    frames, texts = [], []
+    for one in subspaces:
+        for top, bottom, left, right in one.blocks:
+            corners = {"x0": left - 0.5, "x1": right + 0.5, "y0": top - 0.5, "y1": bottom + 0.5}
+            frames.append({"type": "rect", "line": {"color": "@before", "width": 2}} | corners)
+            texts.append(
+                {
+                    "text": f"{one.mac:.2f}",
+                    "x": 0.5 * (left + right),
+                    "y": 0.5 * (top + bottom),
+                    "showarrow": False,
+                    "font": {"size": 11, "color": "@before"},
+                    "bgcolor": "@ground",
+                    "bordercolor": "@before",
+                    "borderpad": 1,
+                }
+            )
+    return {"shapes": frames, "annotations": texts} if frames else {}
 
 
 def _axis(frequency: NDArray[np.float64], title: str, most: int) -> dict[str, Any]:
@@ -279,7 +315,7 @@ def _change(entry: ModeEntry | None) -> str:
 def _mac(entry: ModeEntry | None) -> str:
     if entry is None or entry.mac is None:
         return "–"
-    return f"{entry.mac:.3f}"
+    return f"{entry.mac:.3f}{'*' if entry.in_subspace else ''}"
 
 
 def _verdict(table: ModalTable) -> str:
@@ -304,11 +340,16 @@ def _pairs_in_words(found: ModeCorrelation) -> str:
     mac, least = (figure_of_agreement(figures[f"mac_{name}"]) for name in ("median", "min"))
     change, most = (percentage(figures[f"frequency_change_{n}"] / 100.0) for n in ("median", "max"))
     if len(found.pairs.mac) == 1:
-        return f" The MAC of the pair is {mac}; its frequencies differ by {change}."
-    return (
-        f" Of these pairs the MAC is {mac} in the median and {least} at least; frequencies differ"
-        f" by {change} in the median and {most} at most."
-    )
+        text = f" The MAC of the pair is {mac}; its frequencies differ by {change}."
+    else:
+        text = (
+            f" Of these pairs the MAC is {mac} in the median and {least} at least; frequencies"
+            f" differ by {change} in the median and {most} at most."
+        )
+    if close := int(found.in_subspace.sum()):
+        are = "pair has close modes" if close == 1 else "pairs have close modes"
+        text += f" {close} {are}, whose MAC (*) is that of their subspaces."
+    return text
 
 
 class ModesSection(Section):
@@ -330,7 +371,7 @@ class ModesSection(Section):
             if len(found.computed):
                 whose = (f"{name} model", "test")
                 made[f"mac-{name}"] = mode_map(
-                    found.mac, found.computed, found.measured, whose, "MAC"
+                    found.mac, found.computed, found.measured, whose, "MAC", found.subspaces
                 )
                 made["auto-mac"] = mode_map(
                     found.auto_mac, found.measured, found.measured, ("test", "test"), "AutoMAC"
@@ -358,6 +399,8 @@ class ModesSection(Section):
             "n_sensors": len(table.test.dofs) if table.test is not None else 0,
             "reduction": _reduction_error(table),
             "alike": _alike(table),
+            "subspaces": table.subspace_notes,
+            "framed": any(one.subspaces for one in table.correlations.values()),
         }
 
 

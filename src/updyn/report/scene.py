@@ -284,9 +284,10 @@ def _row_text(row: ModalRow) -> str:
         entry = getattr(row, name)
         if entry is not None:
             parts.append(f"{name} {entry.frequency:.5g} Hz")
-    mac = getattr(row.updated or row.start, "mac", None)
-    if mac is not None and np.isfinite(mac):
-        parts.append(f"MAC {mac:.3f}")
+    entry = row.updated or row.start
+    if entry is not None and entry.mac is not None and np.isfinite(entry.mac):
+        of = "subspace MAC" if entry.in_subspace else "MAC"
+        parts.append(f"{of} {entry.mac:.3f}")
     return ", ".join(parts)
 
 

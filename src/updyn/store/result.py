@@ -569,16 +569,24 @@ def _modes_json(found: ModalTable | None) -> dict[str, Any] | None:
     if found is None:
         return None
     mac: dict[str, Any] = {}
+    subspaces: dict[str, Any] = {}
     by_dof: dict[str, dict[str, Any]] = {"comac": {}, "ecomac": {}}
     auto_mac = None
     for name, one in found.correlations.items():
         mac[name] = one.mac
+        subspaces[name] = plain_records(one.subspaces)
         auto_mac = one.auto_mac
         labels = one.dofs.labels
         for kind, values in (("comac", one.comac()), ("ecomac", one.ecomac())):
             by_dof[kind][name] = dict(zip(labels, values.tolist(), strict=True))
     record = {"known": found.known, "notes": found.notes, "rows": list(map(asdict, found.rows))}
-    record |= {"mac": mac, "auto_mac": auto_mac, **by_dof, "figures": found.figures()}
+    record |= {
+        "mac": mac,
+        "subspaces": subspaces,
+        "auto_mac": auto_mac,
+        **by_dof,
+        "figures": found.figures(),
+    }
     return plain(record)  # type: ignore[no-any-return]
 
 

@@ -206,6 +206,22 @@ def test_mac_has_its_values_and_frames_the_pairs(modes):
         plots.mac(chain())
 
 
+def test_mac_frames_close_modes_together_with_the_mac_of_their_subspace():
+    turned = np.eye(4)
+    turned[1:3, 1:3] = [[0.6, -0.8], [0.8, 0.6]]
+    dofs = ["1:Z", "2:Z", "3:Z", "4:Z"]
+    a = updyn.ModeSet([9.0, 20.0, 20.0, 30.0], np.eye(4), dofs)
+    found = updyn.correlate(a, updyn.ModeSet([9.0, 20.0, 20.0, 30.0], turned, dofs))
+    axes = plots.mac(found).axes[0]
+    frames = [(*np.ptp(line.get_xdata(), keepdims=True).round(1), line) for line in axes.lines]
+    assert sorted(width for width, _ in frames) == [0.9, 0.9, 1.9]
+    (wide,) = (line for width, line in frames if width > 1)
+    assert (wide.get_xdata().min(), wide.get_ydata().max()) == pytest.approx((1.03, 2.97))
+    (label,) = (text for text in axes.texts if text.get_position() == (2.0, 2.0))
+    assert label.get_text() == "1.00"
+    assert found.mac[1, 1] == pytest.approx(0.36)  # of single shapes
+
+
 # -- unknowns --------------------------------------------------------------------------------------
 def test_changes_and_intervals_are_those_of_the_result():
     result = realistic()

@@ -162,6 +162,40 @@ def test_of_many_sensors_those_that_agree_least_are_drawn(result, monkeypatch):
     assert said in Page(render(result)).words
 
 
+def test_close_modes_are_marked_in_table_and_map(result):
+    """The test's shapes of two modes, brought to one frequency, are another basis of their plane."""
+    table = result.modes
+    f, shapes = table.updated.frequency.copy(), table.updated.shapes.copy()
+    f[4] = f[3]
+    shapes[:, [3, 4]] = shapes[:, [3, 4]] @ (np.array([[3.0, -4.0], [4.0, 3.0]]) / 5.0)
+    close = ModalTable(
+        dataclasses.replace(table.test, frequency=f, shapes=shapes), None, table.updated
+    )
+    (one,) = close.correlations["updated"].subspaces
+    content = Content(dataclasses.replace(result, modes=close))
+    figure = MODES.figures(content)["mac-updated"]
+    (frame,) = figure["layout"]["shapes"]
+    assert [frame[at] for at in ("x0", "x1", "y0", "y1")] == [2.5, 4.5, 2.5, 4.5]
+    (text,) = figure["layout"]["annotations"]
+    assert (text["text"], text["x"], text["y"]) == (f"{one.mac:.2f}", 3.5, 3.5)
+    trace = figure["data"][0]
+    single = close.correlations["updated"].mac[3, 4]
+    assert trace["hovertext"][3][4].endswith(
+        f"MAC {single:.3f} of single shapes<br>subspace MAC {one.mac:.3f}"
+    )
+    assert "subspace" not in trace["hovertext"][3][5]
+    marked = [cells[7] for cells, _ in modal_rows(close)]
+    assert [value.endswith("*") for value in marked] == [False] * 3 + [True] * 2 + [False] * 7
+    assert marked[3] == f"{one.mac:.3f}*" == "1.000*"
+    words = Page(render(dataclasses.replace(result, modes=close))).words
+    assert "2 pairs have close modes, whose MAC (*) is that of their subspaces." in words
+    assert "subspace MAC 1.000" in words
+    assert "only the measured modes are close" in words
+    plain = MODES.figures(Content(result))["mac-updated"]["layout"]
+    assert "shapes" not in plain
+    assert "annotations" not in plain
+
+
 @pytest.mark.needs("browser")
 def test_the_section_is_drawn(result, tmp_path):
     path = updyn.write_report(result, tmp_path / "report.html")

@@ -14,7 +14,7 @@ const updynReport = (() => {
 
   function paint(value, key) {
     if (typeof value === "string") {
-      return /^(fill)?color$/.test(key) && value.startsWith("@") ? colour(value.slice(1)) : value;
+      return /^(fill|bg|border)?color$/.test(key) && value.startsWith("@") ? colour(value.slice(1)) : value;
     }
     if (Array.isArray(value)) return value.map((part) => paint(part, key));
     if (value === null || typeof value !== "object" || ArrayBuffer.isView(value)) return value;
@@ -47,11 +47,12 @@ const updynReport = (() => {
     return out;
   }
 
-  function draw(place, make) {
+  // "options" are those of plotly that differ from other figures.
+  function draw(place, make, options = {}) {
     const painter = { place, done: false };
     painter.again = () => {
       const { data, own, height } = make();
-      const made = Plotly.react(place, paint(data), layout(own, height), config);
+      const made = Plotly.react(place, paint(data), layout(own, height), { ...config, ...options });
       if (!painter.done) {
         painter.done = true;
         document.documentElement.dataset.drawn = String(document.querySelectorAll(".main-svg").length);

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters
+from updyn.correlation.modes import GATE, LEAST_MAC
+from updyn.correlation.shapes import moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
 from updyn.updating.problem.data import ModalSplit
@@ -48,16 +51,21 @@ def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[st
     own = replace(part, target=Target.of(part.system, modes))
     try:
         rows = own.rows(x, derivatives=False)
+        macs, close = _with_subspaces(own, x, rows.mac)
     except (SolverError, DataError):
         return {}
-    lost = rows.lost(own.like)
     figures = {
         "modes_measured": float(len(modes)),
-        "modes_paired": float(len(modes) - len(lost)),
-        "mac_median": float(np.median(rows.mac)),
-        "mac_min": float(rows.mac.min()),
+        "modes_paired": float(np.sum(macs >= own.like)),
+        "mac_median": float(np.median(macs)),
+        "mac_min": float(macs.min()),
     }
-    off = rows.r[rows.of("frequency")]
+    if len(close):
+        figures["modes_close"] = float(len(close))
+    regained = [
+        close[k] for k in rows.lost(own.like).tolist() if k in close and macs[k] >= own.like
+    ]
+    off = np.append(rows.r[rows.of("frequency")], regained)
     if off.size:
         figures["frequency_error_rms"] = 100.0 * float(np.sqrt(np.mean(off**2)))
         figures["frequency_error_max"] = 100.0 * float(np.abs(off).max())
@@ -65,3 +73,33 @@ def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[st
     if damped.size:
         figures["loss_factor_error_rms"] = 100.0 * float(np.sqrt(np.mean(damped**2)))
     return figures
+
+
+def _with_subspaces(
+    part: ModalPart, x: NDArray[np.float64], macs: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], dict[int, float]]:
+    """Return the MAC of measured modes, of close ones that of their subspaces.
+
+    The shapes of close modes are an arbitrary basis, in the test and in the model. The logarithm of
+    computed over measured frequency of the close modes is returned, too, by measured mode.
+    """
+    target = part.target
+    if not target.tells_apart:
+        return macs, {}
+    modes = part.pairs(x).modes
+    move = moving(modes.shapes[target.rows], modes.shapes)
+    if not move.any():
+        return macs, {}
+    frequency = np.sqrt(modes.value[move]) / (2.0 * np.pi)
+    found = pair_clusters(
+        target.seen(modes.shapes[:, move]),
+        target.shapes,
+        (frequency, target.frequency),
+        PairingRule(GATE, LEAST_MAC, CLOSE),
+    )
+    of_subspaces, close = macs.copy(), {}
+    for i, k, mac in zip(*found.pairs, strict=True):
+        if any(k in one.measured for one in found.subspaces):
+            of_subspaces[k] = mac
+            close[int(k)] = float(np.log(frequency[i] / target.frequency[k]))
+    return of_subspaces, close

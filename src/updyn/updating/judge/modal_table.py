@@ -55,6 +55,8 @@ class ModeEntry:
         Frequency over that of the test's mode less 1, in %; None of a mode without a pair.
     mac : float or None
         MAC with the test's mode; None of a mode without a pair.
+    in_subspace : bool
+        Whether `mac` is that of the subspace of close modes, see `updyn.correlation.Subspace`.
     """
 
     number: int
@@ -62,6 +64,7 @@ class ModeEntry:
     loss_factor: float
     change: float | None = None
     mac: float | None = None
+    in_subspace: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +136,9 @@ class ModalTable:
             return ()
         entries: dict[str, dict[int, ModeEntry]] = {"start": {}, "updated": {}}
         for name, found in self.correlations.items():
-            change = found.frequency_change.tolist()
-            for i, j, mac, by in zip(*found.pairs, change, strict=True):
-                entries[name][int(j)] = _entry(found.computed, i, by, float(mac))
+            change, close = found.frequency_change.tolist(), found.in_subspace.tolist()
+            for i, j, mac, by, one in zip(*found.pairs, change, close, strict=True):
+                entries[name][int(j)] = _entry(found.computed, i, by, float(mac), in_subspace=one)
         rows = []
         for j in range(len(self.test)):
             computed = entries["start"].get(j), entries["updated"].get(j)
@@ -165,6 +168,14 @@ class ModalTable:
     def _alone(self, name: str, at: int) -> ModeEntry:
         return _entry(self.correlations[name].computed, at)
 
+    @property
+    def subspace_notes(self) -> tuple[str, ...]:
+        """Explanations of the MAC of subspaces, for the last model that has any."""
+        notes: list[str] = []
+        for one in self.correlations.values():
+            notes = one.subspace_notes() or notes
+        return tuple(notes)
+
     def figures(self) -> dict[str, dict[str, float]]:
         """Return the figures of `ModeCorrelation.figures` by ``"start"`` and ``"updated"``."""
         return {name: found.figures() for name, found in self.correlations.items()}
@@ -173,22 +184,33 @@ class ModalTable:
         """Return the table, or why there is none, as text for the terminal."""
         if not self.known:
             return "Modes: not known. " + " ".join(self.notes)
-        cells = [[str(i), *_row_cells(row)] for i, row in enumerate(self.rows, 1)]
+        marks = (" ", "*") if self.subspace_notes else ("", "")
+        cells = [[str(i), *_row_cells(row, marks)] for i, row in enumerate(self.rows, 1)]
         title = "Modes in the test, at the start and updated (loss: loss factor)"
-        return "\n".join([title, text_table(_COLUMNS, cells), *self.notes])
+        columns = [f"MAC{marks[0]}" if name == "MAC" else name for name in _COLUMNS]
+        return "\n".join([title, text_table(columns, cells), *self.subspace_notes, *self.notes])
 
 
-def _entry(of: Modes, at: int, change: float | None = None, mac: float | None = None) -> ModeEntry:
-    return ModeEntry(int(at), float(of.frequency[at]), float(of.loss_factor[at]), change, mac)
+def _entry(
+    of: Modes,
+    at: int,
+    change: float | None = None,
+    mac: float | None = None,
+    *,
+    in_subspace: bool = False,
+) -> ModeEntry:
+    frequency, loss_factor = float(of.frequency[at]), float(of.loss_factor[at])
+    return ModeEntry(int(at), frequency, loss_factor, change, mac, in_subspace)
 
 
-def _row_cells(row: ModalRow) -> list[str]:
+def _row_cells(row: ModalRow, marks: tuple[str, str]) -> list[str]:
     start, updated = row.start, row.updated
     cells = [_number(row.test, "frequency", "#.5g")]
     for entry in (start, updated):
         cells.append(_number(entry, "frequency", "#.5g"))
         cells.append(_number(entry, "change", "+.2f", " %").replace("-0.00", "+0.00"))
-        cells.append(_number(entry, "mac", ".3f"))
+        mark = marks[entry is not None and entry.in_subspace]
+        cells.append(_number(entry, "mac", ".3f") + mark)
     for entry in (row.test, start, updated):
         cells.append(_number(entry, "loss_factor", "#.3g"))
     return cells

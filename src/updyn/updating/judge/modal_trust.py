@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from updyn.correlation.figures import figure_text
+from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
 
 __all__ = ["modes_plausible", "modes_predicted", "modes_said"]
@@ -42,7 +43,9 @@ def modes_said(after: _Figures) -> str:
         return said + "."
     off = after["frequency_error_rms"]
     least = figure_text("mac_min", after["mac_min"])
-    lowest = f"; the lowest MAC is {least}" if paired == measured else ""
+    close = int(after.get("modes_close", 0))
+    of = f", that of {counted(close, 'close mode')} by subspaces" if close else ""
+    lowest = f"; the lowest MAC is {least}{of}" if paired == measured else ""
     return f"{said}, with an rms error of frequency of {off:.2g} %{lowest}."
 
 
