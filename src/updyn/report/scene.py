@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation import ModeCorrelation, Subspace
 from updyn.correlation.modes import model_modes
 from updyn.dofs import Dof
 from updyn.dynamics.modes import Modes
@@ -21,7 +22,7 @@ from updyn.report.data import ReportData, keep_lines
 from updyn.report.formats import unit
 from updyn.report.section import Content
 from updyn.style import STATES
-from updyn.updating.judge.modal_table import ModalRow, ModalTable
+from updyn.updating.judge.modal_table import ModalRow, ModalTable, ModeEntry
 from updyn.updating.modes import LARGEST
 from updyn.updating.result import UpdateResult
 from updyn.viewer.bodies import arrows_at, entries_of, model_body, motions, sensor_body
@@ -170,6 +171,7 @@ class _Shapes:
     models: Mapping[str, Model]
     full: Mapping[str, Modes]
     test: Modes
+    correlations: Mapping[str, ModeCorrelation]
 
     @classmethod
     def of(cls, table: ModalTable, models: Mapping[str, Model]) -> _Shapes | None:
@@ -190,25 +192,54 @@ class _Shapes:
             return None
         most = max(_MOST_DISPLACEMENTS // (6 * n_dofs), _FEWEST_ROWS)
         kept = table.rows[:most]
-        return cls(kept, len(table.rows) - len(kept), models, full, table.test)
+        return cls(kept, len(table.rows) - len(kept), models, full, table.test, table.correlations)
 
     @property
     def looks(self) -> Mapping[str, tuple[str, str]]:
         """Colour and style of each layer by its name."""
         return _LOOKS if "updated" in self.models else _START_LOOKS
 
-    def member(self, name: str, row: ModalRow) -> int:
-        """Return the number of a mode of the row among the shapes of a layer; -1: none."""
-        entry = getattr(row, name)
-        if entry is None:
-            return -1
-        if name == "test":
-            return int(entry.number)
-        if name not in self.full:
-            return -1
-        away = np.abs(self.full[name].frequency - entry.frequency)
+    def subspace(self, name: str, row: ModalRow) -> Subspace | None:
+        """Return the subspace that the mode of a model is in; None where it is a single one."""
+        entry: ModeEntry | None = getattr(row, name)
+        if entry is None or not entry.in_subspace:
+            return None
+        found = self.correlations[name].subspaces
+        return next(one for one in found if entry.number in one.computed)
+
+    def of_model(self, name: str, row: ModalRow) -> NDArray[Any] | None:
+        """Return the shape of a model's mode; None where it has none.
+
+        Close modes of a model are combined to the shape that is nearest to the test's.
+        """
+        entry: ModeEntry | None = getattr(row, name)
+        if entry is None or name not in self.full:
+            return None
+        full, close = self.full[name], self.subspace(name, row)
+        if close is not None and close.close != "measured" and row.test is not None:
+            low, high = close.frequency_computed[0], close.frequency_computed[-1]
+            inside = (full.frequency >= low * (1 - _SAME)) & (full.frequency <= high * (1 + _SAME))
+            near = full.select(inside)
+            target = self.test.shapes[:, row.test.number]
+            return np.asarray(near.shapes @ np.linalg.lstsq(near.at(self.test.dofs), target)[0])
+        away = np.abs(full.frequency - entry.frequency)
         at = int(np.argmin(away))
-        return at if away[at] <= _SAME * entry.frequency else -1
+        return full.shapes[:, at] if away[at] <= _SAME * entry.frequency else None
+
+    def of_test(self, row: ModalRow, close: Subspace | None, seen: NDArray[Any] | None) -> Any:
+        """Return the shape of a mode of the test, in the scale of a model's; None without one.
+
+        Close modes of the test that face separate ones are combined to the shape nearest to those.
+        """
+        if row.test is None:
+            return None
+        shape = self.test.shapes[:, row.test.number]
+        if seen is None:
+            return shape
+        if close is not None and close.close == "measured":
+            near = self.test.shapes[:, close.measured]
+            return near @ np.linalg.lstsq(near, seen)[0]
+        return _onto(shape, seen)
 
     def shown(self, body: Body, measured: Body) -> ModeShapes:
         """Return the layers; those of a row are turned and scaled onto the first of them."""
@@ -239,18 +270,17 @@ class _Shapes:
         out: dict[str, NDArray[Any] | None] = dict.fromkeys(self.looks)
         first: NDArray[Any] | None = None
         seen: NDArray[Any] | None = None
+        close: Subspace | None = None
         for name in self.models:
-            at = self.member(name, row)
-            if at < 0:
+            shape = self.of_model(name, row)
+            if shape is None:
                 continue
-            shape = self.full[name].shapes[:, at]
             out[name] = shape if first is None else _onto(shape, first)
             if first is None:
-                first, seen = shape, self.full[name].select([at]).at(self.test.dofs)[:, 0]
-        at = self.member("test", row)
-        if at >= 0:
-            shape = self.test.shapes[:, at]
-            out["test"] = shape if seen is None else _onto(shape, seen)
+                match = self.full[name].dofs.match(self.test.dofs)
+                first, seen = shape, shape[match.index] * match.sign
+                close = self.subspace(name, row)
+        out["test"] = self.of_test(row, close, seen)
         return out
 
     def strain_energy(self) -> NDArray[np.float64]:
@@ -258,11 +288,11 @@ class _Shapes:
         groups = self.models["start"].groups
         out = np.full((len(self.rows), len(groups)), np.nan)
         for number, row in enumerate(self.rows):
-            name = "updated" if self.member("updated", row) >= 0 else "start"
-            at = self.member(name, row)
-            if at < 0:
+            shapes = {name: self.of_model(name, row) for name in ("start", "updated")}
+            name = "start" if shapes["updated"] is None else "updated"
+            shape = shapes[name]
+            if shape is None:
                 continue
-            shape = self.full[name].shapes[:, at]
             stiffness = [group.stiffness for group in self.models[name].groups.values()]
             energy = [0.0 if K is None else np.vdot(shape, K @ shape).real for K in stiffness]
             total = float(np.sum(energy))
@@ -286,8 +316,9 @@ def _row_text(row: ModalRow) -> str:
             parts.append(f"{name} {entry.frequency:.5g} Hz")
     entry = row.updated or row.start
     if entry is not None and entry.mac is not None and np.isfinite(entry.mac):
-        of = "subspace MAC" if entry.in_subspace else "MAC"
-        parts.append(f"{of} {entry.mac:.3f}")
+        single = f"MAC {entry.mac:.3f}"
+        close = f"subspace MAC {entry.mac:.3f}, close modes combined"
+        parts.append(close if entry.in_subspace else single)
     return ", ".join(parts)
 
 
