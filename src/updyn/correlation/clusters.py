@@ -49,7 +49,7 @@ class Subspace:
     Attributes
     ----------
     computed, measured : ndarray of int
-        Which computed and which measured modes, by ascending frequency. Their numbers may differ.
+        Which computed and which measured modes, ascending. Their numbers may differ.
     frequency_computed, frequency_measured : ndarray of float
         Their natural frequencies in Hz.
     cosines : ndarray of float
@@ -101,7 +101,7 @@ class Subspace:
             apart = other[self.close]
             text += f"; only the {self.close} modes are close"
             if len(apart) > 1:
-                spread = 100.0 * (apart[-1] / apart[0] - 1.0)
+                spread = 100.0 * (apart.max() / apart.min() - 1.0)
                 text += f", the others are {spread:.2g} % apart"
         if self.vacuous:
             text += "; 1 for any shapes, as there are no more sensors than modes"
@@ -170,23 +170,23 @@ def close_modes(frequency: Array, close: float = CLOSE) -> list[_Indices]:
     Parameters
     ----------
     frequency : ndarray of float, shape (n,)
-        Natural frequencies in Hz, ascending.
+        Natural frequencies in Hz, in any order.
     close : float
         Largest relative difference between the highest and the lowest frequency of a cluster.
 
     Returns
     -------
     list of ndarray of int
-        The modes of each cluster, a mode that is not close to another by itself, ascending. Modes
-        that are too many for one cluster are divided at their largest gap.
+        The modes of each cluster, a mode that is not close to another by itself, by ascending
+        frequency. Modes that are too many for one cluster are divided at their largest gap.
     """
     found: list[_Indices] = []
-    waiting = [np.arange(len(frequency))]
+    waiting = [np.argsort(frequency, kind="stable")]
     while waiting:
         part = waiting.pop()
         f = frequency[part]
         if f[-1] <= f[0] * (1.0 + close):
-            found.append(part)
+            found.append(np.sort(part))
             continue
         step = np.diff(f)
         infinite = np.where(step > 0, np.inf, 0.0)  # from 0 Hz
@@ -255,7 +255,10 @@ def _bases(shapes: NDArray[Any], clusters: Sequence[_Indices]) -> list[NDArray[A
 
 def _membership(clusters: Sequence[_Indices]) -> _Indices:
     """Return the number of the cluster of each mode."""
-    return np.repeat(np.arange(len(clusters)), [len(cluster) for cluster in clusters])
+    number = np.zeros(sum(map(len, clusters)), dtype=np.intp)
+    for k, cluster in enumerate(clusters):
+        number[cluster] = k
+    return number
 
 
 def _assigned(

@@ -321,13 +321,12 @@ def correlate_modes(
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
     `least_mac`. The second term decides where the sensors cannot tell shapes apart.
 
-    The shapes of close modes are an arbitrary basis of their span. Instead of MAC between a cluster
-    of them and other modes stands the mean of the squared cosines of the principal angles between
-    the spans (Bjorck & Golub, Math. Comp. 27 (1973) 579-594), of those angles whose squared cosine
-    is at least `least_mac`; clusters have no more pairs than such angles. Clusters that are joined
-    by pairs are one `Subspace`, and each of their pairs has its subspace MAC: the squared cosine of
-    the largest of these angles. Modes that are separate in one of the two sets only are in it, too;
-    then the differences of frequency show that the sets disagree, and `Subspace.close` says it.
+    The shapes of close modes are an arbitrary basis of their span. Between clusters of them, MAC is
+    replaced by the mean of the squared cosines of the principal angles between the spans (Bjorck &
+    Golub, Math. Comp. 27 (1973) 579-594) that are at least `least_mac`; clusters have no more pairs
+    than such angles. Clusters that are joined by pairs are one `Subspace`, and each of their pairs
+    has its subspace MAC: the squared cosine of the largest of these angles. Modes that are close in
+    one of the two sets only are compared in the same way, and `Subspace.close` states the set.
     """
     if not isinstance(measured, ModeShapes):
         raise DataError(f"correlate: expected measured modes, found {type(measured).__name__}")

@@ -217,7 +217,7 @@ class _Shapes:
             return None
         full, close = self.full[name], self.subspace(name, row)
         if close is not None and close.close != "measured" and row.test is not None:
-            low, high = close.frequency_computed[0], close.frequency_computed[-1]
+            low, high = close.frequency_computed.min(), close.frequency_computed.max()
             inside = (full.frequency >= low * (1 - _SAME)) & (full.frequency <= high * (1 + _SAME))
             near = full.select(inside)
             target = self.test.shapes[:, row.test.number]

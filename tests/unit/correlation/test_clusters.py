@@ -290,6 +290,19 @@ def test_the_clusters_of_a_model_are_whole_at_the_edge_of_the_band():
     assert ecomac(found.computed.shapes, found.computed.shapes) == pytest.approx(np.zeros(8))
 
 
+def test_the_order_of_modes_does_not_matter():
+    at = measured(30.0, noise=0.02)
+    computed = updyn.modes(mast(), 8)
+    order = [5, 0, 3, 7, 2, 1, 6, 4]
+    plain, mixed = (updyn.correlate(one, at) for one in (computed, computed.select(order)))
+    assert mixed.pairs.mac == pytest.approx(plain.pairs.mac)
+    assert sorted(s.mac for s in mixed.subspaces) == pytest.approx(
+        sorted(s.mac for s in plain.subspaces)
+    )
+    for one in mixed.subspaces:
+        assert np.ptp(one.frequency_computed) < 1e-6
+
+
 @pytest.mark.parametrize("close", [-0.1, 1.0, "near", True])
 def test_what_is_no_share_is_refused(close):
     with pytest.raises(DataError, match="expected a share of the frequency from 0 to below 1"):
