@@ -18,11 +18,12 @@ pytestmark = [
 ]
 
 FIND = "label => document.querySelector('[data-scene]').updynViewer.find(label)"
-#: As plotly tells of a click on a pole.
-CLICK = (
-    "frequency => document.querySelector('[data-figure=\"diagram\"]').emit('plotly_click',"
-    " { points: [{ x: frequency, data: { yaxis: 'y' } }] })"
-)
+#: Where a frequency is in the figure of the page of modes.
+PLACE = """frequency => {
+  const place = document.getElementById("picker-plot"), { xaxis, yaxis } = place._fullLayout;
+  place.scrollIntoView();
+  return { x: xaxis._offset + xaxis.d2p(frequency), y: yaxis._offset + yaxis._length / 2 };
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -82,18 +83,35 @@ def test_the_groups_at_a_node_are_offered(window):
     page.get_by_role("checkbox", name="pads stiffness").wait_for()
 
 
-def test_a_pole_is_picked_and_let_go(window):
+def test_modes_are_added_and_left_out(window):
     server, page, _, job = window
     page.goto(f"{server.base}/modes")
     page.get_by_role("button", name="Save and begin").click()
     page.get_by_role("status").filter(has_text="Ended").wait_for()
-    frame = embedded(page, "() => document.querySelector('[data-figure=\"diagram\"]')?.emit")
-    frame.evaluate(CLICK, 476.46)
-    page.get_by_text("Picked for the job: 476.46 Hz.").wait_for()
-    assert saved(page, job)["modes"]["pick"] == [476.46]
-    frame.evaluate(CLICK, 476.46)
-    page.get_by_text("Nothing is picked: all are taken.").wait_for()
-    assert "pick" not in saved(page, job)["modes"]
+    drawn = "() => document.querySelector('#picker-plot .main-svg')"
+    frame = embedded(page, drawn)
+    frame.locator("#add-frequency").fill("476.46")
+    frame.get_by_role("button", name="Add", exact=True).click()
+    page.get_by_text("Modes for the job: all that are found, and new ones at 476.46 Hz.").wait_for()
+    assert saved(page, job)["modes"]["poles"] == [476.46]
+    frame = embedded(page, drawn)
+    modes = frame.evaluate("updynPicks.entries.filter((entry) => entry.found).map((e) => e.f)")
+    frame.locator("#picker-plot").click(position=frame.evaluate(PLACE, modes[0]))
+    page.get_by_text("Modes for the job: those at").wait_for()
+    picked = saved(page, job)["modes"]
+    assert picked["pick"] == pytest.approx(modes[1:], rel=1e-6)
+    assert picked["poles"] == [476.46]
+
+    # what is undone, and what is opened anew, is what the job says
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("Modes for the job: all that are found").wait_for()
+    count = f"{len(modes) + 1} modes, 1 of them not refined yet."
+    page.frame_locator("iframe").get_by_text(count).wait_for()
+    page.reload()
+    page.frame_locator("iframe").get_by_text(count).wait_for()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("Modes for the job: all that are found.").wait_for()
+    assert "poles" not in saved(page, job)["modes"]
 
 
 def test_pages_within_pages_are_light_or_dark_as_the_window_is(window):
@@ -124,7 +142,12 @@ def test_a_message_that_is_no_pick_is_left_alone(window):
     page.goto(f"{server.base}/unknowns")
     page.get_by_role("checkbox", name="pads stiffness").wait_for()
     frame = embedded(page, "() => document.querySelector('[data-scene]')?.updynViewer?.find")
-    for message in ("'text'", "{ updynPick: 3 }", "{ updynPick: { groups: {}, label: [] } }"):
+    for message in (
+        "'text'",
+        "{ updynPick: 3 }",
+        "{ updynPick: { pick: [-1], poles: [] } }",
+        "{ updynPick: { groups: {}, label: [] } }",
+    ):
         frame.evaluate(f"parent.postMessage({message}, '*')")
     page.evaluate("window.postMessage({ updynPick: { groups: ['pads'] } }, '*')")  # not of a frame
     page.wait_for_timeout(1000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -40,10 +41,11 @@ def _picks(given: Any) -> Any:
 
 
 class ModesTable(Table):
-    """``[modes]``: how modes are identified, and which are picked."""
+    """``[modes]``: how modes are identified, which are picked, and which poles are added."""
 
     damping: Literal["structural", "viscous"] = "structural"
     pick: Annotated[tuple[float, ...], BeforeValidator(_picks), Strict(False)] | None = None
+    poles: Annotated[tuple[float, ...], BeforeValidator(_picks), Strict(False)] | None = None
 
 
 class _ModesJobTable(JobTable):
@@ -95,48 +97,82 @@ def modes_job(
     out = check_out(job, out or default_out(job, "modes"), MODES_FILES)
     with job.located():
         frf: FRF = measurement(job)
-        found = identify_modes(frf, damping=table.damping)
-        with key_path("modes", "pick"):
-            found = _picked(frf, found, table, say)
+        picked = _picked(frf, identify_modes(frf, damping=table.damping), table, say)
     title = job.title or job.path.stem
     with open_folder(out):
         check_out(job, out, MODES_FILES)  # once more: now no other run can change it
         with replaced(out, "modes", MODES_FILES) as new:
-            write_modes_page(found, frf, new / "modes.html", f"{title}: modes")
-            write_modes(found, new / "modes.unv")
-    return found
+            write_modes_page(
+                picked.modes,
+                frf,
+                new / "modes.html",
+                f"{title}: modes",
+                poles=picked.poles,
+                left_out=picked.left_out,
+            )
+            write_modes(picked.modes, new / "modes.unv")
+    return picked.modes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Picked:
+    """The modes that were picked.
+
+    Attributes
+    ----------
+    modes : ModeSet
+        With those refined from a pole.
+    poles : list of float or None
+        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+    left_out : ModeSet or None
+        The modes that were found but not picked.
+    """
+
+    modes: ModeSet
+    poles: list[float | None]
+    left_out: ModeSet | None
 
 
 def _picked(
     frf: FRF, found: ModeSet, table: ModesTable, say: Callable[[str], None] | None
-) -> ModeSet:
-    """Return the modes that were picked, poles of the diagram refined to modes among them."""
-    if table.pick is None:
-        return found
-    poles: list[float] = []
+) -> _Picked:
+    """Return the modes that were picked, poles refined to modes among them."""
+    poles: list[float] = list(table.poles or ())
     at: list[float] = []  # frequencies of the modes
-    for frequency in table.pick:
-        pole = _pole(found, frequency)
-        if pole is None:
-            at.append(_mode(found, frequency))
-        elif pole in poles:
-            raise JobError(f"two picks are the pole at {pole:.6g} Hz; leave one")
-        else:
-            poles.append(pole)
-    if len(set(at)) < len(at):
-        twice = next(f for f in at if at.count(f) > 1)
-        raise JobError(f"two picks are nearest to the mode at {twice:.6g} Hz; leave one")
+    with key_path("modes", "poles"):
+        _check_once(poles, "two are the pole at")
+    with key_path("modes", "pick"):
+        for frequency in table.pick or ():
+            pole = _pole(found, frequency)
+            if pole is None:
+                at.append(_mode(found, frequency))
+            else:
+                poles.append(pole)
+        _check_once(poles, "two picks are the pole at")
+        _check_once(at, "two picks are nearest to the mode at")
     number = [-1] * len(found)
     if poles:
-        found, number = identified(frf, None, table.damping, poles)
-    chosen = [k for k, n in enumerate(number) if n >= 0]
+        with key_path("modes", "pick" if table.poles is None else "poles"):
+            found, number = identified(frf, None, table.damping, poles)
+    refined = [k for k, n in enumerate(number) if n >= 0]
     own = np.array([k for k, n in enumerate(number) if n < 0], dtype=np.intp)
-    chosen += [int(own[np.argmin(np.abs(found.frequency[own] - f))]) for f in at]
+    if table.pick is not None:
+        nearest = {_nearest(found.frequency[own], f) for f in at}
+        own = own[np.isin(found.frequency[own], list(nearest))]
+    kept = sorted([*own.tolist(), *refined])
     if say is not None:
-        for k, n in enumerate(number):
-            if n >= 0:
-                say(_refined(found, k, poles[n]))
-    return found.select(sorted(chosen))
+        for k in refined:
+            say(_refined(found, k, poles[number[k]]))
+    given = [poles[number[k]] if k in refined else None for k in kept]
+    rest = [k for k in range(len(found)) if k not in kept]
+    return _Picked(found.select(kept), given, found.select(rest) if rest else None)
+
+
+def _check_once(frequencies: list[float], what: str) -> None:
+    """Refuse a frequency that is listed twice."""
+    for frequency in frequencies:
+        if frequencies.count(frequency) > 1:
+            raise JobError(f"{what} {frequency:.6g} Hz; leave one")
 
 
 def _pole(found: ModeSet, frequency: float) -> float | None:

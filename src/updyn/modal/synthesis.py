@@ -11,7 +11,7 @@ from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES
 from updyn.modal.mode_set import ModeSet
 
-__all__ = ["band_of_modes", "line_weights", "synthesise"]
+__all__ = ["REACH", "band_of_modes", "line_weights", "synthesise"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -21,7 +21,7 @@ _Real = NDArray[np.float64]
 _AROUND = 15
 #: Half-power bandwidths from a mode at which its FRF has fallen to a tenth of the peak:
 #: 1 / sqrt(1 + (2 * 5)^2).
-_REACH = 5.0
+REACH = 5.0
 
 
 def line_weights(frf: FRF) -> _Real:
@@ -65,7 +65,7 @@ def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
         From five half-power bandwidths below the lowest mode to five above the highest one; all
         lines if there is none between.
     """
-    reach = _REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
+    reach = REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()
     inside = (frf.freq >= low) & (frf.freq <= high)
     return inside if inside.any() else np.ones_like(inside)

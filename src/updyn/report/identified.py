@@ -1,8 +1,8 @@
-"""`write_modes_page`: modes of a measurement and their stabilisation diagram as one HTML page."""
+"""`write_modes_page`: modes of a measurement as one HTML page, in which they are picked."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -10,33 +10,35 @@ from typing import Any
 import numpy as np
 
 from updyn import __version__
-from updyn.frf import FRF, QUANTITIES
+from updyn.correlation import auto_mac
+from updyn.frf import FRF
 from updyn.modal import ModeSet
+from updyn.modal.alike import AlikePair, alike_pairs
 from updyn.modal.unexplained import peaks_without_modes
-from updyn.report.formats import counted, extent, number, percentage, unit
+from updyn.report.formats import counted, extent, number, percentage
+from updyn.report.modes import mode_map
 from updyn.report.page import assemble
-from updyn.report.plots import Figure, log_range, numbers
+from updyn.report.picker import Identified, picker_data, picker_figure
+from updyn.report.plots import Figure
 from updyn.report.section import Content, Section
 from updyn.report.templates import asset, render_template, write_page
 
-__all__ = ["Identified", "write_modes_page"]
+__all__ = ["write_modes_page"]
 
-#: Poles of the diagram in the bottom share of the figure, the level of the FRFs above.
-_DIAGRAM = 0.68
-#: Most points of the curve of the level.
-_POINTS = 4000
+#: Pairs of modes with nearly the same shape that are named.
+_NAMED = 8
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Identified:
-    """Modes, and the measurement that they are of."""
-
-    modes: ModeSet
-    frf: FRF
-
-
-def write_modes_page(modes: ModeSet, frf: FRF, path: str | PathLike[str], title: str = "") -> Path:
-    """Write modes and their stabilisation diagram as one HTML page.
+def write_modes_page(
+    modes: ModeSet,
+    frf: FRF,
+    path: str | PathLike[str],
+    title: str = "",
+    *,
+    poles: Sequence[float | None] | None = None,
+    left_out: ModeSet | None = None,
+) -> Path:
+    """Write modes, their stabilisation diagram and the FRFs synthesised from them as one HTML page.
 
     Parameters
     ----------
@@ -48,24 +50,37 @@ def write_modes_page(modes: ModeSet, frf: FRF, path: str | PathLike[str], title:
         The file; an existing one is replaced only once the new page is complete.
     title : str
         Of the page.
+    poles : sequence of float or None, optional
+        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+    left_out : ModeSet, optional
+        Modes that were found but not picked. They can be picked in the page.
 
     Returns
     -------
     Path
         The file.
     """
-    return write_page(render(modes, frf, title), path)
+    return write_page(render(modes, frf, title, poles=poles, left_out=left_out), path)
 
 
-def render(modes: ModeSet, frf: FRF, title: str = "") -> str:
+def render(
+    modes: ModeSet,
+    frf: FRF,
+    title: str = "",
+    *,
+    poles: Sequence[float | None] | None = None,
+    left_out: ModeSet | None = None,
+) -> str:
     """Return the page as text."""
     title = title or "Modes"
+    found = Identified(modes, frf, [None] * len(modes) if poles is None else list(poles), left_out)
     head = render_template(
-        "updyn.report/identified_head.html", title=title, about=extent(frf), verdict=_verdict(modes)
+        "updyn.report/identified_head.html",
+        title=title,
+        about=extent(frf),
+        verdict=_verdict(modes),
     )
-    return assemble(
-        Content(further={"identified": Identified(modes, frf)}), head, title, __version__
-    )
+    return assemble(Content(further={"identified": found}), head, title, __version__)
 
 
 def _verdict(modes: ModeSet) -> str:
@@ -85,26 +100,75 @@ def _verdict(modes: ModeSet) -> str:
 
 
 class DiagramSection(Section):
-    """The stabilisation diagram, in which modes are picked."""
+    """The figure in which modes are picked: diagram and synthesised FRFs."""
 
     anchor = "diagram"
-    name = "Stabilisation diagram"
-    heading = "Stabilisation diagram"
+    name = "Stabilisation diagram and FRFs"
+    heading = "Stabilisation diagram and synthesised FRFs"
     place = 100
     template = "updyn.report/identified_diagram.html"
 
     def applies(self, content: Content) -> bool:
-        """Whether the modes have a diagram."""
-        found: Identified = content.further["identified"]
-        return found.modes.diagram is not None
+        """Whether there are modes, which is always so."""
+        return True
 
     def figures(self, content: Content) -> dict[str, Figure]:
-        """Return the diagram over frequency, the level of the FRFs above it."""
-        return {"diagram": _diagram(content.further["identified"])}
+        """Return the figure, to which the script adds curves and modes."""
+        return {"picker": picker_figure(content.further["identified"])}
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the note on channels that are not drawn."""
+        return {"channels_note": picker_data(content.further["identified"])["note"]}
+
+    def embedded(self, content: Content) -> dict[str, Any]:
+        """Return the data of the script."""
+        return {"updyn-picks": picker_data(content.further["identified"])}
 
     def script(self) -> str:
-        """Return the script that picks modes at a click."""
-        return asset("picks.js")
+        """Return the scripts that synthesise FRFs and pick modes."""
+        return "\n".join(map(asset, ("curves.js", "lsfd.js", "picks.js")))
+
+
+class ShapesSection(Section):
+    """AutoMAC of the modes, with the pairs that have nearly the same shape."""
+
+    anchor = "auto-mac"
+    name = "AutoMAC"
+    heading = "AutoMAC: modes found twice?"
+    place = 150
+    template = "updyn.report/identified_shapes.html"
+
+    def applies(self, content: Content) -> bool:
+        """Whether there are two modes."""
+        return len(content.further["identified"].modes) > 1
+
+    def figures(self, content: Content) -> dict[str, Figure]:
+        """Return the map."""
+        modes: ModeSet = content.further["identified"].modes
+        values = auto_mac(modes.shapes)
+        return {"identified-auto-mac": mode_map(values, modes, modes, ("mode", "mode"), "AutoMAC")}
+
+    def context(self, content: Content) -> dict[str, Any]:
+        """Return the pairs in words."""
+        modes: ModeSet = content.further["identified"].modes
+        pairs = alike_pairs(modes)
+        others = auto_mac(modes.shapes)[np.triu_indices(len(modes), 1)]
+        return {
+            "pairs": [(pair, pair_in_words(pair)) for pair in pairs[:_NAMED]],
+            "n_more": max(len(pairs) - _NAMED, 0),
+            "largest": f" The largest is {others.max():.2f}.",
+        }
+
+
+def pair_in_words(pair: AlikePair) -> str:
+    """Return what a pair of modes with nearly the same shape may mean."""
+    which = f"{number(pair.first, 5)} and {number(pair.second, 5)} Hz: MAC {pair.mac:.2f}"
+    if pair.close:
+        return (
+            f"{which}, and their resonances overlap. They may be one mode found twice: leave one"
+            " out and compare FRAC."
+        )
+    return f"{which}. Their resonances do not overlap: the sensors do not distinguish their shapes."
 
 
 class ModesSection(Section):
@@ -154,104 +218,6 @@ def _known(share: float) -> str:
     return "not known" if np.isnan(share) else percentage(share)
 
 
-def _diagram(found: Identified) -> Figure:
-    modes, frf, diagram = found.modes, found.frf, found.modes.diagram
-    assert diagram is not None
-    order, stable = diagram.order, diagram.stable
-    top = float(order.max(initial=1)) + 3.0
-    said = "%{x:.6g} Hz, order %{y}<br>damping %{customdata:.3g} %<extra></extra>"
-    traces = []
-    for chosen, name, marker in (
-        (~stable, "new in this order", {"color": "@faint", "size": 4}),
-        (stable, "stays from the order before", {"color": "@after", "size": 6}),
-    ):
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": name,
-                "x": numbers(diagram.frequency[chosen]),
-                "y": numbers(order[chosen]),
-                "customdata": numbers(100.0 * diagram.damping[chosen]),
-                "marker": marker,
-                "hovertemplate": said,
-            }
-        )
-    traces.append(
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "name": "mode",
-            "x": numbers(modes.frequency, packed=False),
-            "y": [top] * len(modes),
-            "customdata": numbers(100.0 * modes.damping, packed=False),
-            "marker": {"color": "@before", "size": 11, "symbol": "triangle-down"},
-            "hovertemplate": "mode at %{x:.6g} Hz<br>damping %{customdata:.3g} %<extra></extra>",
-        }
-    )
-    if len(modes.unexplained):
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": "peak without a mode",
-                "x": numbers(modes.unexplained, packed=False),
-                "y": [top] * len(modes.unexplained),
-                "marker": {"color": "@warn", "size": 10, "symbol": "x"},
-                "hovertemplate": "peak at %{x:.6g} Hz without a mode<extra></extra>",
-            }
-        )
-    freq, level = _level(frf)
-    traces.append(
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "name": "level of all FRFs",
-            "x": numbers(freq),
-            "y": numbers(level),
-            "yaxis": "y2",
-            "line": {"color": "@measured", "width": 1.4},
-            "hovertemplate": "%{x:.6g} Hz: %{y:.3g}<extra></extra>",
-        }
-    )
-    layout = {
-        "xaxis": {
-            "title": {"text": "frequency (Hz)"},
-            "anchor": "y",
-            "range": [float(frf.freq[0]), float(frf.freq[-1])],
-        },
-        "yaxis": {"title": {"text": "order"}, "domain": [0.0, _DIAGRAM], "range": [0.0, top + 2.0]},
-        "yaxis2": {
-            "title": {"text": f"accelerance,<br>rms ({_unit(frf)})"},
-            **log_range(level),
-            "domain": [_DIAGRAM + 0.04, 1.0],
-        },
-        "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
-        "hovermode": "closest",
-    }
-    return {"data": traces, "height": 560, "layout": layout}
-
-
-def _unit(frf: FRF) -> str:
-    """Return the unit of the accelerances, where they have one in common."""
-    of = {unit("accelerance", i, j) for i in frf.responses.labels for j in frf.references.labels}
-    return of.pop() if len(of) == 1 else "several units"
-
-
-def _level(frf: FRF) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Return lines and the rms of the accelerances; of many lines the highest of each few."""
-    moving = frf.freq > 0
-    freq = frf.freq[moving]
-    power = 2 - QUANTITIES[frf.quantity]
-    level = np.sqrt(np.mean(np.abs(frf.values[moving]) ** 2, axis=(1, 2)))
-    level = level * np.abs(frf.s[moving]) ** power
-    few = -(-len(freq) // _POINTS)
-    if few < 2:
-        return freq, level
-    starts = range(0, len(freq), few)
-    highest = np.array([start + int(np.argmax(level[start : start + few])) for start in starts])
-    return freq[highest], level[highest]
-
-
 DIAGRAM = DiagramSection()
+SHAPES = ShapesSection()
 MODES = ModesSection()

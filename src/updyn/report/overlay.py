@@ -90,7 +90,7 @@ class Overlay(Section):
 
     def script(self) -> str:
         """Return the scripts of the channel picker and of the picture of all channels."""
-        return f"{asset('channels.min.js')}\n{asset('overlay.js')}"
+        return "\n".join(map(asset, ("channels.min.js", "curves.js", "overlay.js")))
 
 
 FRFS = Overlay()

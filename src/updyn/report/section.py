@@ -257,6 +257,7 @@ SECTIONS: Registry[Section] = Registry(
         "start.expected": "updyn.report.before:EXPECTED",
         "start.matching": "updyn.report.before:MATCHING",
         "identified.diagram": "updyn.report.identified:DIAGRAM",
+        "identified.shapes": "updyn.report.identified:SHAPES",
         "identified.modes": "updyn.report.identified:MODES",
     },
 )

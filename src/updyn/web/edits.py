@@ -26,8 +26,8 @@ __all__ = [
     "set_bounds",
     "set_key",
     "set_keys",
+    "set_picks",
     "set_unknowns",
-    "toggle_pick",
 ]
 
 Edit = Callable[[TOMLDocument], None]
@@ -40,8 +40,6 @@ _EXPECTED = {
     "band": "two frequencies, the lower one first",
 }
 _LONGEST = 40
-#: Picks this near are one, as a share of the frequency.
-_SAME_PICK = 1e-3
 
 
 def set_band(low: float, high: float, test: int = 0) -> Edit:
@@ -295,27 +293,24 @@ def _band(parts: Sequence[str]) -> list[float]:
     return [low, high]
 
 
-def toggle_pick(frequency: float) -> Edit:
-    """Return the edit that picks a pole for the modes of the job, or takes the pick back.
+def set_picks(pick: Sequence[float], poles: Sequence[float]) -> Edit:
+    """Return the edit that writes which modes are picked, and at which poles modes are added.
 
     Parameters
     ----------
-    frequency : float
-        Of the pole, in Hz; a pick beside it, within a thousandth, is the same one.
+    pick : sequence of float
+        Modes in Hz; none: all that are found.
+    poles : sequence of float
+        In Hz.
     """
 
     def edit(document: TOMLDocument) -> None:
         table = _table(document, "modes")
-        given = table.get("pick")
-        items = given if isinstance(given, Array) else []
-        present = [float(item) for item in items if isinstance(item, int | float)]
-        kept = [item for item in present if abs(item - frequency) > _SAME_PICK * item]
-        if len(kept) == len(present):
-            kept = sorted([*present, float(f"{frequency:.7g}")])
-        if kept:
-            _put(table, "pick", kept)
-        else:
-            table.pop("pick", None)
+        for key, values in (("pick", pick), ("poles", poles)):
+            if values:
+                _put(table, key, sorted(float(f"{value:.7g}") for value in values))
+            else:
+                table.pop(key, None)
 
     return edit
 

@@ -134,8 +134,8 @@ MODES = Task(
     "-modes",
     "modes",
     (Field("damping", "damping", "choice", ("structural", "viscous")),),
-    "Identifies the modes of the measurement. A click on a pole of the diagram picks it for the"
-    " job.",
+    "Identifies the modes of the measurement. A click in the diagram leaves a mode out or adds one"
+    " for the job.",
 )
 PLAN = Task(
     _plan,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import updyn
-from pages_read import attributes, dump
 from updyn.cli import main
 from updyn.demos import chain
 from updyn.io import read_modes
@@ -56,6 +56,10 @@ def measured(inputs: Path) -> ModeSet:
     return updyn.identify_modes(updyn.read_frf(path))
 
 
+def embedded(page: str, name: str) -> Any:
+    return json.loads(re.search(rf'id="{name}">(.*?)</script>', page)[1])
+
+
 def test_both_files_and_the_table(
     inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -74,10 +78,10 @@ def test_both_files_and_the_table(
     share = np.linalg.norm(found.std_shapes, axis=0) / np.linalg.norm(found.real_shapes, axis=0)
     first = [text.strip() for text in re.findall(r"<td[^>]*>(.*?)</td>", page, re.DOTALL)[:7]]
     assert first[4] == f"{number(100 * float(share[0]), 2)} %"
-    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
-    traces = {trace["name"]: trace for trace in figures["diagram"]["data"]}
-    assert traces["mode"]["x"] == pytest.approx(found.frequency.tolist())
-    assert set(traces) >= {"stays from the order before", "new in this order", "level of all FRFs"}
+    modes = embedded(page, "updyn-picks")["modes"]
+    assert [mode["f"] for mode in modes] == pytest.approx(found.frequency.tolist())
+    traces = [trace["name"] for trace in embedded(page, "updyn-figures")["picker"]["data"]]
+    assert set(traces) >= {"pole stable", "pole new in this order", "CMIF"}
 
 
 def test_the_job_picks(inputs: Path, tmp_path: Path) -> None:
@@ -205,35 +209,6 @@ def test_a_mode_is_picked_twice(inputs: Path, capsys: pytest.CaptureFixture[str]
     assert "two picks are nearest to the mode at" in capsys.readouterr().err
 
 
-#: What a user does: picks a mode and a pole, and takes the mode back.
-CLICKS = """<script>
-(async () => {
-  const place = document.querySelector("[data-figure=diagram]"), out = document.getElementById("picks"), said = [];
-  const click = (x) => { place.emit("plotly_click", { points: [{ x, data: {} }] }); said.push(out.textContent.trim()); };
-  while (!place.querySelector(".main-svg")) await new Promise((done) => setTimeout(done, 20));
-  click(12.5); click(4.25); click(12.501);
-  document.documentElement.dataset.said = said.join("|").replaceAll("\\n", " ");
-  document.documentElement.dataset.lines = place.layout.shapes.length;
-})();
-</script></body>"""
-
-
-@pytest.mark.needs("browser")
-def test_a_click_picks_and_another_takes_back(inputs: Path, tmp_path: Path) -> None:
-    assert main(["modes", str(job(inputs)), "--out", str(tmp_path / "out")]) == 0
-    page = tmp_path / "clicked.html"
-    text = (tmp_path / "out" / "modes.html").read_text(encoding="utf-8")
-    page.write_text(CLICKS.join(text.rsplit("</body>", 1)), encoding="utf-8")
-    found = attributes(dump(page, tmp_path / "profile"))
-    assert "errors" not in found, found["errors"]
-    assert found["said"].split("|") == [
-        "[modes] pick = [12.5]",
-        "[modes] pick = [4.25, 12.5]",
-        "[modes] pick = [4.25]",
-    ]
-    assert found["lines"] == "1"
-
-
 @pytest.fixture
 def hidden(tmp_path: Path) -> Path:
     """Two modes, and one line at 300 Hz that is a disturbance."""
@@ -258,9 +233,7 @@ def test_a_peak_without_a_mode_is_named_and_drawn(
     said = " ".join(capsys.readouterr().out.split())
     assert "Peak without a mode: 300 Hz; [modes] pick makes modes of them." in said
     page = (hidden / "out" / "modes.html").read_text(encoding="utf-8")
-    figures = json.loads(re.search(r'id="updyn-figures">(.*?)</script>', page)[1])
-    (trace,) = [t for t in figures["diagram"]["data"] if t["name"] == "peak without a mode"]
-    assert trace["x"] == pytest.approx([300.0])
+    assert embedded(page, "updyn-picks")["peaks"] == pytest.approx([300.0])
     assert "Peak without a mode: 300 Hz." in page
 
 
@@ -274,3 +247,57 @@ def test_a_peak_without_a_mode_is_picked_by_its_frequency(
     assert found.frequency == pytest.approx([300.0], rel=2e-3)
     assert main(["modes", str(picking(hidden, "320.0")), "--out", str(hidden / "no")]) == 2
     assert "the nearest peak without a mode at 300 Hz" in " ".join(capsys.readouterr().err.split())
+
+
+def with_poles(folder: Path, *rows: str) -> Path:
+    path = folder / "poles.toml"
+    rows_ = "\n".join(rows)
+    path.write_text(f'[test]\nfile = "test.npz"\n\n[modes]\n{rows_}\n', encoding="utf-8")
+    return path
+
+
+def test_a_mode_is_added_at_any_frequency(
+    weak: tuple[Path, float, float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The weak mode at 31 Hz, from a frequency beside it; the others stay unless some are picked."""
+    folder, _, _ = weak
+    found = updyn.identify_modes(updyn.read_frf(folder / "test.npz"))
+    assert np.abs(found.frequency - 31.0).min() > 5.0
+    path = with_poles(folder, "poles = [31.05]")
+    assert main(["modes", str(path), "--out", str(folder / "out")]) == 0
+    assert "The pole at 31.05 Hz is refined to a mode" in " ".join(capsys.readouterr().err.split())
+    written = read_modes(folder / "out" / "modes.unv")
+    assert written.frequency == pytest.approx([20.0, 31.0, 58.0], rel=3e-4)
+    page = embedded((folder / "out" / "modes.html").read_text(encoding="utf-8"), "updyn-picks")
+    assert [mode["pole"] for mode in page["modes"]] == [None, 31.05, None]
+
+    path = with_poles(folder, "pick = [58.3]", "poles = [31.05]")
+    assert main(["modes", str(path), "--out", str(folder / "out")]) == 0
+    written = read_modes(folder / "out" / "modes.unv")
+    assert written.frequency == pytest.approx([31.0, 58.0], rel=3e-4)
+    page = embedded((folder / "out" / "modes.html").read_text(encoding="utf-8"), "updyn-picks")
+    shown = {round(mode["f"]): mode["on"] for mode in page["modes"]}
+    assert shown == {31: True, 58: True, 20: False}
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("poles = [101.0]", "101 Hz is not within the band, 0.5 to 100 Hz"),
+        ("poles = [31.05, 31.05]", "two are the pole at 31.05 Hz; leave one"),
+        ("poles = 31.05", "expected an array of frequencies in Hz"),
+    ],
+)
+def test_poles_that_are_no_modes_are_refused_with_their_line(
+    weak: tuple[Path, float, float],
+    capsys: pytest.CaptureFixture[str],
+    row: str,
+    message: str,
+) -> None:
+    folder, _, _ = weak
+    path = with_poles(folder, 'damping = "structural"', row)
+    assert main(["modes", str(path), "--out", str(folder / "none")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert message in said
+    assert "poles.toml:6: " in said
+    assert not (folder / "none").exists()

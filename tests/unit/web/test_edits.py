@@ -272,16 +272,18 @@ def test_what_is_no_value_is_said_with_its_label(kind: str, text: str, expected:
 
 
 # -- picks
-def test_picks_are_kept_in_order_and_taken_back_by_a_second_click() -> None:
-    text = edited(edits.toggle_pick(23.61234567))
-    assert lines_added(TEXT, text) == ["", "[modes]", "pick = [23.61235]"]
-    text = edited(edits.toggle_pick(11.9), text)
-    assert "pick = [11.9, 23.61235]" in text
-    assert "pick = [11.9]" in edited(edits.toggle_pick(23.613), text)
-    both = edited(edits.toggle_pick(23.65), text)
-    assert "pick = [11.9, 23.61235, 23.65]" in both
-    none = edited(edits.toggle_pick(11.9), edited(edits.toggle_pick(23.612), text))
+def test_picks_are_written_in_order_and_taken_back() -> None:
+    text = edited(edits.set_picks([23.61234567, 11.9], []))
+    assert lines_added(TEXT, text) == ["", "[modes]", "pick = [11.9, 23.61235]"]
+    text = edited(edits.set_picks([], [853.492]), text)
+    assert "poles = [853.492]" in text
+    assert "pick" not in text
+    both = edited(edits.set_picks([11.9], [853.492, 31]), text)
+    assert "pick = [11.9]" in both
+    assert "poles = [31.0, 853.492]" in both
+    none = edited(edits.set_picks([], []), both)
     assert "pick" not in none
+    assert "poles" not in none
     job(none)
 
 
@@ -440,7 +442,7 @@ EDITS = {
     "match": edits.match_sensor("1:X", "2:X"),
     "key": edits.set_key("modes", "damping", "viscous"),
     "no key": edits.set_key("modes", "damping", None),
-    "pick": edits.toggle_pick(3.0),
+    "pick": edits.set_picks([3.0], [4.0]),
     "unknowns": edits.set_unknowns({"mass": ["part1"], "stiffness": []}, ABLE),
     "bounds": edits.set_bounds("part1.mass", 0.5, 2.0, GROUPS),
 }

@@ -8,11 +8,7 @@ const updynOverlay = (() => {
   const pick = { response: find("pick-response"), reference: find("pick-reference") };
   const nR = data.responses.length, nC = data.references.length;
 
-  function bytes(text) {
-    const raw = atob(text), out = new Uint8Array(raw.length);
-    for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
-    return out.buffer; // little-endian, as every browser's machine is
-  }
+  const { bytes, phase } = updynCurves;
   const freq = data.freq ? new Float64Array(bytes(data.freq)) : new Float64Array(0);
   const grid = data.grid ? new Float64Array(bytes(data.grid)) : new Float64Array(0); // lines of the models' curves
   const n = freq.length, FEW = 200; // measured lines up to which they are points
@@ -22,24 +18,6 @@ const updynOverlay = (() => {
   const coherence = data.coherence ? new Float32Array(bytes(data.coherence)) : null;
 
   const channel = () => Number(pick.response.value) * nC + Number(pick.reference.value);
-
-  function magnitude(values, k, size) {
-    const out = new Float64Array(size);
-    for (let i = 0, at = 2 * size * k; i < size; i++, at += 2) out[i] = Math.hypot(values[at], values[at + 1]);
-    return out;
-  }
-
-  // Degrees in -180..180; where the phase wraps the line is broken, not drawn across. A zero has none.
-  function phase(values, k, lines) {
-    const x = [], y = [];
-    for (let i = 0, at = 2 * lines.length * k, last = null; i < lines.length; i++, at += 2) {
-      const zero = values[at] === 0 && values[at + 1] === 0;
-      const now = zero ? null : Math.atan2(values[at + 1], values[at]) * 180 / Math.PI;
-      if (last !== null && now !== null && Math.abs(now - last) > 180) { x.push(lines[i]); y.push(null); }
-      x.push(lines[i]); y.push(now); last = now;
-    }
-    return { x, y };
-  }
 
   const styles = {
     measured: { color: "@measured", width: 4.5 }, // wide and below: a curve that fits runs inside it,
@@ -52,13 +30,14 @@ const updynOverlay = (() => {
   function traces(k, held) {
     const out = [];
     for (const name of Object.keys(sets)) {
-      const lines = linesOf(name), level = magnitude(sets[name], k, lines.length);
+      const lines = linesOf(name), from = 2 * lines.length * k;
+      const level = updynCurves.magnitude(sets[name], from, lines.length);
       // Few measured lines are points: nothing is known between them. A single one is a point of the models, too.
       const isPoints = (name === "measured" && n <= FEW) || lines.length === 1;
       const points = isPoints ? { mode: "markers", marker: { color: styles[name].color, size: 7 } } : {};
       const common = { type: "scatter", mode: "lines", line: styles[name], name: words[name], ...points };
       out.push({ ...common, legendgroup: name, x: lines, y: level, hovertemplate: `%{x:.5g} Hz: %{y:.4g} ${words[name]}<extra></extra>` });
-      out.push({ ...common, ...phase(sets[name], k, lines), legendgroup: name, showlegend: false, yaxis: "y2",
+      out.push({ ...common, ...phase(sets[name], from, lines), legendgroup: name, showlegend: false, yaxis: "y2",
         hovertemplate: `%{x:.5g} Hz: %{y:.1f}° ${words[name]}<extra></extra>` });
       if (name === "measured" && (!data.everyLineUsed || n <= 60) && !held && data.used.length) {
         out.push({ type: "scatter", mode: "markers", name: "lines used in the fit", x: data.used.map((i) => freq[i]),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 from urllib.parse import quote
 
 from nicegui import events, ui
 
+from updyn.group import is_number
 from updyn.web import edits
 from updyn.web.form import written_table
 from updyn.web.pages.frame import embedded, said, watch
@@ -108,18 +110,21 @@ def task_page(task: str) -> Callable[[Workspace], None]:
         if no_job(workspace):
             return
         ui.label(TASKS.find(task).about)
-        _form(workspace, task)
-        controls(workspace, task, begin="Save and begin")
+        with ui.row().classes("items-center gap-x-8"):
+            _form(workspace, task)
+            controls(workspace, task, begin="Save and begin")
+        known: dict[str, str] = {}
         if task == "modes":
-            _pick_poles(workspace)
+            _pick_modes(workspace, known)
 
         @ui.refreshable
         def state() -> None:
             worker = workspace.worker(task)
-            if worker is not None:
-                state_of(worker, workspace)
-            if worker is None or worker.state == "done":
-                _written_pages(workspace, task)
+            with ui.row().classes("w-full items-center gap-x-8"):
+                if worker is not None:
+                    state_of(worker, workspace)
+                if worker is None or worker.state == "done":
+                    _written_pages(workspace, task, known)
 
         state()
         watch(lambda: _version(workspace.worker(task)), state.refresh)
@@ -127,22 +132,41 @@ def task_page(task: str) -> Callable[[Workspace], None]:
     return show
 
 
-def _written_pages(workspace: Workspace, task: str) -> None:
-    """Show the page that the task wrote last for the job, and offer the others of the project."""
+def _written_pages(workspace: Workspace, task: str, known: dict[str, str]) -> None:
+    """Show the page that the task wrote last for the job, and offer the others of the project.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What the page shows.
+    task : str
+        Its name in `TASKS`.
+    known : dict
+        ``picks`` of the job as the page that was written shows them.
+    """
     pages, latest = workspace.pages(task)
     if not pages:
         return
 
+    def picks() -> str:
+        return _picks_of(workspace) if task == "modes" else ""
+
     @ui.refreshable
     def page() -> None:
         if chosen.value:
+            known["picks"] = picks()
             path = workspace.project.inside(chosen.value)
             stamp = path.stat().st_mtime_ns if path.is_file() else 0
-            place = f"/embedded/page/{quote(chosen.value)}?{stamp}"
+            place = f"/embedded/page/{quote(chosen.value)}?{stamp}{known['picks']}"
             embedded(place, TASKS.find(task).page, "85vh")
+
+    def follow() -> None:
+        if picks() != known.get("picks", ""):  # changed elsewhere, such as by Undo
+            page.refresh()
 
     chosen = ui.select(pages, value=latest or None, label="Results", on_change=page.refresh)
     chosen.classes("min-w-96")
+    watch(lambda: workspace.version, follow)
     page()
 
 
@@ -212,24 +236,53 @@ def _entry(workspace: Workspace, task: str, field: Field) -> Any:
     return entry.on("blur", left).on("keydown.enter", left)
 
 
-def _pick_poles(workspace: Workspace) -> None:
-    """Let a click on a pole of the diagram pick it for the job."""
+def _pick_modes(workspace: Workspace, known: dict[str, str]) -> None:
+    """Let the page that shows modes pick them for the job.
+
+    Parameters
+    ----------
+    workspace : Workspace
+        What the page shows.
+    known : dict
+        ``picks`` of the job as the page that was written shows them.
+    """
 
     def take(picked: Mapping[str, Any]) -> None:
-        frequency = picked.get("frequency")
-        if isinstance(frequency, int | float) and frequency > 0:
-            edit = edits.toggle_pick(float(frequency))
-            said(workspace.edit)(f"pick {frequency:.6g} Hz", edit)
+        pick, poles = picked.get("pick"), picked.get("poles")
+        if _are_frequencies(pick) and _are_frequencies(poles):
+            said(workspace.edit)("pick modes", edits.set_picks(pick, poles))
+            known["picks"] = _picks_of(workspace)
 
     hear_picks(take)
 
     @ui.refreshable
     def picks() -> None:
-        found = written_table(workspace.opened.text, "modes").get("pick", [])
-        items = found if isinstance(found, list) else [found]
-        text = ", ".join(f"{item:.7g}" for item in items if isinstance(item, int | float))
-        said_ = f"Picked for the job: {text} Hz." if text else "Nothing is picked: all are taken."
-        ui.label(said_).mark("picks")
+        table = written_table(workspace.opened.text, "modes")
+        pick, poles = (", ".join(_listed(table.get(key))) for key in ("pick", "poles"))
+        text = f"Modes for the job: {f'those at {pick} Hz' if pick else 'all that are found'}"
+        if poles:
+            text += f", and new ones at {poles} Hz"
+        ui.label(f"{text}.").mark("picks")
 
     picks()
     watch(lambda: workspace.version, picks.refresh)
+
+
+def _picks_of(workspace: Workspace) -> str:
+    """Return the picks of the open job as the fragment of an address."""
+    if workspace.document is None:
+        return ""
+    table = written_table(workspace.opened.text, "modes")
+    parts = [f"{key}={','.join(_listed(table.get(key)))}" for key in ("pick", "poles")]
+    return f"#{'&'.join(parts)}"
+
+
+def _are_frequencies(given: object) -> TypeGuard[list[float]]:
+    """Whether something that a page sent is a list of frequencies in Hz."""
+    return isinstance(given, list) and all(is_number(f) and 0 < f < math.inf for f in given)
+
+
+def _listed(given: object) -> list[str]:
+    """Return the frequencies that a job lists, as texts."""
+    items = given if isinstance(given, list) else [given]
+    return [f"{item:.7g}" for item in items if is_number(item)]

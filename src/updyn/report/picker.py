@@ -1,0 +1,285 @@
+"""The figure in which modes are picked: diagram over CMIF, measured and synthesised FRFs below."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.correlation import frac
+from updyn.errors import DataError
+from updyn.frf import FRF, QUANTITIES, unit
+from updyn.modal import ModeSet, cmif, synthesise
+from updyn.modal.indicator import Indicator
+from updyn.modal.synthesis import REACH, band_of_modes, line_weights
+from updyn.report.overlay import DRAWING_BUDGET
+from updyn.report.plots import Figure, label, numbers
+
+__all__ = ["Identified", "picker_data", "picker_figure"]
+
+#: Heights of the panels as shares, from the top down, and the gap between them.
+_DIAGRAM, _MAGNITUDE, _PHASE, _GAP = 0.46, 0.33, 0.13, 0.04
+#: Height of the figure in pixels.
+_HEIGHT = 660
+#: Singular values that are drawn at most.
+_CURVES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """Modes and the measurement that they are of.
+
+    Attributes
+    ----------
+    modes : ModeSet
+        The modes.
+    frf : FRF
+        The measurement.
+    poles : list of float or None
+        Of each mode the frequency in Hz of the pole that was picked; None: found without.
+    left_out : ModeSet, optional
+        Modes that were found but not picked.
+    """
+
+    modes: ModeSet
+    frf: FRF
+    poles: list[float | None]
+    left_out: ModeSet | None = None
+
+    @cached_property
+    def indicator(self) -> Indicator:
+        """The mode indicator function."""
+        return cmif(self.frf)
+
+    @cached_property
+    def band(self) -> NDArray[np.bool_]:
+        """The lines that the modes can explain, shape (n_f,)."""
+        return band_of_modes(self.modes, self.frf)
+
+    @cached_property
+    def frac(self) -> NDArray[np.float64] | None:
+        """FRAC of each channel in `band`; None where nothing can be synthesised.
+
+        Shape (n_responses, n_references).
+        """
+        try:
+            values = synthesise(self.modes, self.frf).values
+        except DataError:
+            return None
+        return frac(self.frf.values[self.band], values[self.band])
+
+    @property
+    def worst(self) -> int:
+        """Position of the channel that agrees least, response by response."""
+        return 0 if self.frac is None else int(np.argmin(self.frac))
+
+
+def picker_figure(found: Identified) -> Figure:
+    """Return the figure; curves and modes are added by ``picks.js``.
+
+    Parameters
+    ----------
+    found : Identified
+        What it shows.
+    """
+    top = _DIAGRAM + _MAGNITUDE + _PHASE + 2.0 * _GAP
+    level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
+    highest = 2.0
+    traces = [_curve("cmif-0", "y", "@measured", 1.3, "CMIF")]
+    traces += [_curve(f"cmif-{k}", "y", "@measured", 0.7) for k in range(1, _CURVES)]
+    diagram = found.modes.diagram
+    if diagram is not None:
+        highest = float(diagram.order.max(initial=0)) + 3.0
+        for chosen, name, marker in (
+            (~diagram.stable, "pole new in this order", {"color": "@muted", "size": 4}),
+            (diagram.stable, "pole stable", {"color": "@third", "size": 6}),
+        ):
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "markers",
+                    "name": name,
+                    "x": numbers(diagram.frequency[chosen]),
+                    "y": numbers(diagram.order[chosen]),
+                    "yaxis": "y2",
+                    "customdata": numbers(100.0 * diagram.damping[chosen]),
+                    "marker": marker,
+                    "hovertemplate": "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %"
+                    "<extra></extra>",
+                }
+            )
+    traces += [
+        _marks("mode", "mode", {"color": "@after", "size": 11, "symbol": "triangle-down"}),
+        _marks(
+            "added", "picked, not refined yet", {"color": "@before", "size": 12, "symbol": "star"}
+        ),
+        _marks(
+            "left-out",
+            "mode left out",
+            {"color": "@muted", "size": 10, "symbol": "triangle-down-open"},
+        ),
+        _marks("peak", "peak without a mode", {"color": "@bad", "size": 9, "symbol": "x"}),
+        _curve("measured", "y3", "@measured", 2.0, "measured"),
+        _curve("synthesised", "y3", "@after", 1.4, "synthesised from the modes"),
+        _curve("measured-phase", "y4", "@measured", 1.0),
+        _curve("synthesised-phase", "y4", "@after", 1.4),
+    ]
+    log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
+    layout = {
+        "xaxis": {"title": {"text": "frequency (Hz)"}, "anchor": "y4", "zeroline": False},
+        # The indicator has the lower of two axes in one place, so that it is behind the poles.
+        "yaxis": {
+            "title": {"text": f"CMIF ({found.indicator.unit})"},
+            "domain": [top - _DIAGRAM, top],
+            "side": "right",
+            "showgrid": False,
+            **log,
+        },
+        "yaxis2": {
+            "title": {"text": "order"},
+            "overlaying": "y",
+            "side": "left",
+            "anchor": "x",
+            "range": [0.0, highest + 2.0],
+            "tickmode": "linear",
+            "dtick": 10,
+            "showgrid": False,
+            "fixedrange": True,
+            "zeroline": False,
+        },
+        "yaxis3": {"domain": level, **log},
+        "yaxis4": {
+            "title": {"text": "phase (°)"},
+            "domain": [0.0, _PHASE],
+            "range": [-190, 190],
+            "tickvals": [-180, 0, 180],
+            "fixedrange": True,
+            "zeroline": False,
+        },
+        "hovermode": "closest",
+        "showlegend": True,
+    }
+    return {"data": traces, "height": _HEIGHT, "layout": layout, "row": highest}
+
+
+def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
+    """Return a curve without points, whose trace is known by `meta`."""
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "meta": meta,
+        "name": name or meta,
+        "showlegend": bool(name),
+        "x": [],
+        "y": [],
+        "yaxis": axis,
+        "line": {"color": colour, "width": width},
+        "hoverinfo": "skip",
+    }
+
+
+def _marks(meta: str, name: str, marker: dict[str, Any]) -> dict[str, Any]:
+    """Return marks without points, whose trace is known by `meta`."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "meta": meta,
+        "name": name,
+        "x": [],
+        "y": [],
+        "yaxis": "y2",
+        "marker": marker,
+        "hovertemplate": f"{name} at %{{x:.6g}} Hz<extra></extra>",
+    }
+
+
+def picker_data(found: Identified) -> dict[str, Any]:
+    """Return the data of ``picks.js``, ready for JSON.
+
+    Parameters
+    ----------
+    found : Identified
+        What it shows.
+
+    Returns
+    -------
+    dict
+        ``freq`` (Hz), ``weights`` and ``cmif`` (singular value by singular value, 0 at 0 Hz), and
+        ``values`` of the channels that are drawn, real and imaginary parts in turn, as base64 of
+        little-endian floats; names, units and FRAC of these channels; modes, peaks and poles.
+    """
+    frf, modes = found.frf, found.modes
+    indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))
+    indicator[np.isin(frf.freq, found.indicator.freq)] = found.indicator.values[:, :_CURVES]
+    shown, note = _channels(found)
+    n_references = len(frf.references)
+    channels = []
+    for k in shown:
+        i, j = divmod(int(k), n_references)
+        response, reference = frf.responses.labels[i], frf.references.labels[j]
+        channels.append(
+            {
+                "name": f"response {response}, force {reference}",
+                "unit": label(unit(frf.quantity, response, reference)),
+            }
+        )
+    flat = frf.values.reshape(len(frf.freq), -1)[:, shown]
+    diagram = modes.diagram
+    units = {channel["unit"] for channel in channels}
+    return {
+        "freq": _packed(frf.freq, "<f8"),
+        "weights": _packed(line_weights(frf), "<f8"),
+        "cmif": _packed(indicator.T, "<f4"),
+        "values": _packed(flat.T, "<c8"),
+        "decay": frf.decay,
+        "power": QUANTITIES[frf.quantity],
+        "quantity": frf.quantity,
+        "channels": channels,
+        "worst": int(np.flatnonzero(shown == found.worst)[0]),
+        "reach": REACH,
+        "together": units.pop() if len(units) == 1 and len(channels) > 1 else "",
+        "note": note,
+        "modes": _modes(modes, found.poles, chosen=True)
+        + ([] if found.left_out is None else _modes(found.left_out, None, chosen=False)),
+        "peaks": modes.unexplained.tolist(),
+        "canAdd": diagram is not None,
+        "poles": [] if diagram is None else [diagram.frequency.tolist(), diagram.order.tolist()],
+    }
+
+
+def _modes(
+    modes: ModeSet, poles: list[float | None] | None, *, chosen: bool
+) -> list[dict[str, Any]]:
+    given = [None] * len(modes) if poles is None else poles
+    return [
+        {"f": float(f), "loss": None if np.isnan(loss) else float(loss), "pole": pole, "on": chosen}
+        for f, loss, pole in zip(modes.frequency, modes.loss_factor, given, strict=True)
+    ]
+
+
+def _channels(found: Identified) -> tuple[NDArray[np.intp], str]:
+    """Return which channels are drawn, in their order, and a note where these are not all.
+
+    All lines of a channel are kept, as synthesis needs them. Of too many channels those that agree
+    least are drawn.
+    """
+    n_f = len(found.frf.freq)
+    count = int(np.prod(found.frf.values.shape[1:]))
+    most = max(1, DRAWING_BUDGET // (8 * n_f))
+    if count <= most:
+        return np.arange(count), ""
+    order = (
+        np.arange(count) if found.frac is None else np.argsort(found.frac.ravel(), kind="stable")
+    )
+    note = (
+        f"To keep this page small, the {most} of {count} channels with the lowest FRAC are drawn."
+    )
+    return np.sort(order[:most]), note
+
+
+def _packed(array: NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(array, dtype=dtype).tobytes()).decode("ascii")
