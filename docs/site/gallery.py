@@ -73,6 +73,12 @@ PICTURES = (
         "modes.md",
     ),
     Picture(
+        "synthesis",
+        "FRF synthesised from the modes",
+        "plots.synthesis(modes, test)",
+        "modes.md",
+    ),
+    Picture(
         "mac-before",
         "Modes of model and test, before",
         "plots.mac(updyn.correlate(model, modes))",

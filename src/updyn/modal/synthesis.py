@@ -94,7 +94,7 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
     Notes
     -----
     Least squares frequency domain (LSFD) estimation (W. Heylen, S. Lammens, P. Sas, Modal Analysis
-    Theory and Testing, KU Leuven 1997, chapter A.3). With s = i omega + decay, each receptance is
+    Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is
     sum_r R_r / (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L stands for modes
     below the band, the upper residual U for those above. R_r, L and U are complex and free in each
     channel; lines are weighted by `line_weights`.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from updyn.plots.functions import frf, overlay
 from updyn.plots.maps import frac, mac
-from updyn.plots.modes import stabilisation
+from updyn.plots.modes import stabilisation, synthesis
 from updyn.plots.unknowns import identifiability, parameters
 from updyn.registry import load_object
 
@@ -29,6 +29,7 @@ __all__ = [
     "parameters",
     "plant",
     "stabilisation",
+    "synthesis",
 ]
 
 #: What draws plants and loops.

@@ -219,13 +219,14 @@ def overlay(
             f' for instance frf["{measured.responses[0]}", "{measured.references[0]}"]'
         )
     if len(pairs) == 1:
-        return _one_channel(measured, fitted, level, log_frequency, ax)
+        return one_channel(measured, fitted, level, log_frequency, ax)
     titles = [f"{measured.responses[i]} / {measured.references[j]}" for i, j in pairs]
     columns = 2 if len(pairs) <= 8 else 3
     with grid_canvas(ax, titles, (1200 / columns, 260), columns) as made:
+        looks = _computed_looks(fitted)
         for (i, j), title in zip(pairs, titles, strict=True):
             axes = made.axes[title]
-            _levels(axes, measured, fitted, (i, j), level)
+            _levels(axes, measured, fitted, (i, j), level, looks)
             axes.set_title(f"response {title.replace(' / ', ', force ')}")
             axes.set_xlabel(_FREQUENCY)
             if log_frequency:
@@ -247,42 +248,63 @@ def _named(computed: Sequence[FRF], labels: Sequence[str] | None) -> dict[str, F
     return dict(zip(labels, computed, strict=True))
 
 
-def _one_channel(
+def one_channel(
     measured: FRF,
     fitted: Mapping[str, FRF],
     level: str,
     log_frequency: bool,
     ax: WhichAxes | None,
+    *,
+    looks: Mapping[str, Mapping[str, Any]] | None = None,
+    agreement: str = "",
 ) -> Figure:
-    """Return magnitude and phase of the only channel."""
+    """Draw magnitude and phase of the only channel.
+
+    Parameters
+    ----------
+    measured : FRF
+        Of one channel.
+    fitted : mapping of str to FRF
+        Computed ones, by their names in the legend.
+    level, log_frequency, ax
+        As for `overlay`.
+    looks : mapping of str to mapping, optional
+        Look of each computed curve; None: by its name.
+    agreement : str
+        What is added to the title.
+    """
+    looks = _computed_looks(fitted) if looks is None else looks
     with canvas(ax, {"magnitude": 2.2, "phase": 1.0}, (960, 520)) as made:
-        _levels(made.first, measured, fitted, (0, 0), level)
+        _levels(made.first, measured, fitted, (0, 0), level, looks)
         if "phase" in made.axes:
             axes = made.axes["phase"]
             x, y = wrapped_phase(measured.freq, measured.values[:, 0, 0])
             axes.plot(x, y, **_measured_look(len(measured.freq)))
-            looks = _computed_looks(fitted)
             for name, one in fitted.items():
-                look = looks[name] | _shown(len(one.freq))
+                look = {**looks[name], **_shown(len(one.freq))}
                 axes.plot(*wrapped_phase(one.freq, one.values[:, 0, 0]), **look)
             phase_axis(axes)
         _frequency_axis(made, log_frequency)
         title = f"response {measured.responses[0]}, force {measured.references[0]}"
-        legend_above(made.first, title)
+        legend_above(made.first, f"{title}{agreement}")
     return made.figure
 
 
 def _levels(
-    axes: Axes, measured: FRF, fitted: Mapping[str, FRF], at: tuple[int, int], level: str
+    axes: Axes,
+    measured: FRF,
+    fitted: Mapping[str, FRF],
+    at: tuple[int, int],
+    level: str,
+    looks: Mapping[str, Mapping[str, Any]],
 ) -> None:
     """Draw the magnitudes of a channel."""
     i, j = at
     size = level_values(measured.values[:, i, j], level)
     axes.plot(measured.freq, size, label="measured", **_measured_look(len(measured.freq)))
-    looks = _computed_looks(fitted)
     for name, one in fitted.items():
         size = level_values(one.values[:, i, j], level)
-        look = looks[name] | _shown(len(one.freq))
+        look = {**looks[name], **_shown(len(one.freq))}
         axes.plot(one.freq, size, label=name, **look)
     own = unit(measured.quantity, str(measured.responses[i]), str(measured.references[j]))
     level_axis(axes, measured.quantity, own, level)

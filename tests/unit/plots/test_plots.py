@@ -17,6 +17,8 @@ from servo_cases import BOTH, NAMES, NOTCHED, quick, two_masses
 from updyn import plots
 from updyn.control.plant import Plant
 from updyn.errors import DataError, OptionError
+from updyn.modal import synthesise
+from updyn.modal.synthesis import band_of_modes
 from updyn.plots import canvas
 from updyn.style import PAPER
 
@@ -298,26 +300,61 @@ def test_identifiability_shows_values_combinations_and_correlations():
 
 
 # -- modes -----------------------------------------------------------------------------------------
-def test_the_diagram_has_every_pole_and_mode(modes, data):
-    level, axes = plots.stabilisation(modes, data).axes
+def test_the_diagram_has_every_pole_mode_and_peak(modes, data):
+    peaks = dataclasses.replace(modes, unexplained=[3.0, 17.0])
+    axes, behind = plots.stabilisation(peaks, data).axes
     curves = labelled(axes)
     diagram = modes.diagram
     for name, chosen in (
-        ("stays from the order before", diagram.stable),
-        ("new in this order", ~diagram.stable),
+        ("pole stable", diagram.stable),
+        ("pole new in this order", ~diagram.stable),
     ):
         np.testing.assert_array_equal(curves[name].get_xdata(), diagram.frequency[chosen])
         np.testing.assert_array_equal(curves[name].get_ydata(), diagram.order[chosen])
     np.testing.assert_array_equal(curves["mode"].get_xdata(), modes.frequency)
-    rms = np.sqrt(np.mean(np.abs(data.values) ** 2, axis=(1, 2)))
-    np.testing.assert_allclose(level.lines[0].get_ydata(), rms)
-    assert level.get_ylabel() == "accelerance, rms ((m/s²)/N)"
+    np.testing.assert_array_equal(curves["peak without a mode"].get_xdata(), [3.0, 17.0])
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("frequency (Hz)", "order (–)")
+
+    # behind it the singular values, on an axis of their own
+    accelerance = data.converted("accelerance").values
+    expected = np.array([np.linalg.svd(H, compute_uv=False) for H in accelerance])
+    for line, values in zip(behind.lines, expected.T, strict=True):
+        np.testing.assert_allclose(line.get_ydata(), values)
+    assert behind.get_yscale() == "log"
+    assert behind.get_ylabel() == "CMIF ((m/s²)/N)"
+    assert axes.get_zorder() > behind.get_zorder()
+    assert not axes.patch.get_visible()
+
     given = Figure().subplots()
-    plots.stabilisation(modes, data, ax=given)  # one axes: the diagram
+    plots.stabilisation(modes, ax=given)
     assert given.get_ylabel() == "order (–)"
+    assert len(given.figure.axes) == 1
+    assert "peak without a mode" not in labelled(given)
     with pytest.raises(OptionError, match=r"no diagram; updyn\.identify_modes"):
         plots.stabilisation(updyn.ModeSet([1.0], [[1.0]], ["1:X"]))
+
+
+def test_the_synthesised_frf_is_that_of_the_channel_that_agrees_least(modes, data):
+    some = modes.select(np.arange(len(modes) - 4))
+    computed = synthesise(some, data).values
+    inside = band_of_modes(some, data)
+    scores = updyn.correlation.frac(data.values[inside], computed[inside])
+    i, j = np.unravel_index(np.argmin(scores), scores.shape)
+    size, phase = plots.synthesis(some, data).axes
+    curves = labelled(size)
+    np.testing.assert_allclose(curves["measured"].get_ydata(), np.abs(data.values[:, i, j]))
+    np.testing.assert_allclose(curves["synthesised"].get_ydata(), np.abs(computed[:, i, j]))
+    assert curves["synthesised"].get_color() == PAPER["after"]
+    degrees = phase.lines[1].get_ydata()
+    there = np.isfinite(degrees)
+    np.testing.assert_allclose(degrees[there], np.degrees(np.angle(computed[:, i, j])))
+    title = size.get_legend().get_title().get_text()
+    response, force = data.responses.labels[i], data.references.labels[j]
+    assert title.startswith(f"response {response}, force {force} (FRAC {scores.min():.3f} from")
+    one = plots.synthesis(some, data["4:Z", "12:Z"]).axes[0]
+    assert "response 4:Z, force 12:Z (FRAC" in one.get_legend().get_title().get_text()
+    with pytest.raises(OptionError, match="expected a ModeSet, found FRF"):
+        plots.synthesis(data, data)
 
 
 # -- plants ----------------------------------------------------------------------------------------
