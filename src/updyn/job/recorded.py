@@ -15,6 +15,7 @@ from updyn.job.files import existing_file
 from updyn.job.records_table import RecordsTable, SetupTable
 from updyn.signals.cutting import cut
 from updyn.signals.estimate import estimate_frf
+from updyn.signals.estimators import ESTIMATORS
 from updyn.signals.joining import joined_frfs
 from updyn.signals.quality import RecordFinding, check_records
 from updyn.signals.records import Records, chained, records_of
@@ -118,8 +119,11 @@ def _setup(job: Document, table: RecordsTable, setup: SetupTable) -> RecordedSet
         force = _names(setup.excitation)[0]
         with key_path("cut"):
             records = cut(records, force, table.cut.length, before, table.cut.level)
+    segment = table.segment
+    if segment is None and ESTIMATORS[table.estimator].is_local:  # the force lasts
+        segment = records.values.shape[2] * records.step
     findings = check_records(
-        records, list(_names(setup.excitation)), band=table.band, segment=table.segment
+        records, list(_names(setup.excitation)), band=table.band, segment=segment
     )
     return RecordedSetup(setup.file, records, setup.reject or {}, findings)
 

@@ -94,12 +94,12 @@ class RecordsTable(SetupTable):
     setup: Annotated[
         tuple[SetupTable, ...], BeforeValidator(tables_of("records.setup")), Strict(False)
     ] = ()
-    estimator: Literal["H1", "H2", "Hv"] = "H1"
+    estimator: Literal["H1", "H2", "Hv", "LRM", "H1-LRM"] = "H1"
     window: str | None = None
     impact: WindowTable | None = None
     cut: CutTable | None = None
     segment: float | None = Field(default=None, gt=0)
-    overlap: float = Field(default=0.5, ge=0, lt=1)
+    overlap: float | None = Field(default=None, ge=0, lt=1)
     band: Pair | None = None
     output: str | None = None
 

@@ -1,4 +1,4 @@
-"""FRFs from time records: H1, H2 and Hv, with coherence and variance."""
+"""FRFs from time records: H1, H2, Hv and LRM, with coherence and variance."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from updyn.errors import DataError, DofError, OptionError, key_path, suggest
 from updyn.frf import FRF, check_band
 from updyn.modal.continuation import continued
 from updyn.signals.estimators import ESTIMATORS
+from updyn.signals.quality.pulse import time_of_energy
 from updyn.signals.records import Records, records_of
 from updyn.signals.spectra import Spectra
 from updyn.signals.windows import ImpactWindow
@@ -26,7 +27,10 @@ if TYPE_CHECKING:
 __all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
 
 _Real = NDArray[np.float64]
-_Complex = NDArray[np.complex128]
+#: A force with 90 % of its energy in this share of a record is a pulse to LRM. Of random bursts of
+#: 2 % and more the stated variance is that of the errors, of 1 % no longer (records of three times
+#: the decay time, `benchmarks/records.py`).
+_PULSE = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +41,13 @@ class FRFEstimate:
     ----------
     frf : FRF
         The estimate over all records that were kept.
-    ordinary : ndarray of float, shape (n_f, n_responses, n_references)
-        Ordinary coherence of each response with each force.
-    multiple : ndarray of float, shape (n_f, n_responses)
+    ordinary : ndarray of float, shape (n_f, n_responses, n_references), or None
+        Ordinary coherence of each response with each force. All three are None for LRM and
+        H1-LRM, which average no spectra.
+    multiple : ndarray of float, shape (n_f, n_responses), or None
         Coherence of each response with all forces together: 1 less the share of it that none of
         them explains.
-    partial : ndarray of float, shape (n_f, n_responses, n_references)
+    partial : ndarray of float, shape (n_f, n_responses, n_references), or None
         Coherence of each response with each force, the other forces taken out of both.
     records : tuple of int
         Numbers of the records that were kept, from 1.
@@ -68,9 +73,9 @@ class FRFEstimate:
     """
 
     frf: FRF
-    ordinary: _Real
-    multiple: _Real
-    partial: _Real
+    ordinary: _Real | None
+    multiple: _Real | None
+    partial: _Real | None
     records: tuple[int, ...]
     _spectra: Spectra
     _setting: _Setting
@@ -86,7 +91,8 @@ class FRFEstimate:
         Returns
         -------
         FRF
-            On the same lines; of a record that is one segment without coherence and variance.
+            On the same lines; of a record that is one segment without coherence and variance, but
+            for LRM and H1-LRM, which give the variance.
             `updyn.average` makes the mean of several, with the variance from their scatter.
 
         Raises
@@ -98,7 +104,8 @@ class FRFEstimate:
             kept = ", ".join(map(str, self.records))
             raise DataError(f"record {number!r} is not among those that were kept: {kept}")
         at, each = self.records.index(number), self._setting.segments
-        if each < len(self.frf.references):
+        is_local = ESTIMATORS[self._setting.estimator].is_local
+        if each < len(self.frf.references) and not is_local:
             raise DataError(
                 f"record {number}: {each} segment for {len(self.frf.references)} forces; FRFs of"
                 " a single record take as many segments as forces"
@@ -143,22 +150,16 @@ class _Setting:
 
     def frf(self, spectra: Spectra, source: str) -> FRF:
         """Return the FRFs that spectra give."""
-        spectra.check_forces(self.freq, tuple(self.forces))
-        H = ESTIMATORS[self.estimator](spectra)
-        averages, n = max(1, int(spectra.averages)), len(self.forces)
-        coherence = variance = None
-        if averages > n:  # else the forces explain anything, and all coherences are 1
-            coherence = spectra.partial
-            variance = _variance(H, coherence, max(spectra.averages - n, 1.0))
+        found = ESTIMATORS[self.estimator].estimate(spectra, self.freq, tuple(self.forces))
         frf = FRF(
             self.freq,
-            H,
+            found.values,
             list(self.responses.values()),
             list(self.forces.values()),
             self.quantity,
-            coherence=coherence,
-            variance=variance,
-            averages=averages,
+            coherence=found.coherence,
+            variance=found.variance,
+            averages=max(1, int(spectra.averages)),
             source=source,
             decay=self.decay,
         )
@@ -173,7 +174,7 @@ def estimate_frf(
     estimator: str = "H1",
     window: str | ImpactWindow | None = None,
     segment: float | None = None,
-    overlap: float = 0.5,
+    overlap: float | None = None,
     reject: Mapping[int, str] | None = None,
     band: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -190,17 +191,22 @@ def estimate_frf(
     responses : iterable of str, or mapping of str to str, optional
         Channels of the responses, with their DOFs where their names are no DOF labels; by default
         all but the forces.
-    estimator : {"H1", "H2", "Hv"}
-        H1 for noise on the responses, H2 for noise on the forces, Hv for both.
+    estimator : {"H1", "H2", "Hv", "LRM", "H1-LRM"}
+        H1 for noise on the responses, H2 for noise on the forces, Hv for both. LRM, the local
+        rational method, is for noise on the responses and a lasting force that varies from line to
+        line: it estimates leakage with the FRFs, from a single record if need be, and its errors
+        are correlated over neighbouring lines. H1-LRM is H1 of records whose transients LRM has
+        taken out: its errors are larger, and independent, as an update expects them.
     window : str or ImpactWindow, optional
         Name of a window of `scipy.signal.get_window`, or those for hits. By default none on whole
-        records, "hann" on segments of them.
+        records, "hann" on segments of them. LRM and H1-LRM take none.
     segment : float, optional
         Length in s of the segments that each record is cut into, for a lasting force; the mean is
         taken off each (Welch, 1967). By default each record is one segment, a hit, and the median,
-        which the hit does not move, is taken off.
-    overlap : float
-        Share of a segment that the next one repeats, from 0 to below 1.
+        which the hit does not move, is taken off. LRM takes whole records best.
+    overlap : float, optional
+        Share of a segment that the next one repeats, from 0 to below 1; by default a half. LRM
+        and H1-LRM take none.
     reject : mapping of int to str, optional
         Records to leave out, counted from 1, and why: ``{1: "clipped"}``. The reasons are kept in
         `FRF.source`.
@@ -212,19 +218,21 @@ def estimate_frf(
     Returns
     -------
     FRF
-        In SI units, with the number of averages and, of more averages than forces, coherence and
-        variance: |H|^2 (1 - gamma^2) / (gamma^2 (n - n_r)) of n averages and n_r forces, for H1
-        that of least squares (Bendat and Piersol, Random Data, 4th ed. 2010, eq. 9.90, for n
-        segments less the unknowns). The coherence is the ordinary one, of several forces the
-        partial one: with the other forces taken out.
+        In SI units, with the number of averages. LRM and H1-LRM give the variance from the
+        residual of local models, and no coherence. The others give, of more averages than forces,
+        coherence and variance: |H|^2 (1 - gamma^2) / (gamma^2 (n - n_r)) of n averages and n_r
+        forces, for H1 that of least squares (Bendat and Piersol, Random Data, 4th ed. 2010, eq.
+        9.90, for n segments less the unknowns). The coherence is the ordinary one, of several
+        forces the partial one: with the other forces taken out.
 
     Raises
     ------
     DataError
         If a channel is missing or has no unit that is known, responses are of several quantities,
-        no record is left, a force is zero at a line, or forces cannot be told apart.
+        no record is left, a force is zero at a line, or forces cannot be told apart; of LRM also
+        if the force is a pulse, or there are too few lines.
     OptionError
-        If an option has a value that it cannot have.
+        If an option has a value that it cannot have, or does not apply to the estimator.
 
     Examples
     --------
@@ -267,7 +275,7 @@ def frf_estimate(
     estimator: str = "H1",
     window: str | ImpactWindow | None = None,
     segment: float | None = None,
-    overlap: float = 0.5,
+    overlap: float | None = None,
     reject: Mapping[int, str] | None = None,
     band: tuple[float, float] | None = None,
     units: Mapping[str, str] | None = None,
@@ -312,6 +320,11 @@ def frf_estimate(
         raise OptionError(
             f"estimator {estimator!r}; {suggest(estimator, ESTIMATORS)}", key=("estimator",)
         )
+    is_local = ESTIMATORS[estimator].is_local
+    if is_local:
+        _check_unwindowed(estimator, window, overlap)
+        window, overlap = "boxcar", 0.0
+    overlap = 0.5 if overlap is None else overlap
     if not 0.0 <= overlap < 1.0:
         raise OptionError(f"overlap {overlap}; expected 0 to below 1", key=("overlap",))
     given = records_of(records)
@@ -325,6 +338,8 @@ def frf_estimate(
     kept = _kept(given, reject or {})
     quantity, scales = _scales(given, forces, labels, units or {})
     values = given.values[np.array(kept) - 1][:, rows] * scales[:, None]
+    if is_local:
+        _check_lasting(values[:, : len(forces)], given.step, tuple(forces), estimator)
     pieces, decay, shape = _pieces(values, len(forces), given.step, window, segment, overlap)
     shared = overlap if segment is not None else 0.0
     freq = np.asarray(np.fft.rfftfreq(pieces.shape[2], given.step), dtype=np.float64)
@@ -344,8 +359,37 @@ def frf_estimate(
         _independent(each, shape, shared),
     )
     frf = setting.frf(spectra, _source(given, reject or {}))
+    if is_local:
+        return FRFEstimate(frf, None, None, None, kept, spectra, setting)
     found = (spectra.ordinary, spectra.multiple, spectra.partial)
     return FRFEstimate(frf, *found, kept, spectra, setting)
+
+
+def _check_unwindowed(
+    estimator: str, window: str | ImpactWindow | None, overlap: float | None
+) -> None:
+    """Refuse windows and overlap of an estimator that takes records as they are."""
+    for key, value in (("window", window), ("overlap", overlap)):
+        if value is not None:
+            raise OptionError(
+                f"{key} {value!r}: estimator {estimator} takes records without windows, and"
+                f" segments without overlap; leave {key} out",
+                key=(key,),
+            )
+
+
+def _check_lasting(forces: _Real, step: float, names: tuple[str, ...], estimator: str) -> None:
+    """Refuse forces that are pulses: their spectra are as smooth as those of transients."""
+    duration = forces.shape[2] * step
+    for name, force in zip(names, np.swapaxes(forces, 0, 1), strict=True):
+        lasts = float(np.median(time_of_energy(force))) * step
+        if lasts < _PULSE * duration:
+            raise DataError(
+                f"channel {name!r}: the force is a pulse of {lasts:.2g} s in records of"
+                f" {duration:.3g} s; {estimator} cannot tell the response to it from a transient."
+                " Take estimator H1, with ImpactWindow if the response is cut off",
+                key=("estimator",),
+            )
 
 
 def _channels(
@@ -520,12 +564,6 @@ def _independent(n: int, shape: _Real, overlap: float) -> float:
         share = (shape[:common] @ shape[-common:]) / (shape @ shape)
         out += 2.0 * (1.0 - lag / n) * float(share) ** 2
     return n / out
-
-
-def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
-    """Return E|dH|^2 of so many averages less unknowns."""
-    least = np.maximum(coherence, np.finfo(float).eps)
-    return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
 
 
 def _source(records: Records, reject: Mapping[int, str]) -> str:

@@ -1,16 +1,90 @@
-"""Estimators of FRFs from averaged spectra, by name: H1, H2 and Hv, of one force or several."""
+"""Estimators of FRFs by name: H1, H2 and Hv of averaged spectra, LRM of neighbouring lines."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import DataError
+from updyn.signals.local import local_rational, without_transients
 from updyn.signals.spectra import Spectra
 
-__all__ = ["ESTIMATORS"]
+__all__ = ["ESTIMATORS", "Estimated", "Estimator"]
 
+_Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimated:
+    """FRFs, and how uncertain they are.
+
+    Attributes
+    ----------
+    values : ndarray of complex, shape (n_f, n_i, n_r)
+        H.
+    coherence : ndarray of float, shape (n_f, n_i, n_r), or None
+        Ordinary coherence, of several forces the partial one.
+    variance : ndarray of float, shape (n_f, n_i, n_r), or None
+        E|dH|^2.
+    """
+
+    values: _Complex
+    coherence: _Real | None
+    variance: _Real | None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimator:
+    """How spectra become FRFs.
+
+    Attributes
+    ----------
+    estimate : callable
+        Takes `Spectra`, lines in Hz and the channels of the forces, and returns `Estimated`.
+    is_local : bool
+        Whether it takes the lines about each line together. It then needs spectra without a window
+        of records or segments that do not overlap, and a single one may do for several forces.
+    """
+
+    estimate: Callable[[Spectra, _Real, Sequence[str]], Estimated]
+    is_local: bool = False
+
+
+def _of_averages(values_of: Callable[[Spectra], _Complex]) -> Estimator:
+    """Return an estimator by averaged spectra, with the variance that follows from coherence."""
+
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimated:
+        spectra.check_forces(freq, names)
+        H = values_of(spectra)
+        n = len(names)
+        if max(1, int(spectra.averages)) <= n:  # the forces explain anything: all coherences are 1
+            return Estimated(H, None, None)
+        coherence = spectra.partial
+        return Estimated(H, coherence, _variance(H, coherence, max(spectra.averages - n, 1.0)))
+
+    return Estimator(estimate)
+
+
+def _variance(H: _Complex, coherence: _Real, freedom: float) -> _Real:
+    """Return E|dH|^2 of so many averages less unknowns."""
+    least = np.maximum(coherence, np.finfo(float).eps)
+    return np.asarray(np.abs(H) ** 2 * (1.0 - coherence) / (least * freedom))
+
+
+def _local(
+    values_of: Callable[[Spectra, _Real, Sequence[str]], tuple[_Complex, _Real]],
+) -> Estimator:
+    """Return an estimator by local models, which give the variance, and no coherence."""
+
+    def estimate(spectra: Spectra, freq: _Real, names: Sequence[str]) -> Estimated:
+        values, variance = values_of(spectra, freq, names)
+        return Estimated(values, None, variance)
+
+    return Estimator(estimate, is_local=True)
 
 
 def _h1(spectra: Spectra) -> _Complex:
@@ -71,4 +145,10 @@ def _hv(spectra: Spectra) -> _Complex:
     return out
 
 
-ESTIMATORS = {"H1": _h1, "H2": _h2, "Hv": _hv}
+ESTIMATORS = {
+    "H1": _of_averages(_h1),
+    "H2": _of_averages(_h2),
+    "Hv": _of_averages(_hv),
+    "LRM": _local(local_rational),
+    "H1-LRM": _local(without_transients),
+}

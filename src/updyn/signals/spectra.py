@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,14 +126,14 @@ class Spectra:
         """Spectra of what the forces explain, shape (n_f, n_i)."""
         return np.asarray(np.einsum("fir,fir->fi", self.least_squares, self.xf.conj()).real)
 
-    def check_forces(self, freq: _Real, names: tuple[str, ...]) -> None:
-        """Refuse lines at which a force is zero, or forces cannot be told apart.
+    def check_power(self, freq: _Real, names: Sequence[str]) -> None:
+        """Refuse lines at which a force is zero.
 
         Parameters
         ----------
         freq : ndarray of float, shape (n_f,)
             Lines in Hz, for the message.
-        names : tuple of str
+        names : sequence of str
             Channels of the forces, for the message.
 
         Raises
@@ -140,14 +141,28 @@ class Spectra:
         DataError
             If there is such a line.
         """
-        power = self.power
-        for name, column in zip(names, power.T, strict=True):
+        for name, column in zip(names, self.power.T, strict=True):
             silent = column <= _NOTHING**2 * column.max()
             if silent.any():
                 raise DataError(
                     f"channel {name!r}: no force at {freq[silent][0]:g} Hz; narrow the band",
                     key=("band",),
                 )
+
+    def check_forces(self, freq: _Real, names: Sequence[str]) -> None:
+        """Refuse lines at which a force is zero, or forces cannot be told apart.
+
+        Parameters
+        ----------
+        freq, names
+            As of `check_power`.
+
+        Raises
+        ------
+        DataError
+            If there is such a line.
+        """
+        self.check_power(freq, names)
         if len(names) == 1:
             return
         if len(self.force) < len(names):
@@ -156,7 +171,7 @@ class Spectra:
                 " as many as forces, better several times that",
                 key=("excitation",),
             )
-        size = np.sqrt(power)
+        size = np.sqrt(self.power)
         coherent = self.ff / (size[:, :, None] * size[:, None, :])
         least = np.linalg.eigvalsh(coherent)[:, 0]
         if (least < _DEPENDENT).any():

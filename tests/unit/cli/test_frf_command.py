@@ -13,6 +13,7 @@ import pytest
 from scipy.io import wavfile
 
 import hits
+import shaken
 import updyn
 from updyn.cli import main
 from updyn.errors import UpdynWarning
@@ -87,6 +88,33 @@ def test_it_writes_what_the_library_estimates(folder, capsys):
     assert found.source == wanted.source == "a.lvm; record 2 left out: late"
     lowest = f"{wanted.coherence[:, 0, 0].min():.3f}"
     assert any(line.startswith("1:Z") and lowest in line for line in out.splitlines())
+
+
+@pytest.mark.parametrize("estimator", ["LRM", "H1-LRM"])
+def test_local_models_of_a_lasting_force(tmp_path, capsys, estimator):
+    """Faults of hits are not looked for, and nothing is cut off or hit twice."""
+    (tmp_path / "a.lvm").write_text(lvm(shaken.records(16.0, noise=(0.01, 0.01))), encoding="utf-8")
+    job = (
+        '[records]\nfile = "a.lvm"\nexcitation = { a = "1:X" }\n'
+        f'responses = {{ p = "3:X", q = "4:X" }}\nestimator = "{estimator}"\n'
+        'band = [12, 80]\noutput = "test.nc"\n'
+    )
+    assert main(["frf", put(tmp_path, job)]) == 0
+    out, _ = capsys.readouterr()
+    assert "nothing found that is wrong with them" in out
+    assert "with the variance of each value" in out
+    wanted = updyn.estimate_frf(
+        updyn.read_records(tmp_path / "a.lvm"),
+        {"a": "1:X"},
+        responses={"p": "3:X", "q": "4:X"},
+        estimator=estimator,
+        band=(12.0, 80.0),
+    )
+    found = updyn.read_frf(tmp_path / "test.nc")
+    np.testing.assert_array_equal(found.values, wanted.values)
+    np.testing.assert_array_equal(found.variance, wanted.variance)
+    assert main(["frf", put(tmp_path, job + "overlap = 0.5\n"), "--force"]) == 2
+    assert "job.toml:8: overlap 0.5: estimator" in capsys.readouterr().err
 
 
 def test_what_a_format_has_no_place_for_is_told_with_the_name_of_the_file(folder, capsys):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from updyn.signals.quality.finding import RecordFinding
 
-__all__ = ["no_pulse"]
+__all__ = ["no_pulse", "time_of_energy"]
 
 _Real = NDArray[np.float64]
 
@@ -66,6 +66,21 @@ def no_pulse(
             " segment.",
         )
     return None
+
+
+def time_of_energy(channel: _Real) -> _Real:
+    """Return by record the fewest samples in a row with 90 % of the energy.
+
+    Parameters
+    ----------
+    channel : ndarray of float, shape (n_records, n_samples)
+        The records of a channel.
+
+    Returns
+    -------
+    ndarray of float, shape (n_records,)
+    """
+    return _shape(channel)[0]
 
 
 def _shape(channel: _Real) -> tuple[_Real, _Real]:

@@ -1,0 +1,206 @@
+"""FRFs by the local rational method: leakage is estimated, not windowed away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from updyn.errors import DataError
+from updyn.signals.local_model import LocalModel, LocalValues, Windows
+from updyn.signals.spectra import Spectra
+
+__all__ = ["local_rational", "without_transients"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Local models among which each line has one. Polynomials are for lines far from resonances, where
+#: two poles would follow the noise. Degrees are such that neither shows a bias beyond its standard
+#: deviation on lightly damped modes that are one window apart (`benchmarks/records.py`).
+_MODELS = (
+    LocalModel(poles=0, half=8, degree=2),
+    LocalModel(poles=0, half=16, degree=2),
+    LocalModel(poles=0, half=32, degree=4),
+    LocalModel(poles=0, half=64, degree=4),
+    LocalModel(poles=0, half=128, degree=4),
+    LocalModel(poles=2, half=8, degree=2),
+    LocalModel(poles=2, half=16, degree=3),
+    LocalModel(poles=2, half=32, degree=4),
+)
+#: A model serves the lines within a sixteenth of its half width from its centre.
+_SERVED = 8
+#: Degrees of freedom of a residual from which its variance is known to 40 %, 1 / sqrt(6).
+_FREEDOM = 6
+#: Lines over which models are compared: about two windows of the narrowest.
+_COMPARED = 33
+#: Share of the force that is left without what a transient or another force could be. Below it,
+#: what the polynomials of a window do not follow counts ten times (1 / sqrt(share)) in the FRF.
+_SEPARABLE = 0.01
+#: Complex numbers in the largest array of a batch of windows (16 MB).
+_BATCH = 1_000_000
+_TINY = float(np.finfo(float).tiny)
+
+
+def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple[_Complex, _Real]:
+    """Return FRFs by the local rational method, and the variance of each value.
+
+    About each line the responses are (B F + C) / A with polynomials in the frequency: A is that of
+    all responses and records, C, the transient that a record begins and ends with, that of each
+    record. McKelvey and Guerin, Non-parametric frequency response estimation using a local rational
+    model, IFAC SYSID (2012); without A it is the local polynomial method of Pintelon, Schoukens,
+    Vandersteen and Barbe, Mech. Syst. Signal Process. 24 (2010) 573. The model of each line is
+    chosen by cross-validation (Stone, J. R. Stat. Soc. B 36, 1974): the mean square error at lines
+    that are left out, over neighbouring lines, its logarithm averaged over the responses.
+
+    Parameters
+    ----------
+    spectra : Spectra
+        Of records without a window, at evenly spaced lines.
+    freq : ndarray of float, shape (n_f,)
+        Lines in Hz, for messages.
+    names : sequence of str
+        Channels of the forces, for messages.
+
+    Returns
+    -------
+    values : ndarray of complex, shape (n_f, n_i, n_r)
+        B / A. Errors of lines in one window are correlated.
+    variance : ndarray of float, shape (n_f, n_i, n_r)
+        E|dH|^2 of each, from the residual of its model over its degrees of freedom.
+
+    Raises
+    ------
+    DataError
+        If there are too few lines, a force is zero at a line, or it cannot be told from a transient
+        or the other forces.
+    """
+    spectra.check_power(freq, names)
+    found = _local_values(spectra, freq, names)
+    return found.values, found.variance
+
+
+def without_transients(
+    spectra: Spectra, freq: _Real, names: Sequence[str]
+) -> tuple[_Complex, _Real]:
+    """Return H1 of records whose transients are taken out, and the variance of each value.
+
+    The transients C / A are those of `local_rational`. What is left is noise from line to line,
+    independent but for the errors of the transients, so that a fit to all lines loses nothing.
+
+    Parameters
+    ----------
+    spectra, freq, names
+        As of `local_rational`.
+
+    Returns
+    -------
+    values : ndarray of complex, shape (n_f, n_i, n_r)
+        (X - C / A) F^H (F F^H)^-1 over the records.
+    variance : ndarray of float, shape (n_f, n_i, n_r)
+        E|dH|^2 of each: the noise of the local model over the power of the force at the line.
+
+    Raises
+    ------
+    DataError
+        As `local_rational`; also if there are fewer records or segments than forces.
+    """
+    spectra.check_forces(freq, names)
+    found = _local_values(spectra, freq, names)
+    power = spectra.ff * len(spectra.force)
+    # (F F^H)^-1 is Hermitian: of rows, x (F F^H)^-1 = ((F F^H)^-T x^T)^T.
+    across = np.linalg.solve(power.conj(), np.swapaxes(found.unexplained, 1, 2))
+    identity = np.broadcast_to(np.eye(power.shape[1]), power.shape)
+    inverse = np.einsum("frr->fr", np.linalg.solve(power, identity)).real
+    values = found.values + np.swapaxes(across, 1, 2)
+    return values, found.noise[:, :, None] * inverse[:, None, :]
+
+
+def _local_values(spectra: Spectra, freq: _Real, names: Sequence[str]) -> LocalValues:
+    """Return of each line the values of the model that predicts the lines about it best."""
+    F, X = spectra.force, spectra.motion
+    records, lines, forces = F.shape
+    models = [
+        one for one in _MODELS if one.width <= lines and one.freedom(records, forces) >= _FREEDOM
+    ]
+    if not models:
+        raise DataError(_too_few(lines, records, forces), key=("band",))
+    levels = [np.sqrt(np.mean(np.abs(values) ** 2, axis=(0, 1))) for values in (F, X)]
+    level_F, level_X = (np.where(level > 0.0, level, 1.0) for level in levels)
+    best = _over_lines(F / level_F, X / level_X, models[0])
+    least, separable = _left_out(best), best.separable
+    for model in models[1:]:
+        found = _over_lines(F / level_F, X / level_X, model)
+        error = _left_out(found)
+        best, least = best.better(error < least, found), np.minimum(error, least)
+        separable = np.maximum(found.separable, separable)
+    _check_separable(separable, freq, names)
+    ratio = level_X[:, None] / level_F
+    return replace(
+        best,
+        values=best.values * ratio,
+        variance=best.variance * ratio**2,
+        noise=best.noise * level_X**2,
+        unexplained=best.unexplained * level_X[:, None] * level_F,
+    )
+
+
+def _too_few(lines: int, records: int, forces: int) -> str:
+    """Say how many lines or records would do."""
+    narrowest = next(one for one in _MODELS if one.freedom(records, forces) >= _FREEDOM)
+    return (
+        f"{lines} lines of {records} records or segments; LRM of {forces} forces takes at least"
+        f" {narrowest.width} lines. Widen the band, or take longer records"
+    )
+
+
+def _left_out(found: LocalValues) -> _Real:
+    """Return the mean logarithm of the error at left-out lines, shape (n_f,).
+
+    It is infinite at lines at which the forces cannot be told from transients.
+    """
+    smooth = uniform_filter1d(found.left_out, _COMPARED, axis=0, mode="nearest")
+    error = np.mean(np.log(np.maximum(smooth, _TINY)), axis=1)
+    return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)
+
+
+def _check_separable(separable: _Real, freq: _Real, names: Sequence[str]) -> None:
+    """Refuse lines at which no model can tell a force from a transient or from other forces."""
+    unknown = separable < _SEPARABLE
+    if not unknown.any():
+        return
+    at, force = (int(place[0]) for place in np.nonzero(unknown))
+    others = " or the other forces" if len(names) > 1 else ""
+    count = np.count_nonzero(unknown.any(axis=1))
+    raise DataError(
+        f"channel {names[force]!r}: at {freq[at]:g} Hz ({count} of {len(freq)} lines in all) the"
+        f" response to it cannot be told from a transient{others}; expected a force that varies"
+        " from line to line, such as independent random forces over most of the record. Narrow the"
+        " band, or take estimator H1",
+        key=("excitation",),
+    )
+
+
+def _over_lines(force: _Complex, motion: _Complex, model: LocalModel) -> LocalValues:
+    """Return the values of one model at all lines, in batches of windows."""
+    records, lines, forces = force.shape
+    served = max(1, model.half // _SERVED)
+    offsets = np.arange(served) - served // 2
+    centres = np.arange(0, lines, served) + served // 2
+    columns = motion.shape[2] * (model.poles + 2) + forces * (model.degree + 1)
+    size = max(1, _BATCH // (records * model.width * columns))
+    parts = [
+        Windows.of(force, motion, centres[at : at + size], model).values_at(offsets)
+        for at in range(0, len(centres), size)
+    ]
+
+    def joined(name: str) -> Any:
+        """Return an attribute of all parts, by line."""
+        whole = np.concatenate([getattr(part, name) for part in parts])
+        return whole.reshape(-1, *whole.shape[2:])[:lines]
+
+    return LocalValues(*(joined(one.name) for one in fields(LocalValues)))

@@ -1,0 +1,421 @@
+"""Rational models of neighbouring lines with a transient, fitted to all responses together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LocalModel", "LocalValues", "Windows"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+_Index = NDArray[np.intp]
+
+#: Steps of Gauss-Newton. The first is linear least squares, and near the optimum already if the
+#: noise is small; each later one takes most of the rest.
+_STEPS = 4
+#: A line that the model follows whatever its value says nothing of it when it is left out.
+_LEAST_REST = 0.02
+#: What a diagonal of R is raised by, over its largest: forces that are combinations of one another.
+_SINGULAR = 1e-14
+_TINY = float(np.finfo(float).tiny) ** 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class LocalModel:
+    """Shape of a local model: X = (B(r) F + C(r)) / A(r) at r lines from its centre.
+
+    Attributes
+    ----------
+    poles : int
+        Degree of A, which all responses share; 0 is the local polynomial method.
+    half : int
+        Lines on either side of the centre that it is fitted to.
+    degree : int
+        Of B and C, at least 1.
+    """
+
+    poles: int
+    half: int
+    degree: int
+
+    @property
+    def width(self) -> int:
+        """Number of lines that it is fitted to."""
+        return 2 * self.half + 1
+
+    def freedom(self, records: int, forces: int) -> int:
+        """Return the least number of complex degrees of freedom of the residual of a response.
+
+        Parameters
+        ----------
+        records, forces : int
+            Their numbers.
+        """
+        coefficients = self.degree + 1
+        return records * (self.width - coefficients) - forces * coefficients - self.poles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalValues:
+    """Values of local models at lines about their centres.
+
+    Attributes
+    ----------
+    values : ndarray of complex, shape (n, n_lines, n_i, n_r)
+        FRFs.
+    variance : ndarray of float, shape (n, n_lines, n_i, n_r)
+        E|dH|^2 of each.
+    noise : ndarray of float, shape (n, n_lines, n_i)
+        Variance of the responses about the model.
+    unexplained : ndarray of complex, shape (n, n_lines, n_i, n_r)
+        Sum over the records of the residual at the line times the conjugate of the forces.
+    left_out : ndarray of float, shape (n, n_lines, n_i)
+        Mean square error at a line of the model that is fitted without that line.
+    separable : ndarray of float, shape (n, n_lines, n_r)
+        Share of the power of each force that no polynomial transient and no other force could be.
+    """
+
+    values: _Complex
+    variance: _Real
+    noise: _Real
+    unexplained: _Complex
+    left_out: _Real
+    separable: _Real
+
+    def better(self, closer: NDArray[np.bool_], other: LocalValues) -> LocalValues:
+        """Return the values of another model where it is closer, else these.
+
+        Parameters
+        ----------
+        closer : ndarray of bool, shape (n,)
+            Where the other model is closer.
+        other : LocalValues
+            Its values.
+        """
+
+        def of(name: str) -> Any:
+            mine, its = getattr(self, name), getattr(other, name)
+            return np.where(closer.reshape(-1, *(1,) * (mine.ndim - 1)), its, mine)
+
+        return LocalValues(*(of(one.name) for one in fields(self)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Spectra of the lines about some centres.
+
+    Attributes
+    ----------
+    model : LocalModel
+        What is fitted to them.
+    centre : ndarray of int, shape (n,)
+        Position of the centre in its window, which is not in the middle at the ends of the band.
+    powers : ndarray of float, shape (n, width, powers)
+        Powers of the distance from the centre over the half width.
+    force : ndarray of complex, shape (n, records, width, n_r (degree + 1))
+        Spectra of the forces times these powers.
+    motion : ndarray of complex, shape (n, records, width, n_i)
+        Spectra of the responses.
+    """
+
+    model: LocalModel
+    centre: _Index
+    powers: _Real
+    force: _Complex
+    motion: _Complex
+
+    @classmethod
+    def of(cls, force: _Complex, motion: _Complex, centres: _Index, model: LocalModel) -> Windows:
+        """Cut windows out of spectra.
+
+        Parameters
+        ----------
+        force, motion : ndarray of complex, shape (records, n_f, n_r or n_i)
+            Spectra at evenly spaced lines.
+        centres : ndarray of int, shape (n,)
+            Lines.
+        model : LocalModel
+            The model; it is no wider than the spectra.
+        """
+        begin = np.clip(centres - model.half, 0, force.shape[1] - model.width)
+        at = begin[:, None] + np.arange(model.width)
+        away = (at - centres[:, None]) / model.half
+        powers = away[..., None] ** np.arange(max(model.poles, model.degree) + 1)
+        F, X = np.moveaxis(force[:, at], 0, 1), np.moveaxis(motion[:, at], 0, 1)
+        F = F[..., :, None] * powers[:, None, :, None, : model.degree + 1]
+        return cls(model, centres - begin, powers, F.reshape(*F.shape[:3], -1), X)
+
+    def values_at(self, offsets: _Index) -> LocalValues:
+        """Return the values of the fitted models at lines about their centres.
+
+        Parameters
+        ----------
+        offsets : ndarray of int, shape (n_lines,)
+            Lines from the centre.
+
+        Returns
+        -------
+        LocalValues
+        """
+        start = _Fitted.of(self, np.zeros((len(self.powers), self.model.poles), dtype=complex))
+        return _Solution.of(self._fitted(start), offsets).values(start.separable)
+
+    def _fitted(self, fit: _Fitted) -> _Fitted:
+        """Return the fitted models.
+
+        With A given, B and C are linear (variable projection: Golub and Pereyra, SIAM J. Numer.
+        Anal. 10, 1973). A is sought by Gauss-Newton from A = 1, each response over its residual.
+        """
+        for step in range(_STEPS if self.model.poles else 0):
+            moved = fit.poles + fit.change(is_first=step == 0)
+            fit = fit.better(_Fitted.of(self, moved))
+        return fit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fitted:
+    """Local models with poles that are given, all else by least squares.
+
+    Attributes
+    ----------
+    windows : Windows
+        What they are fitted to.
+    poles : ndarray of complex, shape (n, poles)
+        Coefficients of A but the constant, which is 1.
+    inverse : ndarray of complex, shape (n, width)
+        1 / A.
+    transient : ndarray of complex, shape (n, width, degree + 1)
+        Orthonormal basis of C / A.
+    Q, R : ndarray of complex
+        Of B F / A without its part in that basis.
+    along : ndarray of complex, shape (n, n_r (degree + 1), n_i)
+        Q^H X.
+    residual : ndarray of complex, shape (n, records width, n_i)
+        Of the responses.
+    """
+
+    windows: Windows
+    poles: _Complex
+    inverse: _Complex
+    transient: _Complex
+    Q: _Complex
+    R: _Complex
+    along: _Complex
+    residual: _Complex
+
+    @classmethod
+    def of(cls, windows: Windows, poles: _Complex) -> _Fitted:
+        model, powers = windows.model, windows.powers
+        denominator = np.einsum("fwm,fm->fw", powers[..., 1 : model.poles + 1], poles)
+        inverse = 1.0 / (1.0 + denominator)
+        transient = np.linalg.qr(powers[..., : model.degree + 1] * inverse[..., None])[0]
+        force = _stacked(_without(transient, windows.force * inverse[:, None, :, None]))
+        motion = _stacked(_without(transient, windows.motion))
+        Q, R = np.linalg.qr(force)
+        along = _herm(Q) @ motion
+        return cls(windows, poles, inverse, transient, Q, R, along, motion - Q @ along)
+
+    def better(self, other: _Fitted) -> _Fitted:
+        """Return of each window the fit with the smaller residual."""
+        closer = np.log(other.power).sum(axis=1) < np.log(self.power).sum(axis=1)
+
+        def of(name: str) -> Any:
+            mine, its = getattr(self, name), getattr(other, name)
+            return np.where(closer.reshape(-1, *(1,) * (mine.ndim - 1)), its, mine)
+
+        names = ("poles", "inverse", "transient", "Q", "R", "along", "residual")
+        return replace(self, **{name: of(name) for name in names})
+
+    @property
+    def power(self) -> _Real:
+        """Sum of squares of the residual, shape (n, n_i); above 0."""
+        return np.asarray(np.maximum(np.sum(np.abs(self.residual) ** 2, axis=1), _TINY**2))
+
+    @property
+    def explained(self) -> _Complex:
+        """Responses without their residual, shape (n, records, width, n_i)."""
+        motion = self.windows.motion
+        return motion - self.residual.reshape(motion.shape)
+
+    def change(self, *, is_first: bool) -> _Complex:
+        """Return the Gauss-Newton step of the poles, shape (n, poles).
+
+        The first takes the measured response in place of the model's, which is linear least squares
+        of A X = B F + C (Levy, IRE Trans. Autom. Control AC-4, 1959).
+        """
+        J, _ = self._slopes(self.windows.motion if is_first else self.explained)
+        error = (self.residual / np.sqrt(self.power)[:, None]).reshape(len(J), -1, 1)
+        Q, R = np.linalg.qr(self._weighted(J))
+        return -_solved(R, _herm(Q) @ error)[..., 0]
+
+    def _slopes(self, motion: _Complex) -> tuple[_Complex, _Complex]:
+        """Return the derivative of the residual by the poles, and Q^H of that before projection.
+
+        Shapes (n, records width, poles, n_i) and (n, n_r (degree + 1), poles, n_i).
+        """
+        n, records, width, responses = motion.shape
+        poles = self.windows.model.poles
+        bent = self.windows.powers[..., 1 : poles + 1] * self.inverse[..., None]
+        J = (bent[:, None, :, :, None] * motion[:, :, :, None]).reshape(n, records, width, -1)
+        J = _stacked(_without(self.transient, J))
+        along = _herm(self.Q) @ J
+        shape = (n, -1, poles, responses)
+        return (J - self.Q @ along).reshape(shape), along.reshape(shape)
+
+    def _weighted(self, J: _Complex) -> _Complex:
+        """Return slopes of all responses over the size of their residuals, one below another."""
+        weighted = J / np.sqrt(self.power)[:, None, None, :]
+        return np.moveaxis(weighted, 2, 3).reshape(len(J), -1, J.shape[2])
+
+    @property
+    def separable(self) -> _Real:
+        """Share of the power of each force that C and the other forces leave, shape (n, n_r)."""
+        force = self.windows.force[..., :: self.windows.model.degree + 1]
+        power = np.sum(np.abs(force) ** 2, axis=(1, 2))
+        row = np.sum(np.abs(self.weights[:, :: self.windows.model.degree + 1]) ** 2, axis=2)
+        return np.asarray(1.0 / np.maximum(power * row, 1.0))
+
+    @property
+    def weights(self) -> _Complex:
+        """R^-1: the weights of Q^H X in B, shape (n, n_r (degree + 1), n_r (degree + 1))."""
+        return _solved(self.R, np.broadcast_to(np.eye(self.R.shape[1]), self.R.shape))
+
+    def poles_basis(self) -> tuple[_Complex, _Complex, _Complex]:
+        """Return Q and R of the weighted slopes by the poles, and the slopes along `Q`.
+
+        Shapes (n, records width, n_i, poles), (n, poles, poles), (n, n_r (degree + 1), poles, n_i).
+        """
+        J, along = self._slopes(self.explained)
+        Q, R = np.linalg.qr(self._weighted(J))
+        return Q.reshape(*self.residual.shape, -1), R, along
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solution:
+    """Values of fitted models at lines about their centres, and what they depend on.
+
+    Attributes
+    ----------
+    fit : _Fitted
+        The models.
+    offsets : ndarray of int, shape (n_lines,)
+        Lines from the centre.
+    H : ndarray of complex, shape (n, n_lines, n_i, n_r)
+        FRFs.
+    rows : ndarray of complex, shape (n, n_lines, n_r, n_r (degree + 1))
+        Derivative of H by Q^H X.
+    of_poles : ndarray of complex, shape (n, n_lines, n_i, n_r, poles)
+        Derivative of H by the poles, over R of the poles.
+    leverage : ndarray of float, shape (n, records width, n_i)
+        Share of each measured value in the value that the model has there.
+    freedom : ndarray of float, shape (n, n_i)
+        Complex degrees of freedom of the residuals: each response pays for the poles by its share
+        in them.
+    """
+
+    fit: _Fitted
+    offsets: _Index
+    H: _Complex
+    rows: _Complex
+    of_poles: _Complex
+    leverage: _Real
+    freedom: _Real
+
+    @classmethod
+    def of(cls, fit: _Fitted, offsets: _Index) -> _Solution:
+        model = fit.windows.model
+        n, records, width, responses = fit.windows.motion.shape
+        terms = model.degree + 1
+        powers = (offsets / model.half)[:, None] ** np.arange(max(terms, model.poles + 1))
+        bent = powers[:, 1 : model.poles + 1]
+        A = 1.0 + np.einsum("om,fm->fo", bent, fit.poles)
+        numerator = powers[:, :terms] / A[..., None]
+        coefficients = (fit.weights @ fit.along).reshape(n, -1, terms, responses)
+        H = np.einsum("foq,frqi->foir", numerator, coefficients)
+        inverse = fit.weights.reshape(n, -1, terms, fit.R.shape[1])
+        rows = np.einsum("foq,frqp->forp", numerator, inverse)
+        leverage = np.sum(np.abs(fit.Q) ** 2, axis=2)
+        leverage += np.tile(np.sum(np.abs(fit.transient) ** 2, axis=2), (1, records))
+        leverage = np.repeat(leverage[..., None], responses, axis=2)
+        freedom = np.full((n, responses), float(records * (width - terms) - fit.R.shape[1]))
+        of_poles = np.zeros((*H.shape, 0), dtype=np.complex128)
+        if model.poles:
+            Q, R, along = fit.poles_basis()
+            of_one = np.sum(np.abs(Q) ** 2, axis=3)
+            leverage += of_one
+            freedom -= of_one.sum(axis=1)
+            slope = np.einsum("forp,fpmi->foirm", rows, along)
+            slope -= H[..., None] * (bent / A[..., None])[:, :, None, None]
+            flat = np.moveaxis(slope.reshape(n, -1, model.poles), 2, 1)
+            across = _solved(np.swapaxes(R, 1, 2), flat)
+            of_poles = np.moveaxis(across, 1, 2).reshape(slope.shape)
+        return cls(fit, offsets, H, rows, of_poles, leverage, np.maximum(freedom, 1.0))
+
+    def values(self, separable: _Real) -> LocalValues:
+        """Return the values, with the share of the forces that is separable, shape (n, n_r)."""
+        n, lines = len(separable), len(self.offsets)
+        noise = self._noise[:, None]
+        force = self._at_lines(self.fit.windows.force[..., :: self.fit.windows.model.degree + 1])
+        residual = self._at_lines(self.fit.residual.reshape(self.fit.windows.motion.shape))
+        return LocalValues(
+            self.H,
+            self._variance,
+            np.broadcast_to(noise, (n, lines, noise.shape[2])),
+            np.einsum("fnoi,fnor->foir", residual, force.conj()),
+            self._left_out,
+            np.broadcast_to(separable[:, None], (n, lines, separable.shape[1])),
+        )
+
+    def _at_lines(self, of_windows: _Complex) -> _Complex:
+        """Return what the windows, shape (n, records, width, ...), have at the lines."""
+        width = of_windows.shape[2]
+        # Lines beyond the last one belong to no window; what they are given is not used.
+        place = np.clip(self.fit.windows.centre[:, None] + self.offsets, 0, width - 1)
+        return np.take_along_axis(of_windows, place[:, None, :, None], axis=2)
+
+    @property
+    def _noise(self) -> _Real:
+        """Variance of the responses about the model, shape (n, n_i)."""
+        return np.asarray(self.fit.power / self.freedom)
+
+    @property
+    def _variance(self) -> _Real:
+        """E|dH|^2: noise of the response itself, and that of all responses by the poles."""
+        own = np.sum(np.abs(self.rows) ** 2, axis=3)[:, :, None]
+        shared = np.sum(np.abs(self.of_poles) ** 2, axis=4)
+        # The poles were weighted by residuals, which are their noise times the freedom.
+        shared = shared / self.freedom.mean(axis=1)[:, None, None, None]
+        return np.asarray(self._noise[:, None, :, None] * own + shared)
+
+    @property
+    def _left_out(self) -> _Real:
+        """Mean square error at lines that are left out, by the leverage (Allen, 1974)."""
+        rest = np.maximum(1.0 - self.leverage, _LEAST_REST)
+        error = (self.fit.residual / rest).reshape(self.fit.windows.motion.shape)
+        return np.asarray(np.mean(np.abs(self._at_lines(error)) ** 2, axis=1))
+
+
+def _herm(x: _Complex) -> _Complex:
+    return np.swapaxes(x, -1, -2).conj()
+
+
+def _stacked(x: _Complex) -> _Complex:
+    """Return the lines of all records one below another."""
+    return x.reshape(len(x), -1, x.shape[-1])
+
+
+def _without(Q: _Complex, x: _Complex) -> _Complex:
+    """Return x, shape (n, records, width, ...), without its part in Q, shape (n, width, ...)."""
+    return x - Q[:, None] @ (_herm(Q)[:, None] @ x)
+
+
+def _solved(R: _Complex, b: _Complex) -> _Complex:
+    """Return R^-1 b for triangular R; of an R that is singular, something large."""
+    diagonal = np.abs(np.einsum("...ii->...i", R))
+    least = _SINGULAR * diagonal.max(axis=-1, keepdims=True) + _TINY
+    short = np.where(diagonal < least, least, 0.0)
+    return np.asarray(np.linalg.solve(R + short[..., None] * np.eye(R.shape[-1]), b))
