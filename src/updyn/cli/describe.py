@@ -162,7 +162,8 @@ def describe_modes(found: ModeSet) -> str:
         text_table(header, rows),
     ]
     if len(found.unexplained):
-        texts.append(f"{peaks_without_modes(found.unexplained)}; [modes] pick makes modes of them.")
+        peaks = peaks_without_modes(found.unexplained)
+        texts.append(f"{peaks}; [modes] poles makes modes of them.")
     return "\n".join(texts)
 
 

@@ -152,7 +152,7 @@ def synthesis(
         raise OptionError(f"plots.synthesis: expected a ModeSet, found {type(modes).__name__}")
     computed, inside = synthesise(modes, frf), band_of_modes(modes, frf)
     found = frac(frf.values[inside], computed.values[inside])
-    i, j = np.unravel_index(int(np.argmin(found)), found.shape)
+    i, j = divmod(int(np.argmin(found)), found.shape[1])
     names = [str(frf.responses[i])], [str(frf.references[j])]
     low, high = frf.freq[inside][[0, -1]]
     return one_channel(

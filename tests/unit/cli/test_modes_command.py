@@ -231,7 +231,7 @@ def test_a_peak_without_a_mode_is_named_and_drawn(
     path.write_text('[test]\nfile = "test.npz"\n', encoding="utf-8")
     assert main(["modes", str(path), "--out", str(hidden / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "Peak without a mode: 300 Hz; [modes] pick makes modes of them." in said
+    assert "Peak without a mode: 300 Hz; [modes] poles makes modes of them." in said
     page = (hidden / "out" / "modes.html").read_text(encoding="utf-8")
     assert embedded(page, "updyn-picks")["peaks"] == pytest.approx([300.0])
     assert "Peak without a mode: 300 Hz." in page

@@ -77,7 +77,18 @@ def test_nothing_is_loaded_from_elsewhere(page):
 
 
 def test_own_scripts_styles_and_templates_name_no_address():
-    texts = [asset(name) for name in ("report.css", "report.js", "curves.js", "overlay.js", "lsfd.js", "picks.js", "watch.js")]
+    texts = [
+        asset(name)
+        for name in (
+            "report.css",
+            "report.js",
+            "curves.js",
+            "overlay.js",
+            "lsfd.js",
+            "picks.js",
+            "watch.js",
+        )
+    ]
     templates = resources.files("updyn.report") / "templates"
     texts += [file.read_text(encoding="utf-8") for file in templates.iterdir()]
     assert len(texts) > 10

@@ -160,6 +160,15 @@ def test_a_mode_is_left_out_and_taken_again(opened, frf, modes):
     assert picked(page) == {}
     assert "the modes are those that were found" in page.inner_text("#picks")
 
+    # a frequency within its half-power band is that mode, too, and one beyond is not
+    width = modes.frequency[2] * modes.loss_factor[2]
+    for away, expected in ((0.4, {}), (0.6, {"pick", "poles"})):
+        page.wait_for_timeout(500)  # two clicks in less are a double click
+        click(page, modes.frequency[2])
+        page.fill("#add-frequency", f"{modes.frequency[2] + away * width:.6g}")
+        page.get_by_role("button", name="Add", exact=True).click()
+        assert set(picked(page)) == set(expected)
+
 
 def test_a_peak_and_any_other_frequency_are_added(opened, modes):
     page = opened()

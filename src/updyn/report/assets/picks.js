@@ -43,6 +43,8 @@ const updynPicks = (() => {
   function add(f) {
     if (!data.canAdd) { said = "These modes were found all at once, from data without noise; none can be added."; again(false); return; }
     if (!(f > 0 && f >= lines[0] && f <= lines[n - 1])) { said = `${f} Hz is not within the band, ${shown(lines[0])} to ${shown(lines[n - 1])} Hz.`; again(false); return; }
+    const out = entries.find((entry) => !entry.on && Math.abs(entry.f - f) <= 0.5 * entry.loss * entry.f); // within its half-power band
+    if (out) { toggle(out); return; }
     remember();
     const loss = synthesis.loss(f, on());
     entries.push({ f, loss, pole: f, on: true, found: false });
@@ -262,9 +264,7 @@ const updynPicks = (() => {
   // What is typed; no form, which a page within another one may not send.
   function enter() {
     const text = find("add-frequency").value.trim().replace(",", "."), f = Number(text);
-    const mode = entries.find((entry) => Math.abs(entry.f - f) <= 1e-6 * f);
-    if (mode && !mode.on) toggle(mode);
-    else if (text && !mode) add(f);
+    if (text && !entries.some((entry) => entry.on && Math.abs(entry.f - f) <= 1e-6 * f)) add(f);
   }
 
   function start() {
