@@ -69,9 +69,9 @@ def opened(browser, modes, frf, tmp_path):
     """A function that opens the page, and checks at the end that nothing went wrong in it."""
     pages = []
 
-    def go(fragment="", shown=frf, width=1400, **chosen):
+    def go(fragment="", shown=frf, width=1400, has_touch=False, **chosen):
         path = write_modes_page(chosen.pop("modes", modes), shown, tmp_path / "m.html", **chosen)
-        page = browser.new_page(viewport={"width": width, "height": 1000})
+        page = browser.new_page(viewport={"width": width, "height": 1000}, has_touch=has_touch)
         page.set_default_timeout(60_000)
         page.goto(f"{path.as_uri()}{fragment}")
         page.wait_for_selector("#picker-plot .main-svg")
@@ -84,7 +84,7 @@ def opened(browser, modes, frf, tmp_path):
         page.close()
 
 
-def click(page, frequency, height=0.5):
+def click(page, frequency, height=0.5, how=None):
     """Click in the diagram, at a share of its height from the top."""
     x, y = page.evaluate(
         """([frequency, height]) => {
@@ -94,7 +94,7 @@ def click(page, frequency, height=0.5):
         }""",
         [frequency, height],
     )
-    page.mouse.click(x, y)
+    (how or page.mouse.click)(x, y)
 
 
 def picked(page):
@@ -291,7 +291,9 @@ def test_pairs_of_modes_that_are_left_out_are_not_named(opened, modes):
     assert not pair.is_visible()
 
 
-def test_the_page_fits_a_narrow_screen(opened):
-    page = opened(width=420)
+def test_the_page_fits_a_narrow_screen_and_hears_touches(opened, modes):
+    page = opened(width=420, has_touch=True)
     assert page.evaluate("document.documentElement.scrollWidth") == 420
     assert page.evaluate("document.getElementById('picker-plot')._fullLayout._size.w") > 200
+    click(page, modes.frequency[2], how=page.touchscreen.tap)
+    page.get_by_text("4 modes; 1 left out.").wait_for()

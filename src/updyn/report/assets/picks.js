@@ -54,8 +54,9 @@ const updynPicks = (() => {
 
   // Two clicks at one place show the whole band; what the first one picked is taken back.
   let last = { time: -Infinity, x: 0, y: 0, entries: [] };
-  function click(event) {
-    const { timeStamp: time, clientX: x, clientY: y } = event;
+  let pressed = { x: 0, y: 0 }; // the click that plotly makes of a touch has no place of its own
+  function click({ timeStamp: time }) {
+    const { x, y } = pressed;
     if (time - last.time < TWICE && Math.hypot(x - last.x, y - last.y) < NEAR) {
       entries.splice(0, entries.length, ...last.entries);
       last = { ...last, time: -Infinity };
@@ -65,13 +66,13 @@ const updynPicks = (() => {
       return;
     }
     last = { time, x, y, entries: entries.map((entry) => ({ ...entry })) };
-    choose(event);
+    choose(x, y);
   }
 
   // What a click at a place of the figure means: a mode near it, a peak without a mode, a pole, or a frequency.
-  function choose(event) {
+  function choose(x, y) {
     const { xaxis, yaxis, yaxis2, yaxis4 } = place._fullLayout, box = place.getBoundingClientRect();
-    const left = event.clientX - box.left - xaxis._offset, top = event.clientY - box.top;
+    const left = x - box.left - xaxis._offset, top = y - box.top;
     if (left < 0 || left > xaxis._length || top < yaxis._offset || top > yaxis4._offset + yaxis4._length) return;
     const away = (f) => Math.abs(xaxis.d2p(f) - left);
     const nearest = (items, of) => items.filter((item) => away(of(item)) <= NEAR).sort((a, b) => away(of(a)) - away(of(b)))[0];
@@ -144,7 +145,7 @@ const updynPicks = (() => {
     for (const { y } of drawn) for (const v of y) if (v > 0) { if (v < low) low = v; if (v > high) high = v; }
     if (!high) return {};
     const [bottom, top] = [Math.max(Math.log10(low), Math.log10(high) - 9), Math.log10(high)], room = Math.max(0.05 * (top - bottom), 0.1);
-    return { range: [bottom - room, top + room], dtick: Math.max(1, Math.ceil((top - bottom) / 4)) };
+    return { range: [bottom - room, top + room], dtick: top - bottom < 2 ? "D2" : Math.ceil((top - bottom) / 4) };
   }
 
   function make() {
@@ -173,7 +174,9 @@ const updynPicks = (() => {
       yaxis: { ...base.layout.yaxis, ...span(indicators) },
       yaxis3: { ...base.layout.yaxis3, ...span([drawn.measured, drawn.synthesised].filter(Boolean)), title: { text: `${data.quantity} (${unit})` } },
     };
-    return { data: traces, own, height: narrow ? base.height + 90 : base.height };
+    if (!narrow) return { data: traces, own, height: base.height };
+    const height = base.height + 120; // the legend has a row for each name, below what it names
+    return { data: traces, own: { ...own, legend: { y: -70 / height, yanchor: "top" } }, height };
   }
 
   // -- what is said
@@ -284,6 +287,7 @@ const updynPicks = (() => {
         say();
         redraw();
       });
+      place.addEventListener("pointerdown", ({ clientX: x, clientY: y }) => { pressed = { x, y }; }, true);
       place.addEventListener("click", click);
     }, { once: true });
     channel.addEventListener("change", () => show(channel.value));
