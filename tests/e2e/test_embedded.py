@@ -90,17 +90,17 @@ def test_modes_are_added_and_left_out(window):
     page.get_by_role("status").filter(has_text="Ended").wait_for()
     drawn = "() => document.querySelector('#picker-plot .main-svg')"
     frame = embedded(page, drawn)
-    frame.locator("#add-frequency").fill("476.46")
+    frame.locator("#add-frequency").fill("120")
     frame.get_by_role("button", name="Add", exact=True).click()
-    page.get_by_text("Modes for the job: all that are found, and new ones at 476.46 Hz.").wait_for()
-    assert saved(page, job)["modes"]["poles"] == [476.46]
+    page.get_by_text("Modes for the job: all that are found, and new ones at 120 Hz.").wait_for()
+    assert saved(page, job)["modes"]["poles"] == [120.0]
     frame = embedded(page, drawn)
     modes = frame.evaluate("updynPicks.entries.filter((entry) => entry.found).map((e) => e.f)")
     frame.locator("#picker-plot").click(position=frame.evaluate(PLACE, modes[0]))
     page.get_by_text("Modes for the job: those at").wait_for()
     picked = saved(page, job)["modes"]
     assert picked["pick"] == pytest.approx(modes[1:], rel=1e-6)
-    assert picked["poles"] == [476.46]
+    assert picked["poles"] == [120.0]
 
     # what is undone, and what is opened anew, is what the job says
     page.get_by_role("button", name="Undo").click()
@@ -109,7 +109,13 @@ def test_modes_are_added_and_left_out(window):
     page.frame_locator("iframe").get_by_text(count).wait_for()
     page.reload()
     page.frame_locator("iframe").get_by_text(count).wait_for()
-    page.get_by_role("button", name="Undo").click()
+
+    # refused with its reason; the page stays, and the pick is taken back in it
+    page.frame_locator("iframe").get_by_role("button", name="120 Hz").wait_for()
+    page.get_by_role("button", name="Save and begin").click()
+    page.get_by_role("status").filter(has_text="Failed").wait_for()
+    page.get_by_text("the pole at 120 Hz, refined,").wait_for()
+    page.frame_locator("iframe").get_by_role("button", name="120 Hz").click()
     page.get_by_text("Modes for the job: all that are found.").wait_for()
     assert "poles" not in saved(page, job)["modes"]
 

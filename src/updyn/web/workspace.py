@@ -112,8 +112,8 @@ class Workspace:
         pages : list of str
             Their files, the latest first.
         shown : str
-            That of the latest worker for the open job; else the latest in a folder that is named
-            after the job; empty if there is none.
+            That of the latest worker for the open job if it has written one; else the latest in a
+            folder that is named after the job; empty if there is none.
         """
         work = TASKS.find(task)
         found = self.project.pages(work.page, task)
@@ -121,10 +121,9 @@ class Workspace:
         worker = self.workers.get(task)
         if worker is not None and self.is_of_open_job(worker):
             made = worker.out / work.page
-            if not made.is_file():
-                return pages, ""
-            name = self.project.name_of(made)
-            return list(dict.fromkeys([name, *pages])), name
+            if made.is_file():
+                name = self.project.name_of(made)
+                return list(dict.fromkeys([name, *pages])), name
         suffixes = "|".join(map(re.escape, (work.suffix, TASKS.find("run").suffix)))
         stem = re.escape(self.opened.path.stem)
         named = re.compile(rf"{stem}(({suffixes})(-\d+)?)?")

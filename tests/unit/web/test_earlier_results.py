@@ -59,6 +59,14 @@ def test_that_of_this_session_comes_first(workspace: Workspace) -> None:
     assert workspace.worker("plan") is done
 
 
+def test_a_task_that_wrote_nothing_leaves_the_earlier_page(workspace: Workspace) -> None:
+    """A pick that is refused can be taken back in the page in which it was picked."""
+    folder = workspace.project.folder
+    failed = SimpleNamespace(job=folder / "job.toml", out=folder / "job-plan-3", active=False)
+    workspace.workers["plan"] = failed  # type: ignore[assignment]
+    assert workspace.pages("plan")[1] == "job-plan-2/plan.html"
+
+
 def test_a_plant_goes_to_the_run_of_an_earlier_session(workspace: Workspace) -> None:
     out = workspace.project.folder / "first"
     out.mkdir()

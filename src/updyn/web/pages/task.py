@@ -123,7 +123,7 @@ def task_page(task: str) -> Callable[[Workspace], None]:
             with ui.row().classes("w-full items-center gap-x-8"):
                 if worker is not None:
                     state_of(worker, workspace)
-                if worker is None or worker.state == "done":
+                if worker is None or not worker.active:
                     _written_pages(workspace, task, known)
 
         state()
