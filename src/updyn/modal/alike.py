@@ -26,7 +26,7 @@ class AlikePair:
         Their frequencies in Hz, ascending.
     mac : float
         MAC of their shapes.
-    close : bool
+    overlap : bool
         Whether the frequencies differ by less than the sum of the half-power bandwidths: the
         resonance curves overlap, so that the two may be one mode found twice.
     """
@@ -34,21 +34,21 @@ class AlikePair:
     first: float
     second: float
     mac: float
-    close: bool
+    overlap: bool
 
 
 def alike_pairs(modes: ModeSet) -> list[AlikePair]:
-    """Return the pairs of modes with a MAC of 0.9 or more, close ones first, then by MAC.
+    """Return the pairs of modes with a MAC of 0.9 or more, overlapping ones first, then by MAC.
 
     Parameters
     ----------
     modes : ModeSet
-        Of one test. Where a loss factor is not known, the pair does not count as close.
+        Of one test. Where a loss factor is not known, the pair does not count as overlapping.
     """
     mac, frequency = auto_mac(modes.shapes), modes.frequency
     width = frequency * modes.loss_factor
     found = []
     for i, j in np.argwhere(np.triu(mac >= _SAME_SHAPE, 1)).tolist():
-        close = bool(frequency[j] - frequency[i] < width[i] + width[j])
-        found.append(AlikePair(float(frequency[i]), float(frequency[j]), float(mac[i, j]), close))
-    return sorted(found, key=lambda pair: (not pair.close, -pair.mac))
+        overlap = bool(frequency[j] - frequency[i] < width[i] + width[j])
+        found.append(AlikePair(float(frequency[i]), float(frequency[j]), float(mac[i, j]), overlap))
+    return sorted(found, key=lambda pair: (not pair.overlap, -pair.mac))

@@ -163,7 +163,7 @@ class ShapesSection(Section):
 def pair_in_words(pair: AlikePair) -> str:
     """Return what a pair of modes with nearly the same shape may mean."""
     which = f"{number(pair.first, 5)} and {number(pair.second, 5)} Hz: MAC {pair.mac:.2f}"
-    if pair.close:
+    if pair.overlap:
         return (
             f"{which}, and their resonances overlap. They may be one mode found twice: leave one"
             " out and compare FRAC."

@@ -136,7 +136,7 @@ def test_modes_of_one_shape_are_listed(angle: float, apart: float, listed: list[
         [100.0, 100.0 * (1 + apart), 300.0], shapes, ["1:X", "2:X"], [0.01, 0.01, 0.01]
     )
     pairs = alike_pairs(modes)
-    assert [pair.close for pair in pairs] == listed
+    assert [pair.overlap for pair in pairs] == listed
     for pair in pairs:
         assert (pair.first, pair.second) == pytest.approx((100.0, 100.0 * (1 + apart)))
         assert pair.mac == pytest.approx(np.cos(np.radians(angle)) ** 2)
