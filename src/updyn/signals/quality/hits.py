@@ -48,6 +48,10 @@ _CUT, _LAST = 0.02, 20
 #: Samples before the hit, and how much more than at the end of the record there has to be, for a
 #: response to have been there before; samples in which the filters of converters ring ahead of it.
 _REST, _MORE, _FILTER = 16, 3.0, 64
+#: A response is noise where this share of its power, or more, is not a linear combination of so
+#: many samples before: of white noise that is all but 1 / 8, of half white and half slow noise a
+#: half, of modes nothing.
+_UNPREDICTED, _ORDER = 0.3, 8
 
 
 def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
@@ -154,6 +158,9 @@ def second_hits(channel: _Real, step: float, name: str, record: int) -> Iterator
     """Find a force that comes back after the hit is over."""
     force = np.abs(channel - np.median(channel))
     noise = float(np.median(force))
+    begin = start_of_hit(channel) - _FILTER
+    if begin >= _REST:  # a window on the record takes the noise after the hit away
+        noise = max(noise, float(np.median(force[:begin])))
     first = int(np.argmax(force))
     for part, when in ((force[first:], "after"), (force[first::-1], "before")):
         below = part < _OVER * force[first]
@@ -226,8 +233,7 @@ def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[Re
     begin = int(np.argmax(np.abs(force - np.median(force))))
     n = max(2, len(channel) // _LAST)
     early, late = _rms(free[begin : begin + n]), _rms(free[-n:])
-    noise = _rms(free[:begin]) if begin >= 2 else 0.0
-    if early > 0.0 and late > _CUT * early and late > 2.0 * noise:
+    if early > 0.0 and late > _CUT * early and not _is_noise(free, start_of_hit(force), n):
         yield RecordFinding(
             "cut-off",
             name,
@@ -237,6 +243,20 @@ def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[Re
             " left.",
             "Record for longer, or use ImpactWindow(exponential=0.05).",
         )
+
+
+def _is_noise(free: _Real, begin: int, n: int) -> bool:
+    """Return whether the last n samples of a response that begins somewhere are noise.
+
+    Where nothing was recorded before the hit, noise is told by what it cannot be predicted from:
+    the samples before. Modes follow a recursion of twice as many samples.
+    """
+    if begin - _FILTER >= _REST:
+        return _rms(free[-n:]) <= 2.0 * _rms(free[: begin - _FILTER])
+    last = detrend(free[-max(n, 8 * _ORDER) :])
+    past = np.lib.stride_tricks.sliding_window_view(last[:-1], _ORDER)
+    rest = last[_ORDER:] - past @ np.linalg.lstsq(past, last[_ORDER:], rcond=None)[0]
+    return bool(rest @ rest > _UNPREDICTED * (last @ last))
 
 
 def _rms(part: _Real) -> float:
@@ -253,7 +273,10 @@ def ringing_before(channel: _Real, force: _Real, name: str, record: int) -> Iter
     before = detrend(free[: begin - _FILTER])
     early, late = _rms(free[begin : begin + n]), _rms(detrend(free[-n:]))
     share = _rms(before) / early if early > 0.0 else 0.0
-    if share > _CUT and _rms(before) > _MORE * late:
+    # Under an exponential window noise decays, too: that of the force by as much.
+    quiet = [_rms(detrend(part)) for part in (force[: begin - _FILTER], force[-n:])]
+    windowed = max(quiet[0] / quiet[1], 1.0) if quiet[1] > 0.0 else 1.0
+    if share > _CUT and _rms(before) > _MORE * late * windowed:
         yield RecordFinding(
             "leakage",
             name,
