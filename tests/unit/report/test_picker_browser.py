@@ -151,9 +151,10 @@ def test_a_mode_is_left_out_and_taken_again(opened, frf, modes):
     least = int(np.argmin(before))
     assert page.evaluate("document.getElementById('picker-channel').value") == str(least)
     said = page.inner_text("#picker-frac")
-    one, _, lowest = re.findall(r"([>\d.]+) → ([>\d.]+)", said)
+    one, middle, lowest = re.findall(r"([>\d.]+) → ([>\d.]+)", said)
     for text, figure in zip(one, (before.ravel()[least], after.ravel()[least]), strict=True):
         assert float(text.strip(">")) == pytest.approx(figure, abs=0.006)
+    assert float(middle[1]) == pytest.approx(np.median(after), abs=0.006)
     assert float(lowest[1]) == pytest.approx(after.min(), abs=0.006)
 
     click(page, modes.frequency[2])

@@ -180,6 +180,10 @@ const updynPicks = (() => {
   }
 
   // -- what is said
+  function median(values) {
+    const sorted = [...values].sort((a, b) => a - b), middle = sorted.length >> 1;
+    return sorted.length % 2 ? sorted[middle] : 0.5 * (sorted[middle - 1] + sorted[middle]);
+  }
   const score = (v) => (v < 0.99 || v >= 1 ? v.toFixed(2) : v < 0.9995 ? v.toFixed(3) : ">0.999");
 
   // Positions of the lines that are shown and that the modes can explain, or could before the last change; of all that
@@ -200,8 +204,9 @@ const updynPicks = (() => {
       const now = of(fit), before = earlier?.fit ? of(earlier.fit) : null;
       const both = (figure) => (before ? `${score(figure(before))} → ` : "") + score(figure(now));
       const sorted = (fracs) => [...fracs].sort((a, b) => a - b), worst = now.indexOf(sorted(now)[0]);
-      const own = channel.value === "all" ? "" : `FRAC ${both((fracs) => fracs[Number(channel.value)])}`;
-      const all = now.length < 2 ? "" : `${own ? "; of all channels" : "FRAC"} ${both((fracs) => sorted(fracs)[fracs.length >> 1])} in the median, ` +
+      const k = Number(channel.value), title = channel.selectedOptions[0].text;
+      const own = `${title[0].toUpperCase()}${title.slice(1)}: FRAC ${channel.value === "all" ? "" : both((fracs) => fracs[k])}`;
+      const all = now.length < 2 ? "" : `${channel.value === "all" ? "" : `; of ${data.note ? "the channels drawn" : "all channels"} `}${both(median)} in the median, ` +
         `${both((fracs) => sorted(fracs)[0])} at least (${data.channels[worst].name})`;
       text = `${own}${all}; from ${shown(lines[first])} to ${shown(lines[end - 1])} Hz${before ? ", before → after the last change" : ""}.`;
       find("worst-channel").dataset.channel = worst;
