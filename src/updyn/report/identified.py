@@ -118,7 +118,7 @@ class DiagramSection(Section):
 
     def context(self, content: Content) -> dict[str, Any]:
         """Return the note on channels that are not drawn."""
-        return {"channels_note": picker_data(content.further["identified"])["note"]}
+        return {"channels_note": content.further["identified"].note}
 
     def embedded(self, content: Content) -> dict[str, Any]:
         """Return the data of the script."""

@@ -15,7 +15,9 @@ from updyn.errors import DataError
 from updyn.frf import FRF, QUANTITIES, unit
 from updyn.modal import ModeSet, cmif, synthesise
 from updyn.modal.indicator import Indicator
+from updyn.modal.stabilisation import Diagram
 from updyn.modal.synthesis import REACH, band_of_modes, line_weights
+from updyn.report.formats import counted
 from updyn.report.overlay import DRAWING_BUDGET
 from updyn.report.plots import Figure, label, numbers
 
@@ -72,10 +74,42 @@ class Identified:
             return None
         return frac(self.frf.values[self.band], values[self.band])
 
+    @cached_property
+    def channels(self) -> NDArray[np.intp]:
+        """Positions of the channels that are drawn, response by response, ascending.
+
+        All lines of a channel are kept, as synthesis needs them. Of too many channels those that
+        agree least are drawn. Channels that are zero at all lines are not.
+        """
+        heard = np.flatnonzero(self.frf.values.any(axis=0))
+        most = max(1, DRAWING_BUDGET // (8 * len(self.frf.freq)))
+        return np.sort(self._by_agreement(heard)[:most])
+
     @property
     def worst(self) -> int:
-        """Position of the channel that agrees least, response by response."""
-        return 0 if self.frac is None else int(np.argmin(self.frac))
+        """Position of the drawn channel that agrees least."""
+        return int(self._by_agreement(self.channels)[0])
+
+    def _by_agreement(self, channels: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return channels by ascending FRAC."""
+        if self.frac is None:
+            return channels
+        return channels[np.argsort(self.frac.ravel()[channels], kind="stable")]
+
+    @property
+    def note(self) -> str:
+        """Which channels are not drawn; empty if all are."""
+        channels = self.frf.values.any(axis=0)
+        parts = []
+        if len(self.channels) < np.count_nonzero(channels):
+            parts.append(
+                f"To keep this page small, the {len(self.channels)} of {channels.size} channels"
+                " with the lowest FRAC are drawn."
+            )
+        if not channels.all():
+            zero = counted(int(np.count_nonzero(~channels)), "channel")
+            parts.append(f"Not drawn, as it is zero at all lines: {zero}.")
+        return " ".join(parts)
 
 
 def picker_figure(found: Identified) -> Figure:
@@ -86,32 +120,11 @@ def picker_figure(found: Identified) -> Figure:
     found : Identified
         What it shows.
     """
-    top = _DIAGRAM + _MAGNITUDE + _PHASE + 2.0 * _GAP
-    level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
-    highest = 2.0
+    diagram = found.modes.diagram
+    highest = 2.0 if diagram is None else float(diagram.order.max(initial=0)) + 3.0
     traces = [_curve("cmif-0", "y", "@measured", 1.3, "CMIF")]
     traces += [_curve(f"cmif-{k}", "y", "@measured", 0.7) for k in range(1, _CURVES)]
-    diagram = found.modes.diagram
-    if diagram is not None:
-        highest = float(diagram.order.max(initial=0)) + 3.0
-        for chosen, name, marker in (
-            (~diagram.stable, "pole new in this order", {"color": "@muted", "size": 4}),
-            (diagram.stable, "pole stable", {"color": "@third", "size": 6}),
-        ):
-            traces.append(
-                {
-                    "type": "scatter",
-                    "mode": "markers",
-                    "name": name,
-                    "x": numbers(diagram.frequency[chosen]),
-                    "y": numbers(diagram.order[chosen]),
-                    "yaxis": "y2",
-                    "customdata": numbers(100.0 * diagram.damping[chosen]),
-                    "marker": marker,
-                    "hovertemplate": "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %"
-                    "<extra></extra>",
-                }
-            )
+    traces += [] if diagram is None else _poles(diagram)
     traces += [
         _marks("mode", "mode", {"color": "@after", "size": 11, "symbol": "triangle-down"}),
         _marks(
@@ -128,13 +141,52 @@ def picker_figure(found: Identified) -> Figure:
         _curve("measured-phase", "y4", "@measured", 1.0),
         _curve("synthesised-phase", "y4", "@after", 1.4),
     ]
+    layout = _layout(found.indicator.unit, highest)
+    return {"data": traces, "height": _HEIGHT, "layout": layout, "row": highest}
+
+
+def _poles(diagram: Diagram) -> list[dict[str, Any]]:
+    """Return the poles that are new in their order, and those that are stable."""
+    new = {"color": "@muted", "size": 4}
+    stable = {"color": "@third", "size": 6}
+    said = "pole at %{x:.6g} Hz, order %{y}, damping %{customdata:.3g} %<extra></extra>"
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": name,
+            "x": numbers(diagram.frequency[chosen]),
+            "y": numbers(diagram.order[chosen]),
+            "yaxis": "y2",
+            "customdata": numbers(100.0 * diagram.damping[chosen]),
+            "marker": marker,
+            "hovertemplate": said,
+        }
+        for chosen, name, marker in (
+            (~diagram.stable, "pole new in this order", new),
+            (diagram.stable, "pole stable", stable),
+        )
+    ]
+
+
+def _layout(unit_: str, highest: float) -> dict[str, Any]:
+    """Return the axes of the figure.
+
+    Parameters
+    ----------
+    unit_ : str
+        Of the mode indicator function.
+    highest : float
+        Order at which modes are marked.
+    """
+    level = [_PHASE + _GAP, _PHASE + _GAP + _MAGNITUDE]
     log = {"type": "log", "exponentformat": "power", "fixedrange": True, "zeroline": False}
-    layout = {
+    return {
         "xaxis": {"title": {"text": "frequency (Hz)"}, "anchor": "y4", "zeroline": False},
         # The indicator has the lower of two axes in one place, so that it is behind the poles.
         "yaxis": {
-            "title": {"text": f"CMIF ({found.indicator.unit})"},
-            "domain": [top - _DIAGRAM, top],
+            "title": {"text": f"CMIF ({unit_})"},
+            "domain": [1.0 - _DIAGRAM, 1.0],
             "side": "right",
             "showgrid": False,
             **log,
@@ -163,7 +215,6 @@ def picker_figure(found: Identified) -> Figure:
         "hovermode": "closest",
         "showlegend": True,
     }
-    return {"data": traces, "height": _HEIGHT, "layout": layout, "row": highest}
 
 
 def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> dict[str, Any]:
@@ -178,7 +229,7 @@ def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> d
         "y": [],
         "yaxis": axis,
         "line": {"color": colour, "width": width},
-        "hoverinfo": "skip",
+        "hovertemplate": f"%{{x:.6g}} Hz: {name or meta.replace('-', ' ')} %{{y:.4g}}<extra></extra>",
     }
 
 
@@ -210,13 +261,12 @@ def picker_data(found: Identified) -> dict[str, Any]:
     dict
         ``freq`` (Hz), ``weights`` and ``cmif`` (singular value by singular value, 0 at 0 Hz), and
         ``values`` of the channels that are drawn, real and imaginary parts in turn, as base64 of
-        little-endian floats; names, units and FRAC of these channels; modes, peaks and poles.
+        little-endian floats; names and units of these channels; modes, peaks and poles.
     """
     frf, modes = found.frf, found.modes
     indicator = np.zeros((len(frf.freq), min(found.indicator.values.shape[1], _CURVES)))
     indicator[np.isin(frf.freq, found.indicator.freq)] = found.indicator.values[:, :_CURVES]
-    shown, note = _channels(found)
-    n_references = len(frf.references)
+    shown, n_references = found.channels, len(frf.references)
     channels = []
     for k in shown:
         i, j = divmod(int(k), n_references)
@@ -242,7 +292,7 @@ def picker_data(found: Identified) -> dict[str, Any]:
         "worst": int(np.flatnonzero(shown == found.worst)[0]),
         "reach": REACH,
         "together": units.pop() if len(units) == 1 and len(channels) > 1 else "",
-        "note": note,
+        "note": found.note,
         "modes": _modes(modes, found.poles, chosen=True)
         + ([] if found.left_out is None else _modes(found.left_out, None, chosen=False)),
         "peaks": modes.unexplained.tolist(),
@@ -259,26 +309,6 @@ def _modes(
         {"f": float(f), "loss": None if np.isnan(loss) else float(loss), "pole": pole, "on": chosen}
         for f, loss, pole in zip(modes.frequency, modes.loss_factor, given, strict=True)
     ]
-
-
-def _channels(found: Identified) -> tuple[NDArray[np.intp], str]:
-    """Return which channels are drawn, in their order, and a note where these are not all.
-
-    All lines of a channel are kept, as synthesis needs them. Of too many channels those that agree
-    least are drawn.
-    """
-    n_f = len(found.frf.freq)
-    count = int(np.prod(found.frf.values.shape[1:]))
-    most = max(1, DRAWING_BUDGET // (8 * n_f))
-    if count <= most:
-        return np.arange(count), ""
-    order = (
-        np.arange(count) if found.frac is None else np.argsort(found.frac.ravel(), kind="stable")
-    )
-    note = (
-        f"To keep this page small, the {most} of {count} channels with the lowest FRAC are drawn."
-    )
-    return np.sort(order[:most]), note
 
 
 def _packed(array: NDArray[Any], dtype: str) -> str:

@@ -87,6 +87,18 @@ def test_of_too_many_channels_those_that_agree_least_are_drawn(frf, modes, monke
     assert data["note"] in Page(render(modes, frf)).words
 
 
+def test_a_channel_that_is_zero_is_not_drawn(frf, modes):
+    dead = frf.values.copy()
+    dead[:, 3, 0] = 0.0
+    found = Identified(modes, dataclasses.replace(frf, values=dead), [None] * 6)
+    data = picker_data(found)
+    assert len(data["channels"]) == 9
+    names = [channel["name"] for channel in data["channels"]]
+    assert f"response {frf.responses[3]}, force {frf.references[0]}" not in names
+    assert data["note"] == "Not drawn, as it is zero at all lines: 1 channel."
+    assert found.worst != 6
+
+
 def test_pairs_of_one_shape_are_named(frf, modes):
     assert "No two modes have a MAC of 0.9 or more" in Page(render(modes, frf)).words
     shapes = np.concatenate([modes.shapes, modes.shapes[:, :2]], axis=1)
