@@ -80,7 +80,7 @@ def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
 
 
 def describe_recorded(found: Recorded) -> str:
-    """Return what was found in records, and the coherence of their FRFs, as text.
+    """Return what was found in records, and coherence or noise of their FRFs, as text.
 
     Parameters
     ----------
@@ -95,6 +95,8 @@ def describe_recorded(found: Recorded) -> str:
     texts.append(describe_frf(found.frf))
     if found.frf.coherence is not None:
         texts.append(_coherence_table(found.frf))
+    elif found.frf.variance is not None:
+        texts.append(_deviation_table(found.frf))
     return "\n\n".join(texts)
 
 
@@ -115,6 +117,31 @@ def _setup_text(setup: RecordedSetup) -> str:
     if not setup.findings:
         texts.append("  nothing found that is wrong with them")
     return "\n".join(texts)
+
+
+def _deviation_table(frf: FRF) -> str:
+    """Return the standard deviation of each pair over |H|, the highest first."""
+    assert frf.variance is not None
+    size = np.maximum(np.abs(frf.values), np.finfo(float).tiny)
+    flat = (np.sqrt(frf.variance) / size).reshape(len(frf.freq), -1)
+    order = np.argsort(-np.median(flat, axis=0), kind="stable")
+    rows = []
+    for at in order[:_ROWS].tolist():
+        column = flat[:, at]
+        response, reference = divmod(at, len(frf.references))
+        rows.append(
+            [
+                str(frf.responses[response]),
+                str(frf.references[reference]),
+                f"{100.0 * np.median(column):.2g} %",
+                f"{100.0 * np.quantile(column, 0.95):.2g} %",
+            ]
+        )
+    header = ("response", "reference", "median standard deviation", "of 95 % of lines, below")
+    table = text_table(header, rows, left=(0, 1))
+    if len(order) > _ROWS:
+        table += f"\n... {len(order) - _ROWS} more pairs, of lower median standard deviation"
+    return table
 
 
 def _coherence_table(frf: FRF) -> str:

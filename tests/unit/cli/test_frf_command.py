@@ -113,6 +113,9 @@ def test_local_models_of_a_lasting_force(tmp_path, capsys, estimator):
     found = updyn.read_frf(tmp_path / "test.nc")
     np.testing.assert_array_equal(found.values, wanted.values)
     np.testing.assert_array_equal(found.variance, wanted.variance)
+    share = np.sqrt(wanted.variance[:, 1, 0]) / np.abs(wanted.values[:, 1, 0])
+    row = next(line for line in out.splitlines() if line.startswith("4:X") and "%" in line)
+    assert row.split()[2] == f"{100.0 * np.median(share):.2g}"
     assert main(["frf", put(tmp_path, job + "overlap = 0.5\n"), "--force"]) == 2
     assert "job.toml:8: overlap 0.5: estimator" in capsys.readouterr().err
 
