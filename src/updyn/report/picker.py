@@ -229,7 +229,7 @@ def _curve(meta: str, axis: str, colour: str, width: float, name: str = "") -> d
         "y": [],
         "yaxis": axis,
         "line": {"color": colour, "width": width},
-        "hovertemplate": f"%{{x:.6g}} Hz: {name or meta.replace('-', ' ')} %{{y:.4g}}<extra></extra>",
+        "hovertemplate": f"%{{x:.6g}} Hz: {name or meta} %{{y:.4g}}<extra></extra>",
     }
 
 

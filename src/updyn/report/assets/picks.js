@@ -207,7 +207,7 @@ const updynPicks = (() => {
       const k = Number(channel.value), title = channel.selectedOptions[0].text;
       const own = `${title[0].toUpperCase()}${title.slice(1)}: FRAC ${channel.value === "all" ? "" : both((fracs) => fracs[k])}`;
       const all = now.length < 2 ? "" : `${channel.value === "all" ? "" : `; of ${data.note ? "the channels drawn" : "all channels"} `}${both(median)} in the median, ` +
-        `${both((fracs) => sorted(fracs)[0])} at least (${data.channels[worst].name})`;
+        `${both((fracs) => sorted(fracs)[0])} at least${String(worst) === channel.value ? "" : ` (${data.channels[worst].name})`}`;
       text = `${own}${all}; from ${shown(lines[first])} to ${shown(lines[end - 1])} Hz${before ? ", before → after the last change" : ""}.`;
       find("worst-channel").dataset.channel = worst;
     }
