@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from updyn.errors import DataError
-from updyn.signals.local_model import LocalModel, LocalValues, Windows
+from updyn.signals.local_model import ROUNDING, LocalModel, LocalValues, Windows
 from updyn.signals.spectra import Spectra
 
 __all__ = ["local_rational", "without_transients"]
@@ -44,7 +44,6 @@ _COMPARED = 33
 _SEPARABLE = 0.01
 #: Complex numbers in the largest array of a batch of windows, 5 MB: larger ones are no faster.
 _BATCH = 300_000
-_TINY = float(np.finfo(float).tiny)
 
 
 def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple[_Complex, _Real]:
@@ -165,7 +164,7 @@ def _left_out(found: LocalValues) -> _Real:
     It is infinite at lines at which the forces cannot be told from transients.
     """
     smooth = uniform_filter1d(found.left_out, _COMPARED, axis=0, mode="nearest")
-    error = np.mean(np.log(np.maximum(smooth, _TINY)), axis=1)
+    error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)
     return np.where((found.separable >= _SEPARABLE).all(axis=1), error, np.inf)
 
 

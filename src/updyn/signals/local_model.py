@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LocalModel", "LocalValues", "Windows"]
+__all__ = ["ROUNDING", "LocalModel", "LocalValues", "Windows"]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
@@ -22,6 +22,9 @@ _LEAST_REST = 0.02
 #: What a diagonal of R is raised by, over its largest: forces that are combinations of one another.
 _SINGULAR = 1e-14
 _TINY = float(np.finfo(float).tiny) ** 0.25
+#: Least noise over the mean square of a response over the band, below that of a converter of 24
+#: bits (3e-15). A response that follows the force exactly would decide alone for all others.
+ROUNDING = 1e-16
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +122,7 @@ class Windows:
     force : ndarray of complex, shape (n, records, width, n_r (degree + 1))
         Spectra of the forces times these powers.
     motion : ndarray of complex, shape (n, records, width, n_i)
-        Spectra of the responses.
+        Spectra of the responses, each over its rms over the band.
     """
 
     model: LocalModel
@@ -135,7 +138,7 @@ class Windows:
         Parameters
         ----------
         force, motion : ndarray of complex, shape (records, n_f, n_r or n_i)
-            Spectra at evenly spaced lines.
+            Spectra at evenly spaced lines, of rms 1 over the band.
         centres : ndarray of int, shape (n,)
             Lines.
         model : LocalModel
@@ -232,8 +235,9 @@ class _Fitted:
 
     @property
     def power(self) -> _Real:
-        """Sum of squares of the residual, shape (n, n_i); above 0."""
-        return np.asarray(np.maximum(np.sum(np.abs(self.residual) ** 2, axis=1), _TINY**2))
+        """Sum of squares of the residual, shape (n, n_i); no less than rounding."""
+        squares = np.sum(np.abs(self.residual) ** 2, axis=1)
+        return np.asarray(np.maximum(squares, ROUNDING * self.residual.shape[1]))
 
     @property
     def explained(self) -> _Complex:

@@ -283,6 +283,22 @@ def test_units_and_offsets_do_not_matter():
     assert changed.variance == pytest.approx(frf.variance * np.array([[1.0], [0.01]]), rel=1e-8)
 
 
+@pytest.mark.parametrize("channel", ["zero", "flat"])
+def test_a_response_without_noise_leaves_the_others_as_they_are(channel):
+    """A cable that is broken, and one that was connected to the force."""
+    records = shaken.records(16.0, noise=(0.01, 0.01))
+    values = records.values.copy()
+    values[:, 1] = 0.0 if channel == "zero" else 2.0 * values[:, 0]
+    found = estimated(replace(records, values=values))
+    alone = updyn.estimate_frf(
+        records, {"a": "1:X"}, responses={"q": "4:X"}, estimator="LRM", band=BAND
+    )
+    assert np.abs(found.values[:, 0] - (0.0 if channel == "zero" else 2.0)).max() < 1e-9
+    exact = shaken.accelerance(found.freq)[:, 1]
+    errors = [np.median(np.abs(H - exact)) for H in (found.values[:, 1], alone.values[:, 0])]
+    assert errors[0] < 1.2 * errors[1]
+
+
 @pytest.mark.parametrize("estimator", ["LRM", "H1-LRM"])
 @pytest.mark.parametrize(
     ("options", "message"),
