@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["FRFEstimate", "estimate_frf", "frf_estimate"]
 
 _Real = NDArray[np.float64]
-#: A force with 90 % of its energy in this share of a record is a pulse to LRM. Of random bursts of
-#: 2 % and more the stated variance is that of the errors, of 1 % no longer (records of three times
-#: the decay time, `benchmarks/records.py`).
+#: A force with 90 % of its energy in this share of a record is a pulse to LRM. True over stated
+#: variance is 1.2 to 1.4 of random bursts of 2 %, and 1.5 to 1.6 of 1 %, in records of three decay
+#: times (`benchmarks/records.py`); of a hit it is 3 to 500, depending on where in the record it is.
 _PULSE = 0.02
 
 
