@@ -21,6 +21,7 @@ from updyn.errors import SolverError
 
 __all__ = [
     "DENSE_LIMIT",
+    "all_pairs",
     "complex_pairs",
     "mass_rank",
     "real_pairs",
@@ -114,6 +115,43 @@ def real_pairs(K: Any, M: Any, n: int) -> Pairs:
         return fine(shift)
 
 
+def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple[Any, Any, Any]]:
+    """Return the n lowest eigenpairs of a small model, and all motions in which it is diagonal.
+
+    Parameters
+    ----------
+    K, M : sparse, shape (N, N), real symmetric
+        Stiffness and mass, both positive semidefinite except for rounding.
+    n : int
+        How many.
+
+    Returns
+    -------
+    value : ndarray of float, shape (n,)
+        In 1/s2, ascending.
+    vectors : ndarray of float, shape (N, n)
+    whole : (ndarray, ndarray, ndarray)
+        V, shape (N, N), and the diagonals of V^T K V and of V^T M V, shape (N,); the latter is 0
+        for motions without mass.
+
+    Raises
+    ------
+    SolverError
+        If K + s M is singular for every s.
+    """
+    k, m = K.toarray(), M.toarray()
+    shift, value = _definite(partial(_dense, k, m, n), _first_shift(K, M))
+    for s in dict.fromkeys((_second_shift(value, shift, _BELOW), shift)):
+        try:
+            nu, V = _decomposed(k, m, s, 0)
+        except SolverError:
+            continue
+        if nu[-n] > 0:
+            lowest = slice(None, -n - 1, -1)
+            return (1.0 / nu[lowest] - s), V[:, lowest], (V, 1.0 - s * nu, nu)
+    raise SolverError(_SINGULAR)
+
+
 def _definite(solve: Callable[[float], Pairs], shift: float) -> tuple[float, NDArray[Any]]:
     """Return a shift s for which K + s M is definite, and the eigenvalues found with it."""
     for _ in range(3):
@@ -141,7 +179,14 @@ def _second_shift(value: NDArray[np.float64], shift: float, share: float) -> flo
 
 
 def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float) -> Pairs:
-    N = len(K)
+    nu, vectors = _decomposed(K, M, shift, len(K) - n)
+    if not nu[0] > 0:
+        raise SolverError(_SINGULAR)
+    return (1.0 / nu - shift)[::-1], vectors[:, ::-1]
+
+
+def _decomposed(K: NDArray[np.float64], M: NDArray[np.float64], shift: float, first: int) -> Pairs:
+    """Return nu, ascending from the first-th, and V with V^T (K + s M) V = 1, V^T M V = nu."""
     A = K + shift * M
     # Unit diagonal: translations and rotations, metres and millimetres weigh alike.
     diagonal = np.diag(A)
@@ -150,12 +195,12 @@ def _dense(K: NDArray[np.float64], M: NDArray[np.float64], n: int, shift: float)
     unit = 1.0 / np.sqrt(diagonal)
     A, B = unit[:, None] * A * unit, unit[:, None] * M * unit
     try:
-        nu, vectors = sl.eigh(B, A, subset_by_index=(N - n, N - 1))
+        nu, vectors = sl.eigh(B, A, subset_by_index=(first, len(K) - 1))
     except np.linalg.LinAlgError as error:
         raise SolverError(_SINGULAR) from error
-    if not (np.isfinite(nu).all() and nu[0] > 0):
+    if not np.isfinite(nu).all():
         raise SolverError(_SINGULAR)
-    return (1.0 / nu - shift)[::-1], (unit[:, None] * vectors)[:, ::-1]
+    return nu, unit[:, None] * vectors
 
 
 def _few_masses(K: Any, M: Any, heavy: NDArray[np.intp], n: int, shift: float) -> Pairs:

@@ -4,7 +4,8 @@ Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigen
 (1968) 2426-2429, eq. 6. Eigenvectors: R. B. Nelson, "Simplified calculation of eigenvector
 derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, no sum over
 modes. Wanted at a few DOFs, all derivatives follow from as many solutions with that factorisation
-(its matrix is symmetric), however many unknowns there are.
+(its matrix is symmetric), however many unknowns there are. Of a small model all modes are computed,
+and the sum over all of them (Fox & Kapoor, eq. 12) gives the derivatives of all shapes at once.
 
 Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is
 one (R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
@@ -30,7 +31,7 @@ from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import SolverError
 from updyn.sensitivity import Unknowns
 
-__all__ = ["RealModes", "separated", "slopes"]
+__all__ = ["WHOLE", "RealModes", "separated", "slopes", "slopes_of_all"]
 
 _Real = NDArray[np.float64]
 
@@ -38,6 +39,9 @@ _Real = NDArray[np.float64]
 #: none.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _ACCURATE = 1e-6
+#: Models of so many DOFs are decomposed whole: that takes as long as the factorisations that it
+#: saves, one a mode (measured with 6 to 20 modes and 14 unknowns: 120 to 250 DOFs).
+WHOLE = 160
 #: Eigenvalues closer than this share are one, and changes smaller than that share of one are none.
 _ONE, _UNCOUPLED = 1e-7, 1e-6
 #: A measured shape of which less than this share lies in a subspace says nothing about its basis.
@@ -61,6 +65,9 @@ class RealModes:
         Rigid-body motions below them.
     complete : bool
         Whether the model has no more.
+    whole : tuple of ndarray, or None
+        Of a small model, a basis of all motions, shape (N, N), in which K and M are diagonal, and
+        these diagonals.
     """
 
     K: Any
@@ -69,6 +76,7 @@ class RealModes:
     shapes: _Real
     n_rigid: int
     complete: bool
+    whole: tuple[_Real, _Real, _Real] | None = None
 
     @classmethod
     def lowest(cls, system: AffineSystem, state: State, n: int, highest: float) -> RealModes:
@@ -98,8 +106,12 @@ class RealModes:
         M = _matrix(system, state, "mass")
         finite, limit = eigen.mass_rank(M), (2.0 * np.pi * highest) ** 2
         wanted = min(n + 6, finite)
+        whole = None
         while True:
-            value, shapes = eigen.real_pairs(K, M, wanted)
+            if K.shape[0] <= WHOLE:
+                value, shapes, whole = eigen.all_pairs(K, M, wanted)
+            else:
+                value, shapes = eigen.real_pairs(K, M, wanted)
             noise = _ZERO * np.einsum("in,in->n", np.abs(shapes), abs(K) @ np.abs(shapes))
             elastic = np.einsum("in,in->n", shapes, K @ shapes) > noise
             if wanted == finite or (elastic.sum() >= n and value[-1] > limit):
@@ -107,7 +119,7 @@ class RealModes:
             wanted = min(2 * wanted, finite)
         value, shapes = value[elastic], shapes[:, elastic]
         shapes = shapes / np.sqrt(np.einsum("in,in->n", shapes, M @ shapes))
-        return cls(K, M, value, shapes, wanted - len(value), wanted == finite)
+        return cls(K, M, value, shapes, wanted - len(value), wanted == finite, whole)
 
     @property
     def frequency(self) -> _Real:
@@ -181,17 +193,124 @@ def slopes(
         by_value[owner] += force @ basis[own]
         loaded[owner] += force @ Z[own]
     me = int(np.flatnonzero(group == which)[0])
-    d_value, others = by_value[:, me], np.delete(by_value, me, axis=1)
-    if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
-        raise SolverError(
-            f"{len(group)} modes of the model coincide at {np.sqrt(value) / (2.0 * np.pi):.6g} Hz,"
-            " and the unknowns couple them: they have no derivatives one by one. Break the"
-            " symmetry in the start of the unknowns, or use a method that fits the FRFs"
-        )
+    _check_uncoupled(by_value, me, values, value)
+    d_value = by_value[:, me]
     # (K - lambda M) v = -(K' - lambda M') phi + lambda' M phi, with v zero at the pivots.
     v = -loaded + d_value[:, None] * (mass_basis[:, me] @ Z)
     shares = -v[:, number:] - 0.5 * by_mass
     return d_value.copy(), v[:, :number] + shares @ (basis.T @ wanted)
+
+
+def _check_uncoupled(by_value: _Real, me: int, values: _Real, value: float) -> None:
+    """Check that no unknown couples a mode with another of its eigenvalue.
+
+    Parameters
+    ----------
+    by_value : ndarray of float, shape (n, m)
+        phi_j^T (K' - lambda M') phi of all modes j of the eigenvalue.
+    me : int
+        Which of them is the mode itself.
+    values : ndarray of float, shape (n,)
+        The unknowns.
+    value : float
+        The eigenvalue.
+
+    Raises
+    ------
+    SolverError
+        If one does.
+    """
+    others = np.delete(by_value, me, axis=1)
+    if (np.abs(others * values[:, None]) > _UNCOUPLED * value).any():
+        raise SolverError(
+            f"{by_value.shape[1]} modes of the model coincide at"
+            f" {np.sqrt(value) / (2.0 * np.pi):.6g} Hz, and the unknowns couple them: they have no"
+            " derivatives one by one. Break the symmetry in the start of the unknowns, or use a"
+            " method that fits the FRFs"
+        )
+
+
+def slopes_of_all(
+    modes: RealModes,
+    which: NDArray[np.intp],
+    system: AffineSystem,
+    unknowns: Unknowns,
+    values: _Real,
+    rows: NDArray[np.intp] | None = None,
+    along: _Real | None = None,
+) -> tuple[_Real, _Real]:
+    """Return the derivatives of several modes by the unknowns.
+
+    Parameters
+    ----------
+    modes, system, unknowns, values, rows
+        As for `slopes`.
+    which : ndarray of int, shape (m,)
+        Of which modes.
+    along : ndarray of float, shape (N, m), optional
+        For each mode a vector v for which the derivative of v^T phi is wanted, v held.
+
+    Returns
+    -------
+    value : ndarray of float, shape (m, n)
+        Of the eigenvalues, in 1/s2.
+    shape : ndarray of float, shape (m, n, k + 1)
+        Of the shapes of unit modal mass, at the DOFs and then along the vector where there is one.
+
+    Raises
+    ------
+    SolverError
+        As `slopes`.
+    """
+    if modes.whole is None:
+        own = [
+            slopes(
+                modes,
+                int(mode),
+                system,
+                unknowns,
+                values,
+                rows,
+                None if along is None else along[:, i : i + 1],
+            )
+            for i, mode in enumerate(which)
+        ]
+        return np.array([value for value, _ in own]), np.array([shape for _, shape in own])
+    V, stiffness, mass = modes.whole
+    phi, value = modes.shapes[:, which], modes.value[which]
+    projected, by_mass = np.zeros((2, unknowns.n, V.shape[1], len(which)))
+    for owner, own_rows, force, is_mass in _forces(system, unknowns, values, phi):
+        pushed = V[own_rows].T @ force
+        if is_mass:
+            by_mass[owner] += pushed
+            pushed = pushed * -value
+        projected[owner] += pushed
+    # V^T (K - lambda M) V is diagonal; along the modes of the eigenvalue itself it is zero.
+    own_value = np.full(len(mass), np.inf)
+    np.divide(stiffness, mass, out=own_value, where=mass > 0.0)
+    same = np.abs(own_value[:, None] - value) <= _ONE * value
+    gap = np.where(same, 1.0, stiffness[:, None] - mass[:, None] * value)
+    shares = np.where(same, 0.0, -projected / gap)
+    wanted = V if rows is None else V[rows]
+    number = 0 if rows is None else len(rows)
+    d_value = np.zeros((len(which), unknowns.n))
+    shape = np.zeros((len(which), unknowns.n, number + (along is not None)))
+    for i, mode in enumerate(which):
+        group = modes.alike(int(mode))
+        # phi_j = V a: the modes of one eigenvalue may have been turned.
+        basis = modes.shapes[:, group]
+        at = np.linalg.lstsq(V[:, same[:, i]], basis, rcond=None)[0]
+        by_value = projected[:, same[:, i], i] @ at
+        me = int(np.flatnonzero(group == mode)[0])
+        _check_uncoupled(by_value, me, values, float(value[i]))
+        d_value[i] = by_value[:, me]
+        fully = shares[:, :, i].copy()
+        fully[:, same[:, i]] = -0.5 * (by_mass[:, same[:, i], i] @ at) @ at.T
+        if number:
+            shape[i, :, :number] = fully @ wanted.T
+        if along is not None:
+            shape[i, :, -1] = fully @ (V.T @ along[:, i])
+    return d_value, shape
 
 
 def _wanted(n: int, rows: NDArray[np.intp] | None, along: _Real | None) -> _Real:

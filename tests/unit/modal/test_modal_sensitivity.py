@@ -12,7 +12,8 @@ import updyn
 from updyn.dynamics.affine import AffineSystem
 from updyn.elements.beam import Segment, beam
 from updyn.errors import SolverError
-from updyn.modal.sensitivity import RealModes, separated, slopes
+from updyn.modal.sensitivity import WHOLE, RealModes, separated, slopes_of_all
+from updyn.modal.sensitivity import slopes as slopes_of_one
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.parameters import ParameterSet
@@ -29,6 +30,26 @@ def springs(n: int, m: float = 2.0, k: float = 5e3) -> Model:
         groups[f"spring {i + 1}"] = updyn.Group(K)
         groups[f"mass {i + 1}"] = updyn.Group(mass=M)
     return updyn.Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def slopes(
+    modes: RealModes,
+    which: int,
+    system: AffineSystem,
+    unknowns: Unknowns,
+    values: np.ndarray,
+    rows: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of one mode by Nelson's method, equal to those of the sum over all modes."""
+    about = (system, unknowns, values, rows)
+    along = np.cos(np.arange(system.n))[:, None]
+    value, shape = slopes_of_one(modes, which, *about, along)
+    assert (modes.whole is not None) == (system.n <= WHOLE)
+    by_value, by_shape = slopes_of_all(modes, np.array([which]), *about, along)
+    level = np.abs(shape).max() + np.abs(modes.shapes[rows, which]).max()
+    assert by_value[0] == pytest.approx(value, rel=1e-8, abs=1e-9 * modes.value[which])
+    assert by_shape[0] == pytest.approx(shape, rel=1e-6, abs=1e-7 * level)
+    return value, shape[:, :-1]
 
 
 class Moved:
@@ -284,7 +305,9 @@ def test_modes_that_unknowns_couple_have_no_derivatives() -> None:
     with pytest.raises(
         SolverError, match=r"2 modes of the model coincide at .* Hz, and the unknowns couple them"
     ):
-        slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
+        slopes_of_one(modes, 0, moved.system, moved.unknowns, values, np.arange(6))
+    with pytest.raises(SolverError, match="2 modes of the model coincide"):
+        slopes_of_all(modes, np.arange(1), moved.system, moved.unknowns, values, np.arange(6))
     either = updyn.parameters(model, stiffness=["slant"])
     moved, modes, values = turned(model, either, np.eye(6))
     value, _ = slopes(modes, 0, moved.system, moved.unknowns, values, np.arange(6))

@@ -20,7 +20,7 @@ from updyn.correlation.shapes import mac, moving
 from updyn.dynamics.affine import AffineSystem, State
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
-from updyn.modal.sensitivity import RealModes, separated, slopes
+from updyn.modal.sensitivity import RealModes, separated, slopes_of_all
 from updyn.model import Model
 from updyn.sensitivity import Unknowns
 from updyn.updating.problem.coordinates import Coordinates
@@ -383,11 +383,14 @@ class ModalPart:
 
     def _rows(self, x: _Real, *, shapes: bool, derivatives: bool) -> ModalRows:
         pairs = self.pairs(x)
+        paired = np.flatnonzero(pairs.mac >= self.like)
         found: list[_Residual] = []
         owners: list[int] = []
-        for k in np.flatnonzero(pairs.mac >= self.like).tolist():
+        with_shapes = shapes and self.target.tells_apart
+        moved = self._moved(pairs, paired, x, with_shapes, derivatives)
+        for k, mode in zip(paired.tolist(), moved, strict=True):
             self.session.check()
-            own = list(self._of_mode(pairs, k, x, shapes=shapes, derivatives=derivatives))
+            own = list(self._of_mode(pairs, k, mode, with_shapes))
             found += own
             owners += [k] * len(own)
         sizes = [len(one.r) for one in found]
@@ -400,33 +403,61 @@ class ModalPart:
             pairs.mac,
         )
 
+    def _moved(
+        self,
+        pairs: Pairs,
+        paired: NDArray[np.intp],
+        x: _Real,
+        with_shapes: bool,
+        derivatives: bool,
+    ) -> Iterator[_Moved]:
+        """Yield the derivatives by x of each mode that is paired; zeros where none are wanted."""
+        target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
+        which, losses = pairs.which[paired], list[_Loss | None]()
+        state = self.state(x) if self.sees_damping else None
+        for k, own in zip(paired, which, strict=True):
+            loss = None
+            if state is not None and np.isfinite(target.loss_factor[k]):
+                phi, value = pairs.modes.shapes[:, own], float(pairs.modes.value[own])
+                loss = _Loss.of(self.system, self.unknowns, state, values, phi, value)
+            losses.append(loss)
+        number = len(target.rows) if with_shapes else 0
+        damped = any(loss is not None for loss in losses)
+        by_value = np.zeros((len(which), self.n))
+        by_shape = np.zeros((len(which), self.n, number + damped))
+        if derivatives and len(which):
+            forces = [np.zeros(self.system.n) if one is None else one.force for one in losses]
+            by_value, by_shape = slopes_of_all(
+                pairs.modes,
+                which,
+                self.system,
+                self.unknowns,
+                values,
+                target.rows if with_shapes else None,
+                np.array(forces).T if damped else None,
+            )
+        for loss, value, shape in zip(losses, by_value * slope, by_shape, strict=True):
+            shape = shape.T * slope
+            by_loss = np.zeros(self.n)
+            if loss is not None:
+                by_loss = loss.moved(value, shape[-1], slope)
+            yield _Moved(value, shape[:number], loss, by_loss)
+
     def _of_mode(
-        self, pairs: Pairs, k: int, x: _Real, *, shapes: bool, derivatives: bool
+        self, pairs: Pairs, k: int, moved: _Moved, with_shapes: bool
     ) -> Iterator[_Residual]:
         """Yield the residuals of a measured mode that is paired, each kind by itself."""
-        target, values, slope = self.target, self.values(x), self.coordinates.slope(x)
-        which = int(pairs.which[k])
+        target, which = self.target, int(pairs.which[k])
         phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
-        lost = None
-        if self.sees_damping and np.isfinite(target.loss_factor[k]):
-            lost = _Loss.of(self.system, self.unknowns, self.state(x), values, phi, own)
-        with_shapes = shapes and target.tells_apart
-        value, shape = np.zeros(self.n), np.zeros((len(target.rows) + 1, self.n))
-        if derivatives:
-            at = target.rows if with_shapes else None
-            along = None if lost is None else lost.force[:, None]
-            of_value, of_shape = slopes(
-                pairs.modes, which, self.system, self.unknowns, values, at, along
-            )
-            value, shape = of_value * slope, of_shape.T * slope
         off = 0.5 * np.log(own / target.value[k])
-        yield _Residual.of("frequency", off, 0.5 * value / own, target.std_frequency[k])
-        if lost is not None:
-            measured, moved = float(target.loss_factor[k]), lost.moved(value, shape[-1], slope)
-            off = lost.factor / measured - 1.0
-            yield _Residual.of("loss_factor", off, moved / measured, target.std_loss_factor[k])
+        yield _Residual.of("frequency", off, 0.5 * moved.value / own, target.std_frequency[k])
+        if moved.loss is not None:
+            measured = float(target.loss_factor[k])
+            off = moved.loss.factor / measured - 1.0
+            by_loss = moved.by_loss / measured
+            yield _Residual.of("loss_factor", off, by_loss, target.std_loss_factor[k])
         if with_shapes and pairs.mac[k] > 0.0:
-            yield from self._of_shape(k, phi, shape[: len(target.rows)])
+            yield from self._of_shape(k, phi, moved.shape)
 
     def _of_shape(self, k: int, phi: _Real, by_x: _Real) -> Iterator[_Residual]:
         """Yield the residuals of a shape; `by_x` are its derivatives at the sensors' DOFs."""
@@ -440,6 +471,28 @@ class ModalPart:
             along = float(seen @ psi)
             size = np.log(abs(along) / target.length[k])
             yield _Residual.of("scale", size, psi @ moved / along)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moved:
+    """The derivatives of one mode of the model by x.
+
+    Attributes
+    ----------
+    value : ndarray of float, shape (n,)
+        Of the eigenvalue.
+    shape : ndarray of float, shape (k, n)
+        Of the shape at the sensors' DOFs; of shape (0, n) where shapes are not compared.
+    loss : _Loss or None
+        Its loss factor, where one was measured and unknowns change it.
+    by_loss : ndarray of float, shape (n,)
+        Of the loss factor.
+    """
+
+    value: _Real
+    shape: _Real
+    loss: _Loss | None
+    by_loss: _Real
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -172,18 +172,36 @@ def test_what_the_data_state_holds_unless_the_residual_contradicts_it() -> None:
     assert found.added["shape"] < 1e-6
 
 
-def test_few_residuals_of_a_kind_keep_the_usual_ratio_to_the_others() -> None:
-    """As many unknowns as frequencies: their spread says nothing; that of the shapes does."""
-    rows = simulated({"frequency": 1e-9, "shape": 0.04, "loss_factor": 0.1}, {}, 3, n=3, modes=3)
+def without_spare(shape: float) -> ModalRows:
+    """Three frequencies that three unknowns reproduce, and shapes off by a share."""
+    rows = simulated({"frequency": 1e-9, "shape": shape, "loss_factor": 0.1}, {}, 3, n=3, modes=3)
     J = rows.J.copy()
     J[rows.of("frequency")] = 100.0 * np.eye(3)
     J[~rows.of("frequency")] = 0.0
-    held = ModalRows(rows.r, J, rows.kind, rows.mode, rows.std, rows.mac)
-    found = ModalNoise().refit(held, np.zeros((0, 3)))
-    ratio = ASSUMED_OF_MODES["frequency"] / ASSUMED_OF_MODES["shape"]
-    assert found.added["shape"] == pytest.approx(0.04, rel=0.3)
-    assert found.added["frequency"] < found.added["shape"]
-    assert found.added["frequency"] > 0.3 * ratio * found.added["shape"]
+    return ModalRows(rows.r, J, rows.kind, rows.mode, rows.std, rows.mac)
+
+
+@pytest.mark.parametrize(("shape", "expected"), [(0.04, 0.004), (0.1, 0.01), (0.5, 0.01)])
+def test_few_residuals_of_a_kind_have_the_usual_size(shape: float, expected: float) -> None:
+    """In the usual ratio to shapes that are exact; shapes that leave much loosen no frequency."""
+    found = ModalNoise().refit(without_spare(shape), np.zeros((0, 3)))
+    assert found.added["shape"] == pytest.approx(shape, rel=0.3)
+    ratio = found.added["frequency"] / ASSUMED_OF_MODES["frequency"]
+    assert ratio == pytest.approx(
+        min(found.added["shape"] / ASSUMED_OF_MODES["shape"], 1.0), rel=1e-3
+    )
+    assert found.added["frequency"] == pytest.approx(expected, rel=0.3)
+    assert "frequency" in found.by_ratio
+
+
+def test_weights_and_unknowns_minimise_one_function() -> None:
+    """s^2 = (sum r^2 + 2 s_0^2) / (n + 2): the usual size counts as two residuals."""
+    rows = without_spare(0.5)
+    found = ModalNoise().weighing(rows)
+    for kind, n in (("frequency", 3), ("shape", 57), ("loss_factor", 3)):
+        r, usual = rows.r[rows.of(kind)], ASSUMED_OF_MODES[kind]
+        expected = np.sqrt((r @ r + 2.0 * usual**2) / (n + 2.0))
+        assert found.added[kind] == pytest.approx(expected, rel=1e-9)
 
 
 def test_what_is_stated_is_not_estimated() -> None:

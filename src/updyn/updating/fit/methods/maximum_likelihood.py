@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.errors import SolverError
+from updyn.modal.sensitivity import WHOLE
 from updyn.updating.fit.answer import Answer
 from updyn.updating.fit.answers import (
     as_likely,
@@ -37,7 +38,7 @@ from updyn.updating.fit.method import (
 from updyn.updating.fit.methods.searching import SearchingMethod
 from updyn.updating.fit.models import Models
 from updyn.updating.fit.monitor import Monitor
-from updyn.updating.fit.search import coarse
+from updyn.updating.fit.search import coarse, scattered
 from updyn.updating.fit.trust_region import TrustRegion
 from updyn.updating.fit.valley import holding, valleys
 from updyn.updating.problem.local import Local, joined
@@ -82,6 +83,10 @@ _RENEWED, _FALLING = 6, 0.8
 _FOLLOWING, _FEWEST = 12, 50
 
 
+#: Most tries of an update to modes for each of those of a search (of four answers, the one that
+#: fewest tries reach is reached by 7 % of them); they begin up to a factor of 5 from the start, and
+#: up to a loss factor of 0.3.
+_TRIES, _FAR_FACTOR, _FAR_LOSS = 20, float(np.log(5.0)), 0.3
 #: Kinds of residuals of modes in the plural.
 _KINDS_IN_WORDS = {
     "frequency": "frequencies",
@@ -147,19 +152,25 @@ class MaximumLikelihood(SearchingMethod):
             chosen = preferred(problem, answers)
             if self._is_in_vain(problem, monitor, chosen):
                 return self._judged(problem, noises, chosen)
-        if not starts.exact:  # there is nothing better to find
+        most = None
+        if not problem.parts:
+            most = max(len(monitor.history), _FEWEST)
+        elif not starts.exact:  # there is nothing better to find
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         ends: list[Answer] = []
         with monitor.stage("other answers"):
             for _ in range(_HOPS):
-                others = self._elsewhere(models, monitor, chosen)
-                answers += self._further(models, noises, others, monitor, chosen)
+                if problem.parts:
+                    others = self._elsewhere(models, monitor, chosen)
+                    answers += self._further(models, noises, others, monitor, chosen)
+                else:
+                    answers += self._across(models, noises, monitor, chosen, most or _FEWEST)
                 before, chosen = chosen, preferred(problem, answers)
                 if not differ(chosen, before):
                     break
             for _ in range(_HOPS):
-                ends, reached = self._valleys(models, noises, monitor, chosen)
+                ends, reached = self._valleys(models, noises, monitor, chosen, most)
                 answers += reached
                 before, chosen = chosen, preferred(problem, answers)
                 if not differ(chosen, before):
@@ -258,6 +269,46 @@ class MaximumLikelihood(SearchingMethod):
                 if gained > 0.0:
                     best, explained = answer, self._explains(problem, answer)
         return found
+
+    def _across(
+        self,
+        models: Models,
+        noises: Sequence[NoiseModel],
+        monitor: Monitor,
+        best: Answer,
+        most: int,
+    ) -> list[Answer]:
+        """Return the answers to modes of tries from all over the space of the unknowns.
+
+        Of w answers found by n tries, the expected number of all is w (n - 1) / (n - w - 2); tries
+        end when it is less than w + 1/2 (Boender & Rinnooy Kan, Math. Program. 37 (1987) 59-80). Of
+        no more numbers than unknowns, as of frequencies alone, there are several answers as a rule
+        (isospectral systems; Gladwell, Inverse Problems in Vibration, 2nd ed. 2004), some of which
+        few tries reach: then all tries are made. In a large model, after `most` steps no other is
+        begun.
+        """
+        problem, coordinates = models.exact, models.exact.coordinates
+        found, agreed, begun = [best], 1, len(monitor.history)
+        overdetermined = problem.n_numbers > problem.n
+        settings = TrustRegion(min(_GLANCE, self.max_iterations), self.tolerance, fall=_NEAR)
+        far = np.where(coordinates.parameters.is_factor, _FAR_FACTOR, _FAR_LOSS)
+        for start in scattered(coordinates.home, far, _TRIES * self.starts, self.seed):
+            enough = overdetermined and agreed > 2 * len(found) ** 2 + 3 * len(found) + 2
+            tired = problem.system.n > WHOLE and len(monitor.history) - begun >= most
+            if enough or tired or monitor.stopped:
+                break
+            with suppress(Stopped, SolverError):
+                x = np.clip(start, *coordinates.bounds)
+                _, x = _descended(models, x, monitor, settings, best)
+                here = _unlikelihood(problem, *_weigh(problem, noises, x), x)
+                if here > best.unlikelihood + _WORTH:
+                    continue
+                agreed += 1
+                if not any(models.is_known(x, answer) for answer in found):
+                    answer = self._answer(problem, noises, x, monitor)
+                    if all(differ(answer, other) for other in found):
+                        found.append(answer)
+        return found[1:]
 
     @classmethod
     def _is_in_vain(cls, problem: Problem, monitor: Monitor, answer: Answer) -> bool:
@@ -381,6 +432,10 @@ class MaximumLikelihood(SearchingMethod):
         try:
             for number in range(_ROUNDS):
                 noises, residual = _weigh(problem, noises, x)
+                assumed = number == 0 and bool(problem.modal)
+                if assumed:  # what modes leave far from the answer says nothing of their noise
+                    modal = tuple(ModalError(part.noise) for part in problem.modal)
+                    residual = replace(residual, modal=modal)
                 if monitor.stopped or left <= 0:
                     reason = "stopped" if monitor.stopped else "max-iterations"
                     break
@@ -392,6 +447,8 @@ class MaximumLikelihood(SearchingMethod):
                 if reason in ("stopped", "max-iterations"):
                     break
                 length = float(np.linalg.norm(local.R @ moved))
+                if assumed:
+                    continue
                 if (number > 0 and length < 1e-2) or np.abs(moved).max() <= self.tolerance:
                     break
             else:
@@ -417,6 +474,7 @@ class MaximumLikelihood(SearchingMethod):
         residual: Each,
         reason: str,
     ) -> Fit:
+        residual = replace(residual, modal=_refit_modes(problem, residual.of_frfs, x))
         found = [
             _known_of_frfs(problem, x, noises, residual),
             _known_of_modes(problem, x, residual),
@@ -644,11 +702,20 @@ def _weigh(
             OutputError(np.sqrt(2.0 / looked[-1].variance(H, part.frf)), "maximum-likelihood")
         )
     of_frfs = Each(tuple(errors))
-    return looked, replace(of_frfs, modal=_weigh_modes(problem, of_frfs, x))
+    return looked, replace(of_frfs, modal=_weigh_modes(problem, x))
 
 
-def _weigh_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalError, ...]:
+def _weigh_modes(problem: Problem, x: _Vector) -> tuple[ModalError, ...]:
     """Return the residuals of modes, weighted by what is known and estimated of their noise."""
+    found = [ModalError(part.noise) for part in problem.modal]
+    return tuple(
+        ModalError(part.noise.weighing(error.rows(part, x)))
+        for part, error in zip(problem.modal, found, strict=True)
+    )
+
+
+def _refit_modes(problem: Problem, of_frfs: Each, x: _Vector) -> tuple[ModalError, ...]:
+    """Return the residuals of modes over the standard deviations that a fit leaves of them."""
     found = [ModalError(part.noise) for part in problem.modal]
     if all(error.noise.size_known for error in found):
         return tuple(found)

@@ -27,13 +27,11 @@ ASSUMED_OF_MODES: Mapping[str, float] = {"frequency": 0.01, "shape": 0.1, "loss_
 _STATED = (*ASSUMED_OF_MODES, "scale")
 #: Shares below this are rounding.
 _SMALLEST = 1e-8
-#: A spread is estimated from as many residuals as are left by the unknowns: at least so many, and
-#: this share of them.
-_SPARE, _SPARE_SHARE = 2.0, 0.2
+#: The usual size of a kind counts as so many residuals of that size. Where the unknowns leave fewer
+#: of a kind, its size is the usual one rather than an estimate.
+_USUAL = 2.0
 #: Of fewer residuals intervals are those of Student's distribution.
 _MANY = 30
-#: The common spread of those of which fewer are left needs so many.
-_SPARE_TOGETHER = 1.0
 _ROUNDS, _SETTLED = 100, 1e-4
 #: Probability of a residual that contradicts the standard deviations that the data state.
 _CONTRADICTED = 0.05
@@ -46,11 +44,18 @@ class ModalNoise:
     """Standard deviations of measured modes: those that the data state, and what is added to them.
 
     What is added is one number for each kind of residual: stated by the user (then the data's own
-    do not count), or estimated from the residual. The sizes of several kinds of error are told
-    apart by the residuals that the unknowns leave of each kind: the sum of squares, each over its
-    variance, is as large as their number less what the unknowns took up of it (K. R. Koch,
-    Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6: the estimate of
-    variance components by their redundancies).
+    do not count), or estimated from the residual: s^2 = (sum r^2 + n_0 s_0^2) / (n + n_0), with
+    s_0 the usual size of the kind and n_0 the number of residuals for which it counts (an inverse
+    gamma prior; Gelman et al., Bayesian Data Analysis, 3rd ed. 2013, section 2.6). For weights, n
+    is the number of the residuals: sizes and unknowns then minimise one function together, and
+    frequencies that the unknowns can reproduce are reproduced, however much the shapes leave. For
+    standard deviations, n is less by what the unknowns took up of the residuals (K. R. Koch,
+    Parameter Estimation and Hypothesis Testing in Linear Models, 1999, section 3.6: variance
+    components by their redundancies).
+
+    The usual size is that assumed, or less where shapes are more exact than assumed, in the same
+    ratio. Shapes that leave more do not make frequencies less exact: the model cannot reproduce
+    them.
 
     Attributes
     ----------
@@ -63,8 +68,8 @@ class ModalNoise:
     kind : str
         How it is known, for the record.
     by_ratio : tuple of str
-        Kinds of which too few residuals are left to see their size, so that it is taken in the
-        usual ratio to that of the others, or as assumed.
+        Kinds of which the unknowns leave too few residuals to estimate their size, so that it is
+        the usual one.
     degrees_of_freedom : int or None
         Of the number that was estimated from the fewest residuals, where they are few.
     """
@@ -102,8 +107,30 @@ class ModalNoise:
                 variance[mine] = own + self.added[kind] ** 2
         return np.asarray(np.sqrt(variance))
 
+    def weighing(self, rows: ModalRows) -> ModalNoise:
+        """Return it with the sizes that weigh residuals in a fit.
+
+        Parameters
+        ----------
+        rows : ModalRows
+            The residuals.
+
+        Returns
+        -------
+        ModalNoise
+            Itself where all numbers are stated.
+        """
+        number = {kind: float(rows.freedom(kind)) for kind in self._sought(rows)}
+        found = self
+        for _ in range(_ROUNDS):
+            before = dict(found.added)
+            found = replace(self, added={**before, **_sizes(rows, number, before)})
+            if all(abs(found.added[k] - before[k]) <= _SETTLED * before[k] for k in number):
+                break
+        return found
+
     def refit(self, rows: ModalRows, rest: _Real) -> ModalNoise:
-        """Return it with its numbers estimated from residuals.
+        """Return it with its numbers estimated from residuals, for standard deviations.
 
         Parameters
         ----------
@@ -117,28 +144,30 @@ class ModalNoise:
         ModalNoise
             Itself where all numbers are stated.
         """
-        sought = [k for k in self.added if k not in self.stated and (rows.of(k)).any()]
+        sought = self._sought(rows)
         if not sought:
             return self
         found = replace(self, kind="estimated")
         for _ in range(_ROUNDS):
             before = dict(found.added)
             leverage = _leverage(rows, found.std(rows), rest)
-            sizes = _estimated(rows, leverage, sought, before)
-            if sizes.spare is None:
-                return replace(self, kind="assumed", by_ratio=sizes.by_ratio)
-            few = int(sizes.spare) if sizes.spare < _MANY else None
-            found = replace(
-                found,
-                added={**before, **sizes.added},
-                by_ratio=sizes.by_ratio,
-                degrees_of_freedom=few,
-            )
-            if all(abs(sizes.added[k] - before[k]) <= _SETTLED * before[k] for k in sought):
+            spare = {kind: rows.freedom(kind) - leverage[rows.of(kind)].sum() for kind in sought}
+            sizes = _sizes(rows, spare, before)
+            found = replace(found, added={**before, **sizes})
+            if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in sought):
                 break
+        many = [float(spare[kind]) for kind in sought if spare[kind] >= _USUAL]
+        short = tuple(kind for kind in sought if spare[kind] < _USUAL)
+        if not many:
+            return replace(found, kind="assumed", by_ratio=short)
+        few = int(min(many)) if min(many) < _MANY else None
         if all(found.added[k] == _SMALLEST and rows.std[rows.of(k)].all() for k in sought):
-            return replace(found, kind="standard deviations", degrees_of_freedom=None)
-        return found
+            return replace(found, kind="standard deviations")
+        return replace(found, by_ratio=short, degrees_of_freedom=few)
+
+    def _sought(self, rows: ModalRows) -> list[str]:
+        """Return the kinds of residuals whose size is not stated."""
+        return [k for k in self.added if k not in self.stated and rows.of(k).any()]
 
     def figures(self, rows: ModalRows) -> dict[str, Any]:
         """Return the typical standard deviation of each kind of residual, for the record.
@@ -168,71 +197,35 @@ def _leverage(rows: ModalRows, std: _Real, rest: _Real) -> _Real:
     return np.asarray(np.sum(inner**2, axis=1))
 
 
-@dataclass(frozen=True, slots=True)
-class _Sizes:
-    """What the residuals say of their sizes.
-
-    Attributes
-    ----------
-    added : dict of str to float
-        The number of each kind.
-    by_ratio : tuple of str
-        Kinds that are taken in the usual ratio.
-    spare : float or None
-        Fewest residuals that a number was estimated from, less what the unknowns took up; None
-        where none was.
-    """
-
-    added: dict[str, float]
-    by_ratio: tuple[str, ...]
-    spare: float | None
-
-
-def _estimated(
-    rows: ModalRows, leverage: _Real, sought: list[str], before: Mapping[str, float]
-) -> _Sizes:
-    """Return what the residuals say of the size of each kind."""
-    added: dict[str, float] = {}
-    short: list[str] = []
-    spares: list[float] = []
-    for kind in sought:
+def _sizes(
+    rows: ModalRows, number: Mapping[str, float], before: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the size of each kind of which a number of residuals counts."""
+    exact = min(1.0, before.get("shape", np.inf) / ASSUMED_OF_MODES["shape"])
+    found = {}
+    for kind, n in number.items():
         mine = rows.of(kind)
-        number = rows.freedom(kind)
-        spare = number - float(leverage[mine].sum())
-        if spare < max(_SPARE, _SPARE_SHARE * number):
-            short.append(kind)
-            continue
-        spares.append(spare)
-        added[kind] = _size(rows.r[mine], rows.std[mine], np.ones(int(mine.sum())), spare)
-    if not short:
-        return _Sizes(added, (), min(spares))
-    # Of these there are too few: they keep the ratio that is assumed, to each other or to the rest.
-    at = np.logical_or.reduce([rows.of(kind) for kind in short])
-    spare = sum(map(rows.freedom, short)) - float(leverage[at].sum())
-    if spare >= _SPARE_TOGETHER:
-        unit = np.array([ASSUMED_OF_MODES.get(KINDS[k], 1.0) for k in rows.kind[at]])
-        share = _size(rows.r[at], rows.std[at], unit, spare)
-        spares.append(spare)
-    elif added:
-        share = float(np.median([added[k] / ASSUMED_OF_MODES.get(k, 1.0) for k in added]))
-    else:
-        return _Sizes({kind: before[kind] for kind in short}, tuple(short), None)
-    for kind in short:
-        added[kind] = max(share * ASSUMED_OF_MODES.get(kind, 1.0), _SMALLEST)
-    return _Sizes(added, tuple(short), min(spares))
+        usual = exact * ASSUMED_OF_MODES.get(kind, 1.0)
+        found[kind] = _size(rows.r[mine], rows.std[mine], float(n), usual)
+    return found
 
 
-def _size(r: _Real, std: _Real, unit: _Real, spare: float) -> float:
-    """Return s for which the sum of r^2 / (std^2 + (s unit)^2) is `spare`; 0 is rounding."""
+def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
+    """Return s for which the sum of r^2 / (std^2 + s^2) is its number; `_SMALLEST` is rounding.
+
+    The usual size counts where the data state no standard deviations.
+    """
+    if not std.any():
+        squares = float(r @ r) + _USUAL * usual**2
+        return max(float(np.sqrt(squares / (number + _USUAL))), _SMALLEST)
 
     def excess(size: float) -> float:
-        return float(np.sum(r**2 / (std**2 + (size * unit) ** 2))) - spare
+        return float(np.sum(r**2 / (std**2 + size**2))) - number
 
-    # What the data state holds unless the residual contradicts it.
-    allowed = max(float(chdtri(spare, _CONTRADICTED)) - spare, 0.0) if std.any() else 0.0
-    if excess(_SMALLEST) <= allowed:
+    # What the data state holds unless the residual contradicts it; less than one number does not.
+    if number < 1.0 or excess(_SMALLEST) <= float(chdtri(number, _CONTRADICTED)) - number:
         return _SMALLEST
-    high = max(_WIDEST * float(np.max(np.abs(r) / unit)), 10.0 * _SMALLEST)
+    high = max(_WIDEST * float(np.max(np.abs(r))), 10.0 * _SMALLEST)
     return float(brentq(excess, _SMALLEST, high, xtol=1e-14, rtol=1e-10))
 
 

@@ -1,0 +1,128 @@
+"""Updates to natural frequencies alone, and to shapes that the model cannot reproduce."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+from scipy.optimize import least_squares
+
+import updyn
+from updyn.modal import ModeSet
+from updyn.model import Group, Model
+
+
+def chain(n: int, factors: np.ndarray | None = None) -> Model:
+    """Equal masses on springs, held at one end; each spring is a group, the masses are one."""
+    groups = {}
+    for i in range(n):
+        v = np.zeros(n)
+        v[i] = 1.0
+        if i:
+            v[i - 1] = -1.0
+        scale = 1.0 if factors is None else factors[i]
+        groups[f"spring {i + 1}"] = Group(2e4 * scale * np.outer(v, v))
+    groups["masses"] = Group(mass=np.eye(n))
+    return Model.from_groups(groups, [f"{i + 1}:X" for i in range(n)])
+
+
+def frequencies(factors: np.ndarray) -> np.ndarray:
+    """Natural frequencies in Hz by SciPy alone."""
+    n = len(factors)
+    K = np.zeros((n, n))
+    for i, k in enumerate(2e4 * factors):
+        K[i, i] += k
+        if i:
+            K[i - 1, i - 1] += k
+            K[i, i - 1] -= k
+            K[i - 1, i] -= k
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(K), 0.0)) / (2 * np.pi)
+
+
+def isospectral(measured: np.ndarray) -> list[np.ndarray]:
+    """All stiffness factors of a chain that have a spectrum, by 400 fits with SciPy."""
+    rng, found = np.random.default_rng(0), list[np.ndarray]()
+    for _ in range(400):
+        fit = least_squares(
+            lambda y: frequencies(np.exp(y)) / measured - 1.0,
+            rng.uniform(np.log(0.2), np.log(5.0), len(measured)),
+            xtol=1e-14,
+            ftol=1e-14,
+            gtol=1e-14,
+        )
+        x = np.exp(fit.x)
+        if fit.cost < 1e-18 and not any(np.allclose(x, other, rtol=1e-4) for other in found):
+            found.append(x)
+    return found
+
+
+@pytest.mark.parametrize("start", [(1.0, 1.0, 1.0, 1.0), (0.6, 1.4, 0.8, 1.3)])
+def test_all_answers_that_frequencies_allow_are_reported(start: tuple[float, ...]) -> None:
+    """Four springs and four frequencies: every chain of that spectrum, and none called the answer."""
+    measured = frequencies(np.array([0.871, 1.127, 1.016, 1.036]))
+    known = isospectral(measured)
+    assert len(known) == 4
+    model = chain(4, np.array(start))
+    unknowns = updyn.parameters(model, stiffness="spring*", bounds={"*": (0.1, 10.0)})
+    modes = ModeSet(measured, std_frequency=1e-3 * measured)
+    result = updyn.update(model, modes, unknowns)
+    answers = [result.values, *(other.values for other in result.alternatives)]
+    assert len(answers) == len(known)
+    for factors in known:
+        off = [np.abs(np.array(list(a.values())) * start / factors - 1.0).max() for a in answers]
+        assert min(off) < 0.02
+    assert result.status == "not-identifiable"
+    assert "4 answers" in result.trust["determined"].why
+
+
+def test_frequencies_are_paired_in_their_order() -> None:
+    """The model is a third too soft, so that each of its frequencies is nearest to another's."""
+    true = np.array([1.5, 1.5, 1.5, 1.5, 1.5, 1.5])
+    model = chain(6)
+    springs = updyn.link(
+        model, "springs.stiffness", {f"spring {i + 1}.stiffness": 1.0 for i in range(6)}
+    )
+    modes = ModeSet(frequencies(true), std_frequency=1e-4 * frequencies(true))
+    result = updyn.update(model, modes, springs)
+    assert result.status == "converged"
+    assert result.values["springs.stiffness"] == pytest.approx(1.5, rel=1e-6)
+    # df / f = dk / 2 k, of six independent frequencies.
+    assert result.std["springs.stiffness"] == pytest.approx(1.5 * 2e-4 / np.sqrt(6.0), rel=1e-3)
+
+
+def test_loss_factors_without_shapes() -> None:
+    model = chain(4)
+    damped = Model.from_groups(
+        {
+            name: Group(
+                group.stiffness,
+                group.mass,
+                loss_factor=0.02 if group.stiffness is not None else 0.0,
+            )
+            for name, group in model.groups.items()
+        },
+        model.dofs,
+    )
+    loss = updyn.link(
+        damped, "springs.loss", {f"spring {i + 1}.loss_factor": 1.0 for i in range(4)}
+    )
+    measured = frequencies(np.ones(4))
+    modes = ModeSet(measured, loss_factor=np.full(4, 0.05), std_frequency=1e-3 * measured)
+    result = updyn.update(damped, modes, loss)
+    assert result.values["springs.loss"] == pytest.approx(0.05, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_shapes_that_the_model_cannot_reproduce_loosen_no_frequency(seed: int) -> None:
+    """The shapes of the test hold 30 % of other modes, its frequencies are those of the model."""
+    rng = np.random.default_rng(seed)
+    true = np.exp(rng.uniform(-0.3, 0.3, 12))
+    start, exact = chain(12), chain(12, true)
+    value, phi = scipy.linalg.eigh(exact.stiffness.toarray(), exact.mass.toarray())
+    mixed = phi[:, :5] + phi @ (0.3 * rng.standard_normal((12, 5)) / np.sqrt(12.0))
+    modes = ModeSet(np.sqrt(value[:5]) / (2 * np.pi), mixed, exact.dofs)
+    unknowns = updyn.parameters(start, stiffness="spring*", bounds={"*": (0.2, 5.0)})
+    result = updyn.update(start, modes, unknowns, starts=0)
+    before, after = (updyn.correlate(model, modes) for model in (start, result.model))
+    assert np.abs(after.frequency_change).max() < 0.5
+    assert after.pairs.mac.min() > before.pairs.mac.min() - 0.05
