@@ -8,7 +8,7 @@
    correlated over lines (`envelope`). Poles are refined to maximum likelihood, window by window,
    with standard deviations (`settle`, `refine`).
 3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
-   its mass. They are merged where a pole for each run fits better than several for all (`runs`).
+   its mass. They are merged where poles for each run fit better than more for all (`runs`).
 4. Poles that the user has picked are added and refined with the others (`picks`).
 5. Shapes follow from the residues (`sides`); peaks without a mode are listed (`unexplained`).
 """
@@ -145,12 +145,12 @@ def identified(
     candidates, diagram = stabilised(measured.freq, measured.cube)
     found = search_band(measured, measured.axis.poles(candidates))
     fits = settle(measured, found, np.full(len(found), -1))
-    modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
+    modes = modes_of(measured, fits)
     if picked:
         begin = [pole_at(measured, diagram, poles_of(fits), f) for f in picked]
         shown = [mode.pole for mode in _shown(measured, modes)]
         fits = add_picks(measured, fits, np.array(begin), np.array(shown, dtype=np.complex128))
-        modes = [mode for fit in fits for mode in modes_of(fit, measured.runs)]
+        modes = modes_of(measured, fits)
     return _mode_set(frf, measured, _exact(measured, modes), diagram)
 
 
@@ -262,7 +262,8 @@ def _mode_set(
         product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
         noise = mode.errors.noise.reshape(factor.shape) * np.abs(factor) ** 2
         deviations = sides.deviations(product, noise, common * factor)
-        columns += [(shape, deviations, *figures) for shape in sides.shapes(product)]
+        of_mode = sides.shapes(product)[: 1 if mode.single else None]
+        columns += [(shape, deviations, *figures) for shape in of_mode]
     unexplained = find_unexplained(measured, np.array(poles, dtype=np.complex128))
     if not columns:
         text = (

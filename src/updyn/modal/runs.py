@@ -1,19 +1,22 @@
 """Modes whose frequency varies from run to run, told from modes that are close to each other.
 
 Where a sensor moves with its mass, or the structure changes between runs, one mode has another pole
-in every run, and a fit with common poles needs several of them. On the side that stays they have
-one shape, by which they are told; with few channels there, several common poles and one pole for
-each run, which have about as many free values, are compared by how well they fit. What roves,
+in every run, and a fit with common poles needs several of them, also in neighbouring windows. On
+the side that stays they have one shape, by which they are told; with few channels there, common
+poles and fewer modes with a pole for each run are compared by how well they fit. What roves,
 responses or references, is tried both ways.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.modal.measured import Measured
 from updyn.modal.refine import (
     Errors,
     Solved,
@@ -22,6 +25,7 @@ from updyn.modal.refine import (
     errors_of,
     moved,
     pole_deviation,
+    reweighted,
     solved,
 )
 from updyn.modal.search import Seen
@@ -33,6 +37,14 @@ _Real = NDArray[np.float64]
 
 #: Poles nearer than this many of their widths together may be one mode.
 _CLOSE = 1.5
+#: Ratio of the widths of poles that may be one mode.
+_DAMPED = 4.0
+#: Most modes that poles of a bundle may be, each with poles for each run.
+_TOGETHER = 3
+#: A run that does not know a mode moves its pole further than so many widths beyond those shared.
+_REACH = 3.0
+#: Least width of a pole, as a share of its size: without damping it has none.
+_UNDAMPED = 1e-6
 #: MAC of shapes that are the same, and the channels that can tell.
 _ALIKE, _TELL = 0.97, 4
 #: A mode that explains this share of what the others leave is no part of another one.
@@ -92,6 +104,8 @@ class Mode:
         Number of the pick of one that is a mode whatever it is worth, else -1.
     by_channel : ndarray of complex, shape (p,), or None
         Where it varies from run to run, the pole of each channel.
+    single : bool
+        Whether its residue is that of one mode: further ones have poles of their own.
     """
 
     pole: complex
@@ -103,6 +117,7 @@ class Mode:
     everywhere: bool = True
     added: int = -1
     by_channel: _Complex | None = None
+    single: bool = False
 
     @property
     def poles(self) -> _Complex:
@@ -112,31 +127,38 @@ class Mode:
         return self.by_channel
 
 
-def modes_of(fit: Weighted, runs: tuple[NDArray[np.intp], NDArray[np.intp]]) -> list[Mode]:
-    """Return the modes of a window.
+def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
+    """Return the modes of all fits.
 
     Parameters
     ----------
-    fit : Weighted
-        With common poles.
-    runs : tuple of ndarray of int, shapes (p,)
-        Numbers of the response and of the reference of each channel, either of which may be runs.
+    measured : Measured
+        The data; its responses or its references may be runs.
+    fits : sequence of Weighted
+        With poles that all runs share.
     """
-    modes, errors = [], errors_of(fit.window, fit.solved, fit.weights)
-    for bundle in _bundles(fit):
-        for alike, roving in _alike(fit, bundle, runs):
-            least = np.inf
-            if len(roving) > 1:  # not told by the shapes
-                least = _criterion(fit, fit.solved.cost, len(alike), len(alike))
-                roving = tuple(of for of in roving if _may_rove(fit, alike, of))
+    modes: list[Mode] = []
+    errors = [errors_of(fit.window, fit.solved, fit.weights) for fit in fits]
+    for members in _bundles(measured, fits):
+        fit, bundle = _together(measured, fits, members)
+        for alike, roving in _alike(fit, bundle, measured.runs):
+            least = -np.inf  # told by the shapes
+            if len(roving) > 1:
+                least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, alike, of))
             if (fit.added[alike] >= 0).any():
                 roving = ()
-            tried = [_each(fit, alike, of, least) for of in roving if of.max() > 0]
-            each = [one for one in tried if one is not None]
-            if each:
-                modes.append(min(each, key=lambda one: one.criterion).mode)
+            each = None
+            for of in (of for of in roving if of.max() > 0):
+                criterion = _Criterion.of(fit, alike, of)
+                for count in range(1, criterion.most + 1):
+                    better = _each(criterion, of, count, least)
+                    if better is not None:
+                        each, least = better, better.gain
+            if each is not None:
+                modes += each.modes
             else:
-                modes += [_common(fit, r, errors[r]) for r in alike]
+                at = [members[bundle.index(r)] for r in alike]
+                modes += [_common(fits[k], r, errors[k][r]) for k, r in at]
     return modes
 
 
@@ -237,29 +259,122 @@ def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     return bool(promised > _PROMISED * (count - 1) * np.log(2 * found.error.size))
 
 
-def _bundles(fit: Weighted) -> list[list[int]]:
-    """Return positions of poles, those together that are close; those added alone."""
-    poles, window = fit.solved.poles, fit.window
-    along, width = poles.imag if window.basis.mirrored else poles.real, window.width(poles)
+def _bundles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
+    """Return poles by fit and position, those together that are close; those added alone.
+
+    Poles of one mode have about one damping; a wide one among narrow ones stands for the
+    background.
+    """
+    at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
+    poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
+    added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)
+    mirrored = measured.axis.mirrored
+    along = poles.imag if mirrored else poles.real
+    width = np.maximum(np.abs(poles.real if mirrored else poles.imag), _UNDAMPED * np.abs(poles))
     order = np.argsort(along, kind="stable")
     bundles: list[list[int]] = []
-    for r in order[fit.added[order] < 0]:
-        if bundles:
-            last = bundles[-1][-1]
-            if along[r] - along[last] < _CLOSE * (width[r] + width[last]):
-                bundles[-1].append(int(r))
-                continue
-        bundles.append([int(r)])
-    return bundles + [[int(r)] for r in np.flatnonzero(fit.added >= 0)]
+    for r in order[~added[order]].tolist():
+        for bundle in reversed(bundles):
+            last = bundle[-1]
+            ratio = max(width[r], width[last]) / min(width[r], width[last])
+            if along[r] - along[last] < _CLOSE * (width[r] + width[last]) and ratio < _DAMPED:
+                bundle.append(r)
+                break
+        else:
+            bundles.append([r])
+    bundles += [[r] for r in np.flatnonzero(added).tolist()]
+    return [[at[r] for r in bundle] for bundle in bundles]
 
 
-def _criterion(fit: Weighted, cost: float, poles: int, residues: int) -> float:
-    """Return the residual of a fit, and what its free values are worth by chance.
+def _together(
+    measured: Measured, fits: Sequence[Weighted], members: list[tuple[int, int]]
+) -> tuple[Weighted, list[int]]:
+    """Return a fit that holds all poles of a bundle, and their positions in it."""
+    parts = sorted({k for k, _ in members})
+    if len(parts) == 1:
+        return fits[parts[0]], [r for _, r in members]
+    poles = np.array([fits[k].solved.poles[r] for k, r in members])
+    others = [
+        (fit.solved.poles[r], fit.solved.residues[r])
+        for k, fit in enumerate(fits)
+        for r in range(len(fit.solved.poles))
+        if (k, r) not in members
+    ]
+    beside = np.array([pole for pole, _ in others], dtype=np.complex128)
+    residues = np.array([r for _, r in others]).reshape(len(others), -1)
+    window = measured.window(measured.lines_of(poles), beside, residues)
+    window = replace(window, envelope=fits[parts[0]].window.envelope)
+    fitted, weights = reweighted(window, poles, Weights.of(np.abs(window.Y) ** 2))
+    return Weighted(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
 
-    After G. Schwarz, Ann. Stat. 6 (1978) 461-464.
+
+@dataclass(frozen=True, slots=True)
+class _Criterion:
+    """What fits of some lines leave, and what their free values are worth by chance.
+
+    Attributes
+    ----------
+    fit : Weighted
+        The fit with common poles.
+    bundle : list of int
+        Its poles that are compared with others.
+    shapes : int
+        How many shapes these have on the side that stays. If they are fewer, each residue counts as
+        determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464), else by its own as in
+        `chance`, so that no mode is lost that the search has accepted.
     """
-    p, n_f = fit.window.Y.shape
-    return float(2.0 * cost + (2 * poles + 2 * p * residues) * np.log(2 * p * n_f))
+
+    fit: Weighted
+    bundle: list[int]
+    shapes: int
+
+    @property
+    def fewer(self) -> bool:
+        """Whether there are fewer shapes than poles."""
+        return 0 < self.shapes < len(self.bundle)
+
+    @property
+    def most(self) -> int:
+        """The most modes with poles for each run that are tried."""
+        return min(self.shapes, len(self.bundle) - 1, _TOGETHER) if self.fewer else 1
+
+    @classmethod
+    def of(cls, fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> _Criterion:
+        """Return the criterion for poles that may vary with the runs."""
+        return cls(fit, bundle, _shapes(fit, bundle, runs))
+
+    def gain(self, cost: float, poles: int, modes: int) -> float:
+        """Return by how much a fit is better than that with common poles.
+
+        Parameters
+        ----------
+        cost : float
+            Of the fit.
+        poles, modes : int
+            Numbers of poles, and of modes with a residue in each channel.
+        """
+        p, n_f = self.fit.window.Y.shape
+        common, count = self.fit.solved.cost, len(self.bundle)
+        values = p * n_f if self.fewer else n_f
+        free = (poles - count) * np.log(2 * p * n_f) + p * (modes - count) * np.log(2 * values)
+        misfit = max(1.0, common / (p * n_f))  # of neighbours, say, by either fit
+        inflation = self.fit.window.inflation(self.fit.solved.poles, self.fit.weights)
+        own = float(np.mean(inflation[self.bundle]))
+        return float(2.0 * ((common - cost) / misfit - own * free))
+
+
+def _shapes(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> int:
+    """Return how many shapes poles have at the channels that stay; 0 where one channel stays."""
+    count = int(runs.max()) + 1
+    order = np.argsort(runs, kind="stable")
+    if len(runs) == count:
+        return 0
+    different: list[_Complex] = []
+    for r in sorted(bundle, key=lambda r: -float(fit.solved.worth[r])):
+        shape = np.linalg.svd(fit.solved.residues[r][order].reshape(count, -1))[2][0]
+        if all(abs(np.vdot(shape, other)) ** 2 <= _ALIKE for other in different):
+            different.append(shape)
+    return len(different)
 
 
 def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
@@ -275,23 +390,22 @@ def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Each:
-    criterion: float
-    mode: Mode
+    gain: float
+    modes: list[Mode]
 
 
-def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp], least: float) -> _Each | None:
-    """Return one mode with a pole for each run, instead of several common ones.
+def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float) -> _Each | None:
+    """Return modes with poles for each run, instead of more common ones.
 
-    None where its criterion is not below the least so far.
+    None where they gain no more than the least.
     """
-    window, poles = fit.window, fit.solved.poles
-    others = np.delete(poles, bundle)
-    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
-    begin = np.array([np.sum(poles[bundle] * weight) / np.sum(weight)])
+    fit, bundle = criterion.fit, criterion.bundle
+    window, p = fit.window, len(fit.window.Y)
+    others = np.delete(fit.solved.poles, bundle)
     beside = np.concatenate([window.beside, others])
-    p = len(window.Y)
-    residues = np.zeros(p, dtype=np.complex128)
-    noise, common = np.zeros(p), []
+    begin = _begin(fit, bundle, modes)
+    residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
+    common: list[list[_Complex]] = [[] for _ in begin]
     cost, found, deviations = 0.0, [], []
     squares = np.zeros(window.Y.shape)
     count = int(runs.max()) + 1
@@ -300,36 +414,93 @@ def _each(fit: Weighted, bundle: list[int], runs: NDArray[np.intp], least: float
         alone = Window(window.basis, window.x, window.Y[own], beside, envelope=window.envelope)
         weights = fit.weights.of_channels(own)
         one = moved(alone, begin, weights)
-        stays = not _is_damped(one.poles[0], window)  # a run that does not know the mode
-        if stays:
-            one = solved(alone, begin, weights)
+        stays = _has_left(fit, bundle, one.poles)  # of a run that does not know the mode
+        if stays.any():
+            one = solved(alone, np.where(stays, begin, one.poles), weights)
         cost += one.cost
-        if _criterion(fit, cost, count, 1) >= least:
+        if criterion.gain(cost, modes * count, modes) <= least:
             return None
-        residues[own] = one.residues[0]
-        squares[own] = one.left
-        found.append(one.poles[0])
-        deviation = pole_deviation(alone, one, weights)[:, 0]
-        deviations.append(np.full(2, np.inf) if stays else deviation)
-        (errors,) = errors_of(alone, one, weights)
-        noise[own] = errors.noise
-        common.append(np.zeros((len(errors.common), p), dtype=np.complex128))
-        common[-1][:, own] = errors.common
-    each, std = np.array(found), np.array(deviations).T
-    if not np.isfinite(std).any():
+        residues[:, own], squares[own] = one.residues, one.left
+        found.append(one.poles)
+        deviations.append(np.where(stays, np.inf, pole_deviation(alone, one, weights)))
+        for r, errors in enumerate(errors_of(alone, one, weights)):
+            noise[r, own] = errors.noise
+            part = np.zeros((len(errors.common), p), dtype=np.complex128)
+            part[:, own] = errors.common
+            common[r].append(part)
+    each, std = np.array(found), np.array(deviations)  # (runs, modes), (runs, 2, modes)
+    if not np.isfinite(std[:, 0]).any(axis=0).all():
         return None
-    sure = 1.0 / np.maximum(std, 1e-12 * np.abs(begin)) ** 2
+    out = []
+    for r in range(modes):
+        pole, spread = _mean(each[:, r], std[:, :, r])
+        without = _without(window, beside, each, r, runs, fit.weights)
+        errors = Errors(noise[r], np.concatenate(common[r]))
+        mode = _mode(fit, pole, spread, residues[r], errors, squares, without)
+        share = np.bincount(runs, np.abs(residues[r]) ** 2)
+        everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
+        own = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
+        out.append(own)
+    return _Each(criterion.gain(cost, modes * count, modes), out)
+
+
+def _begin(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
+    """Return poles to begin with: means of neighbours, so that their weighted squares are least."""
+    poles = fit.solved.poles[bundle]
+    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
+    order = np.argsort(_along(poles, fit.window), kind="stable")
+    poles, weight = poles[order], weight[order]
+
+    def means(cuts: tuple[int, ...]) -> tuple[float, _Complex]:
+        parts = list(pairwise((0, *cuts, len(poles))))
+        mean = np.array([np.average(poles[a:b], weights=weight[a:b]) for a, b in parts])
+        near = np.repeat(mean, [b - a for a, b in parts])
+        return float(np.sum(weight * np.abs(poles - near) ** 2)), mean
+
+    tried = [means(cuts) for cuts in combinations(range(1, len(poles)), modes - 1)]
+    return min(tried, key=lambda one: one[0])[1]
+
+
+def _has_left(fit: Weighted, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
+    """Return which poles of a run are not damped, or not near those that all runs share."""
+    window, shared = fit.window, fit.solved.poles[bundle]
+    damped = np.array([_is_damped(complex(pole), window) for pole in poles])
+    along, reach = _along(shared, window), _REACH * float(np.max(window.width(shared)))
+    near = np.abs(_along(poles, window) - 0.5 * (along.min() + along.max()))
+    return ~damped | (near > 0.5 * np.ptp(along) + reach)
+
+
+def _along(poles: _Complex, window: Window) -> _Real:
+    return np.asarray(poles.imag if window.basis.mirrored else poles.real)
+
+
+def _mean(each: _Complex, std: _Real) -> tuple[complex, _Real]:
+    """Return the mean of the poles of the runs and their spread, weighted by their variances."""
+    sure = 1.0 / np.maximum(std.T, 1e-12 * np.abs(each)) ** 2
     parts = np.array([each.real, each.imag])
     mean = np.sum(parts * sure, axis=1) / np.sum(sure, axis=1)
     spread = np.sqrt(np.sum((parts - mean[:, None]) ** 2 * sure, axis=1) / np.sum(sure, axis=1))
-    pole = complex(mean[0], mean[1])
-    without = solved(Window(window.basis, window.x, window.Y, beside), each[:0], fit.weights)
-    errors = Errors(noise, np.concatenate(common))
-    mode = _mode(fit, pole, spread, residues, errors, squares, without.left)
-    share = np.bincount(runs, np.abs(residues) ** 2)
-    everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
-    mode = replace(mode, everywhere=everywhere, by_channel=each[runs])
-    return _Each(_criterion(fit, cost, count, 1), mode)
+    return complex(mean[0], mean[1]), spread
+
+
+def _without(
+    window: Window,
+    beside: _Complex,
+    each: _Complex,
+    r: int,
+    runs: NDArray[np.intp],
+    weights: Weights,
+) -> _Real:
+    """Return the squared residuals without a mode of which each run has its pole, shape (p, n)."""
+    if each.shape[1] == 1:
+        whole = Window(window.basis, window.x, window.Y, beside)
+        return solved(whole, each[:0, 0], weights).left
+    left = np.zeros(window.Y.shape)
+    for run, poles in enumerate(each):
+        own = runs == run
+        alone = Window(window.basis, window.x, window.Y[own], beside)
+        left[own] = solved(alone, np.delete(poles, r), weights.of_channels(own)).left
+    return left
 
 
 def _common(fit: Weighted, r: int, errors: Errors) -> Mode:

@@ -78,15 +78,16 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
         order = np.argsort(measured.axis.frequency(poles), kind="stable")
         poles, residues, added = poles[order], residues[order], added[order]
         residuals = _Residuals.of(measured, fits)
+        measured = replace(measured, envelope=_envelope(measured, fits))
         if not measured.inside(poles[added >= 0]).all():
             break
-    return _with_envelope(measured, fits)
+    return [replace(fit, window=replace(fit.window, envelope=measured.envelope)) for fit in fits]
 
 
-def _with_envelope(measured: Measured, fits: list[Weighted]) -> list[Weighted]:
-    """Return the fits with the envelope of their residuals, which hold no modes."""
+def _envelope(measured: Measured, fits: list[Weighted]) -> Envelope:
+    """Return the envelope of the residuals of fits, which hold no modes."""
     if measured.envelope.is_white:
-        return fits
+        return measured.envelope
     residuals = []
     for fit in fits:
         Q, n_f = fit.solved.columns.Q, len(fit.window.x)
@@ -95,9 +96,7 @@ def _with_envelope(measured: Measured, fits: list[Weighted]) -> list[Weighted]:
         deviation = fit.weights.channel * fit.weights.line
         residuals.append((Q, fit.solved.error / deviation))
     envelope = Envelope.of_residuals(residuals)
-    if envelope.is_white:
-        return fits
-    return [replace(fit, window=replace(fit.window, envelope=envelope)) for fit in fits]
+    return measured.envelope if envelope.is_white else envelope
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -149,6 +149,20 @@ def test_a_mode_that_a_roving_sensor_shifts_is_one_mode() -> None:
         assert (found.std_frequency > 0.3 * shift.std(axis=0) * alone.frequency).all()
 
 
+def test_two_close_modes_that_a_roving_hammer_shifts_are_two() -> None:
+    """Each hit with its own frequencies; three sensors stay. Poles in common would be five or more."""
+    rng = np.random.default_rng(1)
+    freq = np.linspace(20.0, 60.0, 641)
+    pair = structure([31.0, 31.15, 48.0], [0.008, 0.008, 0.006], 40, 3, seed=1)
+    shift = 0.002 * rng.standard_normal((40, 1)) * np.ones(3)
+    made = pair.frf(freq, 0.003, 0, shift)
+    turned = made.values.swapaxes(1, 2)
+    hammer = updyn.FRF(freq, turned, made.references, made.responses, "accelerance")
+    found = updyn.identify_modes(hammer)
+    assert found.frequency == pytest.approx(pair.frequency * (1 + shift.mean()), rel=1e-3)
+    assert found.loss_factor == pytest.approx(pair.loss, rel=0.1)
+
+
 def test_the_shape_of_a_mode_that_a_roving_sensor_shifts_is_that_of_its_residues() -> None:
     """A residue is of the pole of its run: by the mean pole, shapes would be off by twice the shift."""
     alone = structure([12.0, 31.0, 58.0, 83.0], [0.01, 0.012, 0.008, 0.005], 20, 2, seed=3)
