@@ -12,8 +12,10 @@ import hits
 import shaken
 import updyn
 from updyn.errors import DataError, OptionError
+from updyn.signals.local import local_rational
 from updyn.signals.local_model import LocalModel, Windows
 from updyn.signals.records import Records
+from updyn.signals.spectra import Spectra
 from updyn.updating.fit.method import serial_correlation
 
 FORCES = {"a": "1:X", "b": "2:X"}
@@ -325,6 +327,40 @@ def test_hits_are_refused():
     ) as error:
         updyn.estimate_frf(given, {"hammer": "1:Z"}, estimator="LRM")
     assert "ImpactWindow" in str(error.value)
+
+
+@pytest.mark.parametrize(("share", "is_pulse"), [(0.015, True), (0.04, False)])
+def test_a_burst_is_no_pulse_from_some_length_on(share, is_pulse):
+    """90 % of the energy of random force take nine tenths of its length."""
+    records = shaken.records(16.0)
+    values = records.values.copy()
+    size = round(share * values.shape[2])
+    values[:, 0, :500] = values[:, 0, 500 + size :] = 0.0
+    burst = replace(records, values=values)
+    if is_pulse:
+        with pytest.raises(DataError, match="the force is a pulse of"):
+            estimated(burst, band=(20.0, 60.0))
+    else:
+        estimated(burst, band=(20.0, 60.0))
+
+
+def test_more_forces_take_more_lines():
+    rng = np.random.default_rng(0)
+    spectra = Spectra.of(complex_normal(rng, 1, 20, 3), complex_normal(rng, 1, 20, 2), 1.0)
+    with pytest.raises(DataError, match="LRM of 3 forces takes at least 33 lines"):
+        local_rational(spectra, np.arange(20.0), ["a", "b", "c"])
+
+
+def test_forces_that_are_partly_coherent_are_told_apart():
+    """A fifth of the power of the second is its own."""
+    records = shaken.records(24.0, forces=2, noise=(0.01, 0.01), n=2)
+    mixed, H = records.values.copy(), shaken.accelerance
+    mixed[:, 1] = mixed[:, 0] + 0.5 * mixed[:, 1]
+    frf = estimated(replace(records, values=mixed), forces=2)
+    # X = H1 a + H2 b with b = 2 (b' - a).
+    exact = H(frf.freq, 2) @ np.array([[1.0, 0.0], [-2.0, 2.0]])
+    squares = np.abs(frf.values - exact) ** 2 / frf.variance
+    assert 0.88 < np.mean(squares < -np.log(0.05)) < 0.98
 
 
 @pytest.mark.parametrize("rest", [0.0, 1e-3])

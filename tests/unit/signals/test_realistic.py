@@ -28,8 +28,8 @@ CASES = {
 }
 
 
-def realistic(case, seed, before=BEFORE):
-    """Three hits with noise of 0.1 % of each channel's largest value, by 24 bits."""
+def realistic(case, seed, before=BEFORE, share=1e-3):
+    """Three hits with noise of a share of each channel's largest value, by 24 bits."""
     rng, parts = np.random.default_rng(seed), []
     for _ in range(3):
         force = hits.pulse(N, at=before, width=6, size=float(rng.uniform(60.0, 180.0)))
@@ -40,7 +40,7 @@ def realistic(case, seed, before=BEFORE):
         white = rng.standard_normal((2, *record.shape))
         slow = lfilter([1.0], [1.0, -0.995], white[0], axis=1)
         noise = white[1] + slow / slow.std(axis=1, keepdims=True)
-        record = record + 1e-3 * size * noise / np.sqrt(2.0)
+        record = record + share * size * noise / np.sqrt(2.0)
         if "overload" in case:
             record[2] = np.clip(record[2], -0.6 * size[2], 0.6 * size[2])
         if "offset" in case:
@@ -61,6 +61,23 @@ def kinds(records, excitation="hammer"):
 @pytest.mark.parametrize("case", CASES)
 def test_nothing_else_is_found(case, seed, before):
     assert kinds(realistic(case, seed, before)) <= CASES[case]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_at_the_end_is_no_response(seed):
+    """Nothing was recorded before the hit, and noise is above 2 % of the response."""
+    noisy = realistic("sound", seed, before=4, share=0.02)
+    late = noisy.values[:, 1:, -256:].std(axis=2)
+    early = noisy.values[:, 1:, :256].std(axis=2)
+    assert (late > 0.02 * early).all()
+    assert "cut-off" not in kinds(noisy)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_under_a_window_is_neither_leakage_nor_a_second_hit(seed):
+    """It is larger before the hit than at the end, on the force, too."""
+    noisy = realistic("window", seed, share=0.02)
+    assert kinds(noisy).isdisjoint({"leakage", "double-hit"})
 
 
 @pytest.mark.parametrize("before", [BEFORE, 4])
