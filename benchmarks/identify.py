@@ -70,6 +70,13 @@ class Real:
         Of each hit: relative spread of gain and place; a fiftieth of it of the frequencies.
     drift : float
         Drift below 5 Hz, over the rms of each channel.
+    loading : float
+        Largest lowering of a frequency by the mass of what moves from reference to reference.
+    turn : float
+        Standard deviation of the direction of hits, in degrees: a share of another direction.
+    leaning : float
+        Shift of a frequency at the largest motion of its mode, in half-power bandwidths: cubic
+        softening, by harmonic balance of the first order, at one level of the force.
     """
 
     tilt: float = 0.0
@@ -80,6 +87,9 @@ class Real:
     mains: bool = False
     hits: float = 0.0
     drift: float = 0.0
+    loading: float = 0.0
+    turn: float = 0.0
+    leaning: float = 0.0
 
 
 CASES = {
@@ -106,6 +116,10 @@ CASES = {
     "window, tilt": Case(10, 18, 1, 0.0, pairs=False, real=Real(30.0, 1e-2, window=1.5)),
     "hits": Case(13, 3, 40, 0.01, pairs=False, real=Real(20.0, 1e-3, hits=0.05, drift=0.3)),
     "hits, window": Case(13, 3, 40, 0.0, pairs=False, real=Real(0.0, 2e-2, 1.0, hits=0.05)),
+    "loading": Case(10, 6, 12, 0.01, pairs=False, real=Real(20.0, 1e-3, loading=0.003)),
+    "directions": Case(10, 6, 20, 0.01, pairs=False, real=Real(20.0, 1e-3, hits=0.02, turn=5.0)),
+    "leaning 0.1": Case(8, 8, 1, 0.005, pairs=False, real=Real(flat=1e-3, leaning=0.1)),
+    "leaning 0.3": Case(8, 8, 1, 0.005, pairs=False, real=Real(flat=1e-3, leaning=0.3)),
 }
 
 
@@ -172,10 +186,20 @@ def measured(case: Case, real: Real, rng, natural, loss, shapes) -> Truth:
     freq = np.linspace(*BAND, LINES)
     omega = 2 * np.pi * freq
     H = np.empty((LINES, case.responses, case.references), complex)
+    shifts: list[np.ndarray] = []
     for j in range(case.references):
         shift, gain = 1.0 + real.hits / 50.0 * rng.standard_normal(), rng.normal(1.0, real.hits)
         place = driven[j] * (1.0 + real.hits * rng.standard_normal(len(natural)))
-        below = (2 * np.pi * natural * shift) ** 2 * (1 + 1j * loss) - omega[:, None] ** 2
+        if real.turn:
+            angle = np.deg2rad(real.turn) * rng.standard_normal()
+            place = place * np.cos(angle) + np.sin(angle) * rng.standard_normal(len(natural))
+        lowered = natural * shift
+        if real.loading:  # half of the mass times the squared shape, of first order
+            lowered = lowered * (1.0 - real.loading * driven[j] ** 2 / 4.0)
+            shifts.append(lowered)
+        below = (2 * np.pi * lowered) ** 2 * (1 + 1j * loss) - omega[:, None] ** 2
+        if real.leaning:
+            below = leaning(below, (2 * np.pi * lowered) ** 2 * loss, real.leaning)
         H[:, :, j] = -gain * (omega[:, None] ** 2) * (place / below) @ at.T
     level = np.sqrt(np.mean(np.abs(H) ** 2, axis=0))
     size = real.flat * np.sqrt(np.mean(level**2)) * np.exp(rng.uniform(-1.2, 1.2, level.shape))
@@ -197,7 +221,33 @@ def measured(case: Case, real: Real, rng, natural, loss, shapes) -> Truth:
     frf = updyn.FRF(freq, H, responses, references, quantity="accelerance")
     shown = np.zeros(len(natural), dtype=bool)
     shown[2 : 2 + case.modes] = rises[2 : 2 + case.modes] >= 10.0**0.5
-    return Truth(natural[shown], loss[shown], np.vstack([at, driven])[:, shown], frf, True)
+    mean = np.mean(shifts, axis=0) if shifts else natural
+    return Truth(mean[shown], loss[shown], np.vstack([at, driven])[:, shown], frf, True)
+
+
+def leaning(below: np.ndarray, width: np.ndarray, shift: float) -> np.ndarray:
+    """Return omega_r^2 (1 + i eta) - omega^2, lowered by the square of the motion of the mode.
+
+    The motion q of the unit force 1 has (below - s |q|^2) q = 1; s is such that the peak is shifted
+    by `shift` half-power bandwidths. Of several motions the smallest, as on a sweep upwards.
+
+    Parameters
+    ----------
+    below : ndarray of complex, shape (lines, modes)
+        Without softening.
+    width : ndarray of float, shape (modes,)
+        omega_r^2 eta: the half-power bandwidth in omega^2.
+    shift : float
+        In half-power bandwidths; below 0.77 (cubic: 4 / (3 sqrt 3)) the motion is unique.
+    """
+    # With a = |q|^2 width^2 and x = below / width: a |x - shift a|^2 = 1, a cubic equation in a.
+    x = below / width
+    a = 1.0 / np.abs(x) ** 2  # far from the peak
+    for index in zip(*np.nonzero(np.abs(x) < 100.0), strict=True):
+        line, size = x[index].real, np.abs(x[index]) ** 2
+        roots = np.roots([shift**2, -2.0 * shift * line, size, -1.0])
+        a[index] = np.min(roots.real[np.abs(roots.imag) < 1e-6 * np.abs(roots)])
+    return width * (x - shift * a)
 
 
 def complex_normal(rng, shape: tuple[int, ...]) -> np.ndarray:
