@@ -52,6 +52,9 @@ _REST, _MORE, _FILTER = 16, 3.0, 64
 #: many samples before: of white noise that is all but 1 / 8, of half white and half slow noise a
 #: half, of modes nothing.
 _UNPREDICTED, _ORDER = 0.3, 8
+#: Rms in the third quarter of a response over that in the last, below which it does not decay: that
+#: of a steady wave is 1, of a mode that loses a third of its motion in the record 1.1.
+_DECAYS = 1.1
 
 
 def clipped(channel: _Real, name: str, record: int) -> Iterator[RecordFinding]:
@@ -249,10 +252,16 @@ def _is_noise(free: _Real, begin: int, n: int) -> bool:
     """Return whether the last n samples of a response that begins somewhere are noise.
 
     Where nothing was recorded before the hit, noise is told by what it cannot be predicted from:
-    the samples before. Modes follow a recursion of twice as many samples.
+    the samples before. Modes follow a recursion of twice as many samples; so does a line of the
+    mains, which does not decay.
     """
     if begin - _FILTER >= _REST:
         return _rms(free[-n:]) <= 2.0 * _rms(free[: begin - _FILTER])
+    if len(free) - begin < 8 * _ORDER:
+        return False
+    first, *_, third, fourth = (_rms(part) for part in np.array_split(free[begin:], 4))
+    if fourth < 0.5 * first and third < _DECAYS * fourth:
+        return True
     last = detrend(free[-max(n, 8 * _ORDER) :])
     past = np.lib.stride_tricks.sliding_window_view(last[:-1], _ORDER)
     rest = last[_ORDER:] - past @ np.linalg.lstsq(past, last[_ORDER:], rcond=None)[0]
