@@ -47,6 +47,9 @@ _REACH = 3.0
 _UNDAMPED = 1e-6
 #: MAC of shapes that are the same, and the channels that can tell.
 _ALIKE, _TELL = 0.97, 4
+#: Sine of the angle by which residues of one shape differ in phase if they are a leaning peak:
+#: those fitted to cubic softening differ by 20 to 60 degrees.
+_TURNED = 0.25
 #: A mode that explains this share of what the others leave is no part of another one.
 _SURE = 0.5
 #: A run knows a pole that is worth more than this share of the one that is worth most to it.
@@ -156,6 +159,8 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
                         each, least = better, better.gain
             if each is not None:
                 modes += each.modes
+            elif _leans(fit, alike):
+                modes.append(_leaning(fit, alike))
             else:
                 at = [members[bundle.index(r)] for r in alike]
                 modes += [_common(fits[k], r, errors[k][r]) for k, r in at]
@@ -523,6 +528,46 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
         without.left,
     )
     return replace(mode, added=int(fit.added[r]))
+
+
+def _leans(fit: Weighted, bundle: list[int]) -> bool:
+    """Return whether poles are one leaning peak of a mode whose frequency depends on its motion.
+
+    They have one shape at all channels, which two modes have nowhere, but residues of different
+    phase, which two modes of light damping and one shape would not have.
+    """
+    residues = fit.solved.residues[bundle]
+    if len(bundle) < 2 or residues.shape[1] < _TELL or (fit.added[bundle] >= 0).any():
+        return False
+    first = residues[int(np.argmax(fit.solved.worth[bundle]))]
+    ratio = residues @ first.conj()
+    mac = np.abs(ratio) ** 2 / (np.sum(np.abs(residues) ** 2, axis=1) * np.vdot(first, first).real)
+    turned = np.abs(ratio.imag) > _TURNED * np.abs(ratio)
+    return bool((mac > _ALIKE).all() and turned.any())
+
+
+def _leaning(fit: Weighted, bundle: list[int]) -> Mode:
+    """Return one mode in place of the poles of a leaning peak.
+
+    Its frequency and damping depend on the motion; their standard deviations are those of the
+    poles, weighted by the squared residues, and those of noise as large as the misfit.
+    """
+    window, weights = fit.window, fit.weights
+    beside = np.concatenate([window.beside, np.delete(fit.solved.poles, bundle)])
+    alone = replace(window, beside=beside)
+    one = moved(alone, _begin(fit, bundle, 1), weights)
+    at = window.near(complex(one.poles[0]))
+    misfit = max(1.0, float(np.mean(one.squared[:, at])))
+    poles = fit.solved.poles[bundle]
+    share = np.sum(np.abs(fit.solved.residues[bundle]) ** 2, axis=1)
+    off = np.array([(poles - one.poles[0]).real, (poles - one.poles[0]).imag])
+    spread = np.average(off**2, axis=1, weights=share)
+    std = np.sqrt(spread + misfit * pole_deviation(alone, one, weights)[:, 0] ** 2)
+    (errors,) = errors_of(alone, one, weights)
+    errors = Errors(misfit * errors.noise, np.sqrt(misfit) * errors.common)
+    without = solved(alone, one.poles[:0], weights).left
+    pole = complex(one.poles[0])
+    return _mode(fit, pole, std, one.residues[0], errors, one.left, without)
 
 
 def _mode(

@@ -163,6 +163,38 @@ def test_two_close_modes_that_a_roving_hammer_shifts_are_two() -> None:
     assert found.loss_factor == pytest.approx(pair.loss, rel=0.1)
 
 
+@pytest.mark.parametrize("shift", [0.1, 0.3])
+def test_a_leaning_peak_is_one_mode(shift: float) -> None:
+    """Cubic softening by harmonic balance: a |x - shift a|^2 = 1 for the squared motion a."""
+    rng = np.random.default_rng(0)
+    freq, natural, loss = np.linspace(20.0, 40.0, 400), 30.0, 0.02
+    x = (natural**2 * (1 + 1j * loss) - freq**2) / (natural**2 * loss)
+    cubics = [[shift**2, -2 * shift * v.real, abs(v) ** 2, -1.0] for v in x]
+    roots = [np.roots(cubic) for cubic in cubics]
+    a = np.array([r.real[np.abs(r.imag) < 1e-6 * np.abs(r)].min() for r in roots])
+    motion = -(freq**2) / (natural**2 * loss) / (x - shift * a)
+    values = motion[:, None] * np.array([1.0, 0.8, -0.6, 0.3, -0.9, 0.5])
+    values = values * (1 + 0.005 * rng.standard_normal((*values.shape, 2)) @ (1, 1j))
+    labels = [f"{k}:Z" for k in range(1, 7)]
+    found = updyn.identify_modes(
+        updyn.FRF(freq, values[:, :, None], labels, ["9:Z"], "accelerance")
+    )
+    assert len(found) == 1
+    assert natural * (1 - shift * loss) < found.frequency[0] < natural
+    assert abs(found.frequency[0] - natural) < 2.0 * found.std_frequency[0]
+    assert found.std_frequency[0] < shift * natural * loss
+
+
+def test_two_modes_of_one_shape_at_the_sensors_are_two() -> None:
+    """As of bending in two planes, of which the sensors see one."""
+    shapes = np.outer([1.0, 0.8, -0.6, 0.3, -0.9, 0.5], [1.0, 0.7])
+    both = Structure(
+        np.array([30.0, 30.5]), np.array([0.02, 0.02]), np.vstack([shapes, [1.0, 1.0]]), 6
+    )
+    found = updyn.identify_modes(both.frf(FREQ, 0.003, 0))
+    assert found.frequency == pytest.approx([30.0, 30.5], rel=1e-3)
+
+
 def test_the_shape_of_a_mode_that_a_roving_sensor_shifts_is_that_of_its_residues() -> None:
     """A residue is of the pole of its run: by the mean pole, shapes would be off by twice the shift."""
     alone = structure([12.0, 31.0, 58.0, 83.0], [0.01, 0.012, 0.008, 0.005], 20, 2, seed=3)
