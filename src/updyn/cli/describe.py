@@ -150,7 +150,7 @@ def describe_modes(found: ModeSet) -> str:
             _known(found.loss_factor[k], ".4g"),
             _known(found.std_loss_factor[k], ".2g"),
             "unit mass" if found.scaled[k] else "any",
-            f"{found.phase_collinearity[k]:.3f}",
+            _known(found.phase_collinearity[k], ".3f"),
             _known(found.quality[k], ".4f"),
         ]
         rows.append(row)
@@ -158,7 +158,7 @@ def describe_modes(found: ModeSet) -> str:
     header = ("mode", "frequency (Hz)", "std", "loss factor", "std", "scale", *sure)
     texts = [
         f"Modes: {len(found)} from {found.frequency[0]:g} to {found.frequency[-1]:g} Hz",
-        f"{len(found.dofs)} DOFs: {_labels(found.dofs)}",
+        f"{len(found.dofs)} DOFs: {_labels(found.dofs)}" if found.has_shapes else "without shapes",
         text_table(header, rows),
     ]
     if len(found.unexplained):

@@ -295,9 +295,11 @@ def _test_text(test: PreparedTest) -> str:
 
     if isinstance(test.data, ModeSet):
         modes = test.data
+        band = f"from {modes.frequency[0]:.4g} to {modes.frequency[-1]:.4g} Hz"
+        if not modes.has_shapes:
+            return f"test: {len(modes)} natural frequencies {band}, without shapes"
         return (
-            f"test: {len(modes)} modes from {modes.frequency[0]:.4g} to {modes.frequency[-1]:.4g}"
-            f" Hz at {len(modes.dofs)} DOFs; all are DOFs of the model"
+            f"test: {len(modes)} modes {band} at {len(modes.dofs)} DOFs; all are DOFs of the model"
         )
     frf = test.frf
     return (

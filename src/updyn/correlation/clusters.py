@@ -24,6 +24,7 @@ __all__ = [
     "Subspace",
     "close_modes",
     "pair_clusters",
+    "pair_frequencies",
     "principal_vectors",
 ]
 
@@ -239,6 +240,38 @@ def pair_clusters(
     first, second = first[kept], second[kept]
     pairs = ModePairs(first, second, values[first, second])
     return _with_subspaces(pairs, (a, b), frequency, clusters, values)
+
+
+def pair_frequencies(frequency: tuple[Array, Array], gate: float) -> ModePairs:
+    """Pair computed and measured modes by frequency alone, in their order.
+
+    The pairs have the least sum of the squared logarithms of their ratios, which keeps the order of
+    the frequencies; a measured mode without a computed one within the gate has no pair.
+
+    Parameters
+    ----------
+    frequency : tuple of ndarray of float
+        Natural frequencies of computed and measured modes in Hz.
+    gate : float
+        Largest relative difference of frequency of a pair.
+
+    Returns
+    -------
+    ModePairs
+        By ascending measured frequency; MAC is nan.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    apart, limit = _differences(frequency, gate)
+    both = (frequency[0][:, None] > 0) & (frequency[1] > 0)
+    ratio = np.divide(frequency[0][:, None], frequency[1], out=np.ones(both.shape), where=both)
+    score = 1.0 - np.log(ratio) ** 2 / (4.0 * np.log1p(gate) ** 2)
+    may = apart <= limit
+    first, second = linear_sum_assignment(np.where(may, score, 0.0), maximize=True)
+    keep = may[first, second]
+    first, second = first[keep], second[keep]
+    order = np.argsort(second, kind="stable")
+    return ModePairs(first[order], second[order], np.full(len(order), np.nan))
 
 
 def _differences(frequency: tuple[Array, Array], gate: float) -> tuple[Array, Array]:

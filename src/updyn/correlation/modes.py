@@ -15,6 +15,7 @@ from updyn.correlation.clusters import (
     PairingRule,
     Subspace,
     pair_clusters,
+    pair_frequencies,
     principal_vectors,
 )
 from updyn.correlation.shapes import (
@@ -35,7 +36,15 @@ from updyn.group import is_number
 from updyn.model import Model
 from updyn.text_table import text_table
 
-__all__ = ["GATE", "LEAST_MAC", "ModeCorrelation", "ModeShapes", "correlate_modes", "model_modes"]
+__all__ = [
+    "BY_FREQUENCY",
+    "GATE",
+    "LEAST_MAC",
+    "ModeCorrelation",
+    "ModeShapes",
+    "correlate_modes",
+    "model_modes",
+]
 
 Array = NDArray[np.float64]
 
@@ -44,6 +53,10 @@ GATE = 0.3
 #: Least MAC of a pair of equal frequencies. By Bessel's inequality a shape can have a MAC above one
 #: half with one shape of an orthogonal set at most.
 LEAST_MAC = 0.5
+BY_FREQUENCY = (
+    "The measured modes have no shapes: they are paired in the order of their frequencies. Shapes"
+    " would show whether the pairs are right."
+)
 #: Modes of damped structures are computed as complex ones up to this many DOFs.
 _COMPLEX_UP_TO = 5_000
 #: Most modes of a model.
@@ -144,6 +157,8 @@ class ModeCorrelation:
 
         Large values off the diagonal: the sensors do not tell these shapes apart.
         """
+        if not len(self.dofs):
+            return np.full((len(self.measured), len(self.measured)), np.nan)
         return auto_mac(_weighted(self.measured, self.measured))
 
     def comac(self) -> Array:
@@ -162,7 +177,7 @@ class ModeCorrelation:
         return self._by_dof(ecomac)
 
     def _by_dof(self, criterion: Any) -> Array:
-        if not len(self.pairs.mac):
+        if not len(self.pairs.mac) or not len(self.dofs):
             return np.full(len(self.dofs), np.nan)
         a = _weighted(self.computed, self.measured)
         b = _weighted(self.measured, self.measured)
@@ -225,7 +240,8 @@ class ModeCorrelation:
         for i, j, value, change, mark in pairs:
             cells = [*_cells(self.measured, j), *_cells(self.computed, i)]
             frequency = float(self.measured.frequency[j])
-            rows.append((frequency, [*cells, f"{change:+.2f}", f"{value:.3f}{mark}"]))
+            shown = "-" if np.isnan(value) else f"{value:.3f}"
+            rows.append((frequency, [*cells, f"{change:+.2f}", f"{shown}{mark}"]))
         for j in self.unpaired_measured:
             cells = [*_cells(self.measured, j), "-", "-", "-", f"-{self._mark(False)}"]
             rows.append((float(self.measured.frequency[j]), cells))
@@ -236,7 +252,17 @@ class ModeCorrelation:
         header = ("mode", "measured (Hz)", "loss factor", "computed (Hz)", "loss factor")
         numbered = [[str(i), *cells] for i, (_, cells) in enumerate(rows, 1)]
         table = text_table((*header, "change (%)", f"MAC{self._mark(False)}"), numbered)
-        return "\n".join([table, *self.subspace_notes()])
+        return "\n".join([table, *self.notes()])
+
+    def notes(self) -> list[str]:
+        """Return how modes without shapes are paired, and the explanations of `subspace_notes`.
+
+        Returns
+        -------
+        list of str
+            Lines of text; empty if nothing has to be explained.
+        """
+        return ([] if len(self.dofs) else [BY_FREQUENCY]) + self.subspace_notes()
 
     def _mark(self, subspace: bool) -> str:
         """Return the mark of a MAC in tables: an asterisk for subspaces, else a blank."""
@@ -321,6 +347,9 @@ def correlate_modes(
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
     `least_mac`. The second term decides where the sensors cannot tell shapes apart.
 
+    Measured modes without shapes are paired within the gate so that the sum of the squared
+    logarithms of the ratios of their frequencies is least, which keeps their order; MAC is nan.
+
     The shapes of close modes are an arbitrary basis of their span. Between clusters of them, MAC is
     replaced by the mean of the squared cosines of the principal angles between the spans (Bjorck &
     Golub, Math. Comp. 27 (1973) 579-594) that are at least `least_mac`; clusters have no more pairs
@@ -345,7 +374,8 @@ def correlate_modes(
     at = measured.dofs
     if dofs is not None:
         at = DofSet(dofs)
-    if len(at) == 0:
+    alone = dofs is None and len(at) == 0
+    if len(at) == 0 and not alone:
         raise DofError("correlate: no DOF to compare the shapes at")
     b = _at(measured, at)
     if isinstance(computed, Model):
@@ -354,7 +384,7 @@ def correlate_modes(
             low, high = check_band(band)
         found = model_modes(computed, max(high, float(b.frequency[-1])) * (1.0 + gate))
         seen = _at(found, at)
-        move = moving(seen.shapes, found.shapes)
+        move = np.ones(len(found), bool) if alone else moving(seen.shapes, found.shapes)
         if not move.any():
             raise DataError(
                 f"correlate: none of the {len(found)} modes of the model up to"
@@ -472,6 +502,8 @@ def _at(of: ModeShapes, dofs: DofSet) -> Modes:
 
 
 def _mac(a: Modes, b: Modes) -> Array:
+    if not len(b.dofs):
+        return np.full((len(a), len(b)), np.nan)
     return mac(_weighted(a, b), _weighted(b, b))
 
 
@@ -491,5 +523,7 @@ def _weighted(of: Modes, measured: Modes) -> NDArray[Any]:
 
 def _match(a: Modes, b: Modes, rule: PairingRule) -> Matched:
     """Return the pairs and subspaces of modes as the sensors see them."""
+    if not len(b.dofs):
+        return Matched(pair_frequencies((a.frequency, b.frequency), rule.gate), ())
     seen = _weighted(a, b), _weighted(b, b)
     return pair_clusters(*seen, (a.frequency, b.frequency), rule)

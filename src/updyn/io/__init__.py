@@ -253,18 +253,21 @@ def read_modes(path: str | Path, *, format: str | None = None, **options: Any) -
     Parameters
     ----------
     path : path
-        A universal file with datasets 55 or 2414 (normal or complex modes), or an OUTPUT2 file of
-        Nastran (.op2).
+        A universal file with datasets 55 or 2414 (normal or complex modes), an OUTPUT2 file of
+        Nastran (.op2), or a table of natural frequencies (.csv, .txt; one test a line, or with a
+        header one mode a line).
     format : str, optional
-        Format name, to force it: "uff" or "op2".
+        Format name, to force it: "uff", "op2" or "csv".
     **options
         What the reader of that format takes, checked by name: of an OUTPUT2 file ``unit`` and
-        ``subcase``.
+        ``subcase``; of a table ``test`` (which line, from 1; by default the means over all lines)
+        and ``modes`` (which columns or lines, from 1).
 
     Returns
     -------
     ModeSet
-        Frequencies in Hz, loss factors, shapes, and the DOFs of their rows.
+        Frequencies in Hz, loss factors, shapes, and the DOFs of their rows. From a table without
+        shapes.
 
     Raises
     ------

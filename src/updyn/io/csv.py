@@ -14,7 +14,8 @@ order, WHAT being ``re`` and ``im``, or ``abs`` and ``phase_deg``, and optionall
 coherence) and ``var`` (variance), for every pair of response and reference; a unit may follow in
 brackets, SI by default. Lines that start with ``#`` are comments; ``quantity:``, ``unit:`` (of all
 values), ``averages:``, ``source:`` and ``decay:`` in them are read, and others that state a unit or
-a scale are refused. Tables of time records are read by `updyn.io.csv_records`.
+a scale are refused. Tables of time records are read by `updyn.io.csv_records`, of natural
+frequencies by `updyn.io.csv_modes`.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from updyn.dofs import Dof, DofSet
 from updyn.errors import AbsentError, DofError, FormatError, OptionError, UpdynWarning, suggest
 from updyn.frf import FRF
 from updyn.io.atomic import atomic_path
+from updyn.io.csv_modes import holds_frequencies, read_modes, write_modes
 from updyn.io.csv_records import read_records
 from updyn.io.csv_text import UNITS, check_comments, comment, plain_numbers, split_axis
 from updyn.io.dof_table import read_geometry
@@ -39,7 +41,14 @@ from updyn.io.items import check_phase, placed, utf8_text
 from updyn.io.text_numbers import check_last_line, real_of
 from updyn.units import Unit, find_unit, split_ratio
 
-__all__ = ["read_frf", "read_geometry", "read_records", "write_frf"]
+__all__ = [
+    "read_frf",
+    "read_geometry",
+    "read_modes",
+    "read_records",
+    "write_frf",
+    "write_modes",
+]
 
 _COLUMN = re.compile(r"H\(([^/,;()]+)[/,]([^/,;()]+)\)\s+([^\s\[(]+)(?:\s*(?:\[(.*)\]|\((.*)\)))?")
 _WHAT = ("re", "im", "abs", "phase_deg", "coh", "var")
@@ -126,6 +135,13 @@ def read_frf(
     check_last_line(text, path, harmless=_COMMENT)
     head, lines = _split_head(text, path)
     number, names = lines[0]
+    if holds_frequencies(names):
+        raise AbsentError(
+            "a table of natural frequencies (updyn.read_modes, or [test] modes in a job), not of"
+            " FRFs",
+            path,
+            number,
+        )
     header = _header(names, path, number)
     unit = _unit(head, path)
     table = _table(lines[1:], header, path)

@@ -202,6 +202,8 @@ class Matching:
         return same and self.by == "label" and not self.notes
 
     def __str__(self) -> str:
+        if not self.table:
+            return "Without shapes there are no sensors to match."
         lines = [
             f"Matched by {self.by}: {len(self.table)} sensors and forces are DOFs of the model"
         ]

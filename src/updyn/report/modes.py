@@ -313,7 +313,7 @@ def _change(entry: ModeEntry | None) -> str:
 
 
 def _mac(entry: ModeEntry | None) -> str:
-    if entry is None or entry.mac is None:
+    if entry is None or entry.mac is None or np.isnan(entry.mac):
         return "–"
     return f"{entry.mac:.3f}{'*' if entry.in_subspace else ''}"
 
@@ -339,7 +339,9 @@ def _pairs_in_words(found: ModeCorrelation) -> str:
     figures = found.figures()
     mac, least = (figure_of_agreement(figures[f"mac_{name}"]) for name in ("median", "min"))
     change, most = (percentage(figures[f"frequency_change_{n}"] / 100.0) for n in ("median", "max"))
-    if len(found.pairs.mac) == 1:
+    if not len(found.dofs):
+        text = f" Their frequencies differ by {change} in the median and {most} at most."
+    elif len(found.pairs.mac) == 1:
         text = f" The MAC of the pair is {mac}; its frequencies differ by {change}."
     else:
         text = (
@@ -368,7 +370,7 @@ class ModesSection(Section):
         table = content.modes
         made: dict[str, Figure | None] = {"comac": comac_bars(table)}
         for name, found in table.correlations.items():
-            if len(found.computed):
+            if len(found.computed) and len(found.dofs):
                 whose = (f"{name} model", "test")
                 made[f"mac-{name}"] = mode_map(
                     found.mac, found.computed, found.measured, whose, "MAC", found.subspaces
@@ -418,7 +420,7 @@ def _alike(table: ModalTable) -> str:
     """Return which two modes of the test the sensors tell apart least; empty where all are."""
     if not table.known or table.test is None or len(table.test) < 2:
         return ""
-    auto = next(iter(table.correlations.values())).auto_mac.copy()
+    auto = np.nan_to_num(next(iter(table.correlations.values())).auto_mac)
     np.fill_diagonal(auto, 0.0)
     i, j = sorted(np.unravel_index(int(np.argmax(auto)), auto.shape))
     if auto[i, j] < 0.25:

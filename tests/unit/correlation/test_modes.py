@@ -12,6 +12,7 @@ import updyn
 from updyn.correlation.modes import model_modes
 from updyn.dynamics.guyan import reduced_mass
 from updyn.errors import DataError, DofError
+from updyn.modal import ModeSet
 
 N = 6
 
@@ -297,3 +298,26 @@ def test_the_unit_of_rotations_does_not_matter():
         updyn.ModeSet([10, 20, 30], A, dofs), updyn.ModeSet([10, 20, 30], B, dofs), dofs=dofs[:2]
     )
     assert alone.mac[0, 1] == pytest.approx(mac_of(A[:2, 0], B[:2, 1]))
+
+
+def test_modes_without_shapes_are_paired_in_the_order_of_frequencies() -> None:
+    """Within the gate, as many as there are; MAC is not known."""
+    computed = ModeSet([8.0, 12.0, 18.0, 31.0], np.eye(4), ["1:X", "2:X", "3:X", "4:X"])
+    found = updyn.correlate(computed, ModeSet([9.0, 11.0, 17.0]))
+    assert found.pairs.first.tolist() == [0, 1, 2]
+    assert found.pairs.second.tolist() == [0, 1, 2]
+    assert np.isnan(found.pairs.mac).all()
+    assert np.isnan(found.mac).all()
+    assert found.mac.shape == (4, 3)
+    assert found.frequency_change == pytest.approx([-100 / 9, 100 / 11, 100 / 17])
+    assert "paired in the order of their frequencies" in found.table()
+    far = updyn.correlate(computed, ModeSet([20.0, 100.0]))
+    assert far.pairs.second.tolist() == [0]
+    assert far.unpaired_measured.tolist() == [1]
+
+
+def test_crossing_pairs_of_equal_sum_are_not_taken() -> None:
+    """|ln| of both pairings of 12 and 13 with 10 and 11 Hz have one sum; squares do not."""
+    computed = ModeSet([12.0, 13.0], np.eye(2), ["1:X", "2:X"])
+    found = updyn.correlate(computed, ModeSet([10.0, 11.0]), gate=0.4)
+    assert found.pairs.first.tolist() == [0, 1]

@@ -216,8 +216,13 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        If a node number is too wide for the format.
+        If a node number is too wide for the format, or the modes have no shapes.
     """
+    if not modes.has_shapes:
+        raise FormatError(
+            "a universal file holds mode shapes, and these modes have none; write a table (.csv)",
+            path,
+        )
     for node in modes.dofs.nodes:
         if not -_WIDEST // 10 < node < _WIDEST:
             raise FormatError(f"node {node} does not fit the ten columns of a universal file", path)

@@ -57,9 +57,9 @@ def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[st
     figures = {
         "modes_measured": float(len(modes)),
         "modes_paired": float(np.sum(macs >= own.like)),
-        "mac_median": float(np.median(macs)),
-        "mac_min": float(macs.min()),
     }
+    if modes.has_shapes:
+        figures |= {"mac_median": float(np.median(macs)), "mac_min": float(macs.min())}
     if len(close):
         figures["modes_close"] = float(len(close))
     regained = [

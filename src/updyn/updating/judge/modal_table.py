@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.correlation import cross_orthogonality
-from updyn.correlation.modes import ModeCorrelation, ModeShapes, correlate_modes
+from updyn.correlation.modes import BY_FREQUENCY, ModeCorrelation, ModeShapes, correlate_modes
 from updyn.dynamics.guyan import reduced_mass
 from updyn.dynamics.modes import Modes
 from updyn.errors import UpdynError, UpdynWarning
@@ -249,7 +249,7 @@ def compare_modes(
     ModalTable
         What cannot be computed is None, and a note says why.
     """
-    notes: list[str] = []
+    notes = [] if len(test.dofs) else [BY_FREQUENCY]
     models = {"start": start, "updated": updated}
     found: dict[str, Modes] = {}
     for name, model in models.items():
@@ -265,7 +265,7 @@ def compare_modes(
         notes += [f"The {name} model: {one.message}." for one in said]
     measured = Modes(test.frequency, test.loss_factor, test.shapes, test.dofs)
     cross, own = None, None
-    if updated is not None and "updated" in found and len(test.dofs) <= _MOST_REDUCED:
+    if updated is not None and "updated" in found and 0 < len(test.dofs) <= _MOST_REDUCED:
         cross, own = _orthogonality(updated, found["updated"], measured, notes)
     return ModalTable(measured, found.get("start"), found.get("updated"), cross, own, tuple(notes))
 

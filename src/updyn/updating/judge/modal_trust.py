@@ -38,6 +38,12 @@ def modes_said(after: _Figures) -> str:
         Figures of agreement after the fit.
     """
     paired, measured = int(after["modes_paired"]), int(after["modes_measured"])
+    if "mac_min" not in after:
+        off = after["frequency_error_rms"]
+        return (
+            f"{paired} of {measured} measured frequencies are paired with one of the model, in"
+            f" their order, with an rms error of {off:.2g} %."
+        )
     said = f"{paired} of {measured} measured modes resemble one of the model"
     if not paired:
         return said + "."

@@ -190,7 +190,9 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     if not tests:
         return Claim(None, "No data were held out.")
     said = []
-    predicted = [modes_predicted(one) for one in tests if "mac_min" in one["validation"]["after"]]
+    predicted = [
+        modes_predicted(one) for one in tests if "modes_measured" in one["validation"]["after"]
+    ]
     for claim in predicted:
         if claim.holds is False:
             return claim
@@ -263,7 +265,7 @@ def _plausible(
         before, after = one.get("before", {}), one.get("after", {})
         if not (before and after):
             continue
-        if "mac_min" in after:
+        if "modes_measured" in after:
             claim = modes_plausible(before, after)
             if claim.holds is False:
                 return claim
@@ -287,7 +289,7 @@ def _plausible(
     if math.isnan(misfit):
         return Claim(None, _HIDDEN + mild)
     said = f"Half of the values are off by less than {100.0 * misfit:.2g} %."
-    modal = [one["after"] for one in correlation if "mac_min" in one.get("after", {})]
+    modal = [one["after"] for one in correlation if "modes_measured" in one.get("after", {})]
     if modal and len(modal) == len(correlation):
         said = " ".join(modes_said(after) for after in modal)
     complete = all(after["modes_paired"] == after["modes_measured"] for after in modal)

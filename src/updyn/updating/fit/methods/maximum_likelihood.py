@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.correlation.modes import BY_FREQUENCY
 from updyn.errors import SolverError
 from updyn.modal.sensitivity import WHOLE
 from updyn.updating.fit.answer import Answer
@@ -152,10 +153,8 @@ class MaximumLikelihood(SearchingMethod):
             chosen = preferred(problem, answers)
             if self._is_in_vain(problem, monitor, chosen):
                 return self._judged(problem, noises, chosen)
-        most = None
-        if not problem.parts:
-            most = max(len(monitor.history), _FEWEST)
-        elif not starts.exact:  # there is nothing better to find
+        fitted = max(len(monitor.history), _FEWEST)
+        if problem.parts and not starts.exact:  # there is nothing better to find
             answers += self._beside(problem, noises, monitor, chosen, starts.agreed)
         chosen = preferred(problem, answers)
         ends: list[Answer] = []
@@ -165,10 +164,11 @@ class MaximumLikelihood(SearchingMethod):
                     others = self._elsewhere(models, monitor, chosen)
                     answers += self._further(models, noises, others, monitor, chosen)
                 else:
-                    answers += self._across(models, noises, monitor, chosen, most or _FEWEST)
+                    answers += self._across(models, noises, monitor, chosen, fitted)
                 before, chosen = chosen, preferred(problem, answers)
                 if not differ(chosen, before):
                     break
+            most = None if problem.parts else fitted
             for _ in range(_HOPS):
                 ends, reached = self._valleys(models, noises, monitor, chosen, most)
                 answers += reached
@@ -613,7 +613,9 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
     if not problem.modal:
         return None
     locals_, records, missing = [], [], []
+    has_shapes = True
     for part, error in zip(problem.modal, residual.modal, strict=True):
+        has_shapes &= part.target.has_shapes
         squares, number = error.power(part, x)
         spare = number * (1.0 - problem.n / problem.n_numbers)  # it pays for its share
         chi_square = squares / spare if spare > 0.0 else 1.0
@@ -635,7 +637,10 @@ def _known_of_modes(problem: Problem, x: _Vector, residual: Each) -> _Known | No
         if error.noise.degrees_of_freedom is not None:
             record["degrees_of_freedom"] = error.noise.degrees_of_freedom
         records.append(record)
-    return _Known(joined(locals_, problem.n), records, _modal_note(records, missing))
+    note = _modal_note(records, missing)
+    if not has_shapes:
+        note = f"{BY_FREQUENCY} {note}".rstrip()
+    return _Known(joined(locals_, problem.n), records, note)
 
 
 def _with_common_freedom(

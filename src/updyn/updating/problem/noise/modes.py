@@ -157,7 +157,9 @@ class ModalNoise:
             if all(abs(sizes[k] - before[k]) <= _SETTLED * before[k] for k in sought):
                 break
         many = [float(spare[kind]) for kind in sought if spare[kind] >= _USUAL]
-        short = tuple(kind for kind in sought if spare[kind] < _USUAL)
+        short = tuple(
+            kind for kind in sought if spare[kind] < _USUAL and not rows.std[rows.of(kind)].all()
+        )
         if not many:
             return replace(found, kind="assumed", by_ratio=short)
         few = int(min(many)) if min(many) < _MANY else None

@@ -1,0 +1,284 @@
+"""Natural frequencies as a table in text: one test a line, or one mode a line.
+
+Without a header, each line is one test and each column one mode, in Hz; an empty cell or ``nan``
+is a mode that the test did not find. A single column is one test, one mode a line. With a header,
+each line is one mode::
+
+    frequency [Hz],std_frequency [Hz],damping [%]
+    15.57,0.01,0.6
+    44.70,0.04,0.5
+
+Columns: ``frequency``, and optionally ``std_frequency``, ``damping`` and ``std_damping`` (shares of
+critical damping, or in %), or ``loss_factor`` and ``std_loss_factor``. Separators are commas,
+semicolons or tabs; lines that start with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.errors import FormatError, OptionError, suggest
+from updyn.io.atomic import atomic_path
+from updyn.io.csv_text import check_comments, plain_numbers
+from updyn.io.items import existing, placed, utf8_text
+from updyn.io.text_numbers import check_last_line, real_of
+from updyn.modal import ModeSet
+from updyn.units import find_unit
+
+__all__ = ["holds_frequencies", "read_modes", "write_modes"]
+
+_Real = NDArray[np.float64]
+
+#: Names of columns, and whether their numbers are frequencies.
+_COLUMNS = {
+    "frequency": True,
+    "std_frequency": True,
+    "damping": False,
+    "std_damping": False,
+    "loss_factor": False,
+    "std_loss_factor": False,
+}
+_HEADER = re.compile(r"(\w+)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
+#: Units of shares: name, factor.
+_SHARES = {"": 1.0, "-": 1.0, "1": 1.0, "%": 0.01}
+_COMMENT = re.compile(rb"(?:#.*)?")
+_REMEDY = "state units in the header, such as 'frequency [Hz]'"
+
+
+def read_modes(
+    path: str | Path, *, test: int | None = None, modes: Sequence[int] | None = None
+) -> ModeSet:
+    """Read natural frequencies.
+
+    Parameters
+    ----------
+    path : path
+        The file, in UTF-8.
+    test : int, optional
+        Which test, from 1, of a file with several. None: the mean over those that found the mode,
+        with the standard deviation of the mean.
+    modes : sequence of int, optional
+        Which modes, from 1 in the order of the file. None: all that were found.
+
+    Returns
+    -------
+    ModeSet
+        Without shapes.
+
+    Raises
+    ------
+    FormatError
+        If a cell is no number, or lines differ in length; the message says on which line.
+    OptionError
+        If there is no such test or mode.
+    """
+    text = utf8_text(existing(path)).replace("\r\n", "\n")
+    check_last_line(text, path, harmless=_COMMENT)
+    lines = [(n, line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
+    check_comments([one for one in lines if one[1].startswith("#")], (), _REMEDY, path)
+    lines = [one for one in lines if not one[1].startswith("#")]
+    if not lines:
+        raise FormatError("no line of numbers", path)
+    separator, first = _cells(lines[0][1])
+    if not _is_row(first):
+        return _modes_by_line(first, lines, separator, test, modes, path)
+    table = _numbers(lines, len(first), separator, path)
+    if table.shape[1] == 1:
+        table = table.T
+    return _tests(table, test, modes, path)
+
+
+def holds_frequencies(line: str) -> bool:
+    """Return whether the first line of a table is one of natural frequencies."""
+    _, cells = _cells(line)
+    names = {found[1].casefold() for found in map(_HEADER.fullmatch, cells) if found is not None}
+    return _is_row(cells) or ("frequency" in names and names <= _COLUMNS.keys())
+
+
+def _cells(line: str) -> tuple[str, list[str]]:
+    """Return the separator of a table and the cells of its first line."""
+    separator = next((sign for sign in "\t;" if sign in line), ",")
+    return separator, [cell.strip().strip('"') for cell in line.split(separator)]
+
+
+def _is_row(cells: Sequence[str]) -> bool:
+    """Return whether cells are numbers, or empty, rather than names."""
+    return not any(re.match(r"[^\W\d_]", cell) and cell.lower() != "nan" for cell in cells)
+
+
+def _modes_by_line(
+    names: list[str],
+    lines: Sequence[tuple[int, str]],
+    separator: str,
+    test: int | None,
+    modes: Sequence[int] | None,
+    path: str | Path,
+) -> ModeSet:
+    """Return the modes of a table with a header."""
+    if test is not None:
+        raise OptionError(
+            f"test={test!r}: this file holds one test, one mode a line", key=("test",)
+        )
+    columns = [_column(cell, path, lines[0][0]) for cell in names]
+    kinds = [kind for kind, _ in columns]
+    twice = {kind for kind in kinds if kinds.count(kind) > 1}
+    both = {"damping", "loss_factor"} <= {kind.removeprefix("std_") for kind in kinds}
+    if twice or both or "frequency" not in kinds:
+        wrong = "'frequency' is missing"
+        if twice:
+            wrong = f"{min(twice)!r} stands twice"
+        elif both:
+            wrong = "damping and loss factors; state one of them"
+        raise FormatError(f"header: {wrong}", path, lines[0][0])
+    table = _numbers(lines[1:], len(columns), separator, path)
+    if not len(table):
+        raise FormatError("a header, and no line of numbers", path, lines[0][0])
+    values = {kind: table[:, i] * factor for i, (kind, factor) in enumerate(columns)}
+    for kind in ("damping", "std_damping"):
+        if kind in values:
+            values[kind.replace("damping", "loss_factor")] = 2.0 * values.pop(kind)
+    number = _chosen(modes, len(table))
+    with placed(path):
+        chosen: dict[str, Any] = {kind: value[number] for kind, value in values.items()}
+        return ModeSet(source=Path(path).name, **chosen)
+
+
+def _tests(
+    table: _Real, test: int | None, modes: Sequence[int] | None, path: str | Path
+) -> ModeSet:
+    """Return the modes of one test, or the means over all tests."""
+    n_tests, name = len(table), Path(path).name
+    number = _chosen(modes, table.shape[1])
+    if test is not None:
+        if isinstance(test, bool) or not isinstance(test, int) or not 1 <= test <= n_tests:
+            raise OptionError(
+                f"test={test!r}: expected a number from 1 to {n_tests}", key=("test",)
+            )
+        table = table[test - 1 : test]
+        name += f", test {test} of {n_tests}"
+    table = table[:, number]
+    found = np.isfinite(table)
+    count = found.sum(axis=0)
+    if modes is not None and not count.all():
+        missing = int(number[np.argmin(count)]) + 1
+        raise OptionError(f"modes: no test found mode {missing}", key=("modes",))
+    table, found, count = table[:, count > 0], found[:, count > 0], count[count > 0]
+    if not len(count):
+        raise FormatError("no test found a mode", path)
+    mean = np.sum(table, axis=0, where=found) / count
+    std = None
+    if len(table) > 1:
+        name += f", mean of up to {count.max()} of {n_tests} tests"
+        squares = np.sum((table - mean) ** 2, axis=0, where=found)
+        several = count > 1
+        std = np.full(len(count), np.nan)
+        std[several] = np.sqrt(squares[several] / (count[several] - 1.0) / count[several])
+    with placed(path):
+        return ModeSet(mean, source=name, std_frequency=std)
+
+
+def _chosen(modes: Sequence[int] | None, number: int) -> NDArray[np.intp]:
+    """Return the modes of an option, from 0."""
+    if modes is None:
+        return np.arange(number)
+    chosen = list(modes) if isinstance(modes, Sequence) and not isinstance(modes, str) else None
+    whole = chosen is not None and all(
+        isinstance(k, int) and not isinstance(k, bool) and 1 <= k <= number for k in chosen
+    )
+    if chosen is None or not chosen or not whole or len(set(chosen)) < len(chosen):
+        raise OptionError(
+            f"modes={modes!r}: expected numbers from 1 to {number}, each once", key=("modes",)
+        )
+    return np.array(chosen, dtype=np.intp) - 1
+
+
+def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
+    """Return the kind of a column and the factor of its numbers, by its cell of the header."""
+    found = _HEADER.fullmatch(cell)
+    kind = "" if found is None else found[1].casefold()
+    if found is None or kind not in _COLUMNS:
+        raise FormatError(
+            f"header: column {cell!r}; {suggest(kind or cell, list(_COLUMNS))}", path, line
+        )
+    unit = (found[2] or found[3] or "").strip()
+    if not _COLUMNS[kind]:
+        if unit not in _SHARES:
+            raise FormatError(
+                f"header: unit {unit!r} of {kind!r}; expected '%' or none", path, line
+            )
+        return kind, _SHARES[unit]
+    known = find_unit(unit or "Hz", "frequency")
+    if known is None:
+        raise FormatError(
+            f"header: unit {unit!r} of {kind!r}; expected one of frequency, such as 'Hz'",
+            path,
+            line,
+        )
+    return kind, known.factor
+
+
+def _numbers(
+    lines: Sequence[tuple[int, str]], width: int, separator: str, path: str | Path
+) -> _Real:
+    """Return lines of numbers as a table; nan where a cell is empty or ``nan``."""
+    if not lines:
+        return np.zeros((0, width))
+    plain = plain_numbers("\n".join(line for _, line in lines), separator).split("\n")
+    table = np.full((len(lines), width), np.nan)
+    for row, ((number, _), line) in enumerate(zip(lines, plain, strict=True)):
+        cells = [cell.strip() for cell in line.split(separator)]
+        if len(cells) != width:
+            raise FormatError(
+                f"{len(cells)} cells; expected {width}, as on the first line", path, number
+            )
+        for column, cell in enumerate(cells):
+            if cell.lower() in ("", "nan"):
+                continue
+            try:
+                table[row, column] = real_of(cell)
+            except ValueError as error:
+                raise FormatError(
+                    f"{error}; cells are separated by commas, semicolons or tabs", path, number
+                ) from error
+    return table
+
+
+def write_modes(modes: ModeSet, path: str | Path) -> None:
+    """Write natural frequencies and loss factors, one mode a line.
+
+    Parameters
+    ----------
+    modes : ModeSet
+        Without shapes.
+    path : path
+        The file.
+
+    Raises
+    ------
+    FormatError
+        If the modes have shapes, which a table does not hold.
+    """
+    if modes.has_shapes:
+        raise FormatError(
+            "a table holds no mode shapes; write a universal file (.uff), or"
+            " updyn.ModeSet(modes.frequency)",
+            path,
+        )
+    units = {
+        "frequency": " [Hz]",
+        "std_frequency": " [Hz]",
+        "loss_factor": "",
+        "std_loss_factor": "",
+    }
+    known = [name for name in units if np.isfinite(getattr(modes, name)).any()]
+    rows = zip(*(getattr(modes, name).tolist() for name in known), strict=True)
+    lines = [",".join(f"{name}{units[name]}" for name in known)]
+    lines += [",".join("" if np.isnan(v) else repr(v) for v in row) for row in rows]
+    with atomic_path(path) as new:
+        new.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,0 +1,106 @@
+"""Tables of natural frequencies: tests by line, modes by line, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.errors import AbsentError, FormatError, OptionError
+from updyn.modal import ModeSet
+
+TESTS = """# three assemblies of one structure, Hz
+10.0,20.0,nan,40.0
+10.2,,30.0,40.6
+10.4,20.4,nan,nan
+"""
+
+
+def file(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "modes.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_several_tests_are_their_mean_with_its_deviation(tmp_path: Path) -> None:
+    found = updyn.read_modes(file(tmp_path, TESTS))
+    assert found.frequency == pytest.approx([10.2, 20.2, 30.0, 40.3])
+    # Standard deviation of the mean: of n values s / sqrt(n), n - 1 in s.
+    expected = [0.2 / np.sqrt(3.0), 0.2, np.nan, 0.3]
+    assert found.std_frequency == pytest.approx(expected, nan_ok=True)
+    assert not found.has_shapes
+    assert found.source == "modes.csv, mean of up to 3 of 3 tests"
+
+
+def test_one_test_and_some_modes_are_chosen_by_their_numbers(tmp_path: Path) -> None:
+    path = file(tmp_path, TESTS)
+    assert updyn.read_modes(path, test=2).frequency.tolist() == [10.2, 30.0, 40.6]
+    assert updyn.read_modes(path, test=1, modes=[1, 4]).frequency.tolist() == [10.0, 40.0]
+    with pytest.raises(OptionError, match="test=4: expected a number from 1 to 3"):
+        updyn.read_modes(path, test=4)
+    with pytest.raises(OptionError, match="no test found mode 3"):
+        updyn.read_modes(path, test=1, modes=[1, 3])
+    for wrong in ([0], [5], [1, 1], [], "1", [1.0]):
+        with pytest.raises(OptionError, match="expected numbers from 1 to 4, each once"):
+            updyn.read_modes(path, modes=wrong)
+
+
+def test_a_single_column_is_one_test(tmp_path: Path) -> None:
+    found = updyn.read_modes(file(tmp_path, "15.57\n44.70\n70.72\n"))
+    assert found.frequency.tolist() == [15.57, 44.70, 70.72]
+    assert np.isnan(found.std_frequency).all()
+
+
+def test_a_header_makes_lines_modes_with_units(tmp_path: Path) -> None:
+    text = "frequency [kHz];std_frequency [Hz];damping [%]\n0,012;0,1;0,5\n0,0305;;\n"
+    found = updyn.read_modes(file(tmp_path, text))
+    assert found.frequency == pytest.approx([12.0, 30.5])
+    assert found.std_frequency == pytest.approx([0.1, np.nan], nan_ok=True)
+    assert found.loss_factor == pytest.approx([0.01, np.nan], nan_ok=True)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    modes = ModeSet(
+        [3.0, 4.5],
+        loss_factor=[0.01, np.nan],
+        std_frequency=[0.1, 0.2],
+        std_loss_factor=[0.001, np.nan],
+    )
+    path = tmp_path / "modes.csv"
+    updyn.write_modes(modes, path)
+    assert updyn.read_modes(path).digest == modes.digest
+
+
+def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
+    shaped = ModeSet([3.0], [[1.0]], ["1:X"])
+    with pytest.raises(FormatError, match="a table holds no mode shapes"):
+        updyn.write_modes(shaped, tmp_path / "modes.csv")
+    with pytest.raises(FormatError, match="these modes have none; write a table"):
+        updyn.write_modes(ModeSet([3.0]), tmp_path / "modes.uff")
+    with pytest.raises(AbsentError, match="a table of natural frequencies"):
+        updyn.read_frf(file(tmp_path, TESTS))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("10,11,12\n1,2\n", r"modes\.csv:2: 2 cells; expected 3"),
+        ("10 11 12\n", "'10 11 12' is not a number; cells are separated by commas"),
+        ("freqency,damping\n1,2\n", "column 'freqency'; did you mean 'frequency'"),
+        ("frequency [m]\n1\n", r"unit 'm' of 'frequency'; expected one of frequency"),
+        ("frequency,damping [dB]\n1,2\n", "unit 'dB' of 'damping'; expected '%' or none"),
+        ("damping,std_damping\n1,2\n", "'frequency' is missing"),
+        ("frequency,damping,loss_factor\n1,2,3\n", "damping and loss factors; state one of them"),
+        ("frequency,frequency\n1,2\n", "'frequency' stands twice"),
+        ("frequency\n", "a header, and no line of numbers"),
+        ("# unit: kHz\n1,2\n", "'unit' would change the numbers"),
+        ("1,2", "does not end: the file may be cut short"),
+        ("nan,nan\n", "no test found a mode"),
+        ("1,-2\n", "-2"),
+    ],
+)
+def test_tables_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FormatError, match=message):
+        updyn.read_modes(file(tmp_path, text))
