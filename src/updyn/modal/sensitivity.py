@@ -243,10 +243,12 @@ def slopes_of_all(
 
     Parameters
     ----------
-    modes, system, unknowns, values, rows
+    modes
         As for `slopes`.
     which : ndarray of int, shape (m,)
         Of which modes.
+    system, unknowns, values, rows
+        As for `slopes`.
     along : ndarray of float, shape (N, m), optional
         For each mode a vector v for which the derivative of v^T phi is wanted, v held.
 
