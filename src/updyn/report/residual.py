@@ -276,7 +276,7 @@ _NOISE_WORDS = {
     "shape": "shapes, standard deviation as a share of their rms",
     "loss_factor": "loss factors, standard deviation as a share",
     "scale": "size of shapes, standard deviation as a share",
-    "by_ratio": "taken in the usual ratio to the others",
+    "by_ratio": "of the usual size",
     "frequency_rms": "frequencies, rms of model over measured less 1",
     "shape_rms": "shapes, root of the mean of 1 - MAC",
     "lowest_mac": "lowest MAC of a pair",
