@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -126,3 +128,23 @@ def test_shapes_that_the_model_cannot_reproduce_loosen_no_frequency(seed: int) -
     before, after = (updyn.correlate(model, modes) for model in (start, result.model))
     assert np.abs(after.frequency_change).max() < 0.5
     assert after.pairs.mac.min() > before.pairs.mac.min() - 0.05
+
+
+def test_report_and_record(tmp_path: Path) -> None:
+    model = chain(4)
+    measured = frequencies(np.array([1.2, 0.9, 1.1, 0.8]))
+    modes = ModeSet(measured, std_frequency=1e-3 * measured)
+    result = updyn.update(model, modes, updyn.parameters(model, stiffness="spring*"), starts=0)
+    updyn.write_result(result, tmp_path / "run.nc")
+    again = updyn.read_result(tmp_path / "run.nc")
+    assert again.data.digest == modes.digest
+    assert not again.data.has_shapes
+    updyn.write_report(again, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "4 natural frequencies" in page
+    assert "paired in the order of their frequencies" in page
+    assert "COMAC by sensor" not in page
+    table = updyn.modal_table(result)
+    assert [row.updated.mac for row in table.rows if row.updated] == pytest.approx(
+        [np.nan] * 4, nan_ok=True
+    )

@@ -206,6 +206,9 @@ def percentage(share: float) -> str:
 
 def extent(data: FRF | ModeSet) -> str:
     """Return the numbers of channels and lines, or of modes and DOFs, and the frequency range."""
+    if isinstance(data, ModeSet) and not data.has_shapes:
+        found = "frequencies" if len(data) > 1 else "frequency"
+        return f"{len(data)} natural {found}, {_span(data.frequency, '')}"
     if isinstance(data, ModeSet):
         modes, dofs = counted(len(data), "mode"), counted(len(data.dofs), "DOF")
         return f"{modes} at {dofs}, {_span(data.frequency, '')}"

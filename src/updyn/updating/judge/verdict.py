@@ -333,7 +333,9 @@ def ambiguous(
     sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))
     known = "Fix one of these unknowns where it is known"
     if not sensors:
-        return message, f"{known}, or measure more of the band with less noise."
+        return message, (
+            f"{known}, or measure more: a wider band, further modes, their shapes, less noise."
+        )
     far = min(other.difference for other in others if other.sensor)
     where = " or ".join(sensors)
     return message, (

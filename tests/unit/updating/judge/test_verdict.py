@@ -149,7 +149,8 @@ def test_of_many_unknowns_in_which_answers_differ_three_are_named():
     message, remedy = ambiguous(different, [Alternative({}, 1.0)])
     assert message.endswith("a.mass (1 or 2), b.mass (1 or 2), c.mass (1 or 2) and 2 more.")
     assert remedy == (
-        "Fix one of these unknowns where it is known, or measure more of the band with less noise."
+        "Fix one of these unknowns where it is known, or measure more: a wider band, further modes,"
+        " their shapes, less noise."
     )
 
 
