@@ -220,7 +220,9 @@ def _run_of(out: Path) -> str:
 
 def _wrong(case: _Case, out: Path, said: str) -> str:
     """Return what is wrong with a folder after a run, and with what the run said; empty if nothing."""
-    if "Traceback" in said:
+    frames = [line for line in said.splitlines() if line.lstrip().startswith('File "')]
+    # A signal that comes while Python itself starts meets no code of the package.
+    if frames and not all('"<frozen ' in frame for frame in frames):
         return f"a traceback: {said[-300:]}"
     entries = Manifest.read(out).entries
     if len({entry.run for entry in entries.values()}) != 1:
