@@ -291,6 +291,9 @@ PELAS,4,70.
 CBUSH,15,6,1,,,,,2
 PBUSH,6,K,,400.
 CMASS2,16,2.,6
+CMASS1,20,8,5
+CMASS1,21,9,1,1
+PMASS,8,.7,9,.3
 CONM2,18,2,,1.5
 CONM2,19,1,,.25
 SPC1,1,3456,1
@@ -311,9 +314,11 @@ def test_springs_to_the_ground_and_scalar_points(deck):
         70.0,
     )  # the bushing's second direction is the tangent, the second of grid 1
     np.testing.assert_allclose(model.stiffness.toarray(), K, atol=1e-9)
-    np.testing.assert_allclose(
-        model.mass.toarray(), np.diag([0.25, 0.25, 1.5, 0.0, 2.0]), atol=1e-12
-    )
+    M = np.diag([0.25 + 0.3, 0.25, 1.5, 0.7, 2.0])
+    np.testing.assert_allclose(model.mass.toarray(), M, atol=1e-12)
+    M[3, 3] = 1.4
+    heavier = model.scaled({"PMASS 8": {"mass": 2.0}})
+    np.testing.assert_allclose(heavier.mass.toarray(), M, atol=1e-12)
 
 
 DAMPERS = """CDAMP1,31,21,1,1,5

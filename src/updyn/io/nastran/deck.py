@@ -100,6 +100,7 @@ ELEMENTS = {
     "CPENTA": Element(_fields(15), _SOLID, WEDGE),
     "CHEXA": Element(_fields(20), _SOLID, HEXAHEDRON),
     "CONM2": Element((1,)),
+    "CMASS1": Element((2, 4), ("PMASS",)),
     "CMASS2": Element((2, 4)),
     "CDAMP1": Element((2, 4), ("PDAMP",), LINE),
     "CDAMP2": Element((2, 4), (), LINE),
@@ -168,6 +169,7 @@ _VALUES = {
     "PELAS": Values((1,), (), (2,)),
     "CELAS2": Values((1,), (), (6,)),
     "CONM2": Values((), (3, 8, 9, 10, 11, 12, 13)),
+    "PMASS": Values((), (1,)),
     "CMASS2": Values((), (1,)),
     "PDAMP": Values(viscous=(1,)),
     "CDAMP2": Values(viscous=(1,)),
@@ -181,9 +183,9 @@ _MOST_FIELDS = {
     "CORD1R": 8, "CORD1C": 8, "CORD1S": 8, "CORD2R": 11, "CORD2C": 11, "CORD2S": 11,
     "CBAR": 16, "CBEAM": 18, "CROD": 4, "CTUBE": 4, "CONROD": 8, "CBUSH": 13, "CELAS1": 6,
     "CELAS2": 8, "CQUAD4": 14, "CQUADR": 14, "CQUAD8": 17, "CTRIA3": 13, "CTRIAR": 13,
-    "CTRIA6": 14, "CSHEAR": 6, "CTETRA": 12, "CPENTA": 17, "CHEXA": 22, "CONM2": 14, "CMASS2": 6,
-    "CDAMP1": 6, "CDAMP2": 6,
-    "PBAR": 19, "PROD": 6, "PTUBE": 6, "PSHEAR": 6, "PELAS": 8, "PDAMP": 8, "PSHELL": 11,
+    "CTRIA6": 14, "CSHEAR": 6, "CTETRA": 12, "CPENTA": 17, "CHEXA": 22, "CONM2": 14, "CMASS1": 6,
+    "CMASS2": 6, "CDAMP1": 6, "CDAMP2": 6,
+    "PBAR": 19, "PROD": 6, "PTUBE": 6, "PSHEAR": 6, "PELAS": 8, "PDAMP": 8, "PMASS": 8, "PSHELL": 11,
     "PSOLID": 8, "MAT1": 12, "MAT2": 17, "MAT9": 31,
     "RBAR": 9, "SPC": 7, "PARAM": 8,
 }  # fmt: skip
@@ -274,7 +276,7 @@ def materials_of(card: Card) -> tuple[int, ...]:
         fields = tuple(range(8, len(card.fields), 4))
     elif card.name == "CONROD":
         fields = (3,)
-    elif card.name in ("PBUSH", "PDAMP", "PELAS", *OWN):
+    elif card.name in ("PBUSH", "PDAMP", "PELAS", "PMASS", *OWN):
         fields = ()
     else:
         fields = (1,)
@@ -288,8 +290,8 @@ _MOST_POINTS = 1_000_000
 _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
-#: Two of one kind on one card: number of fields of each.
-_DOUBLE = {"PELAS": 4, "PDAMP": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
+#: Several of one kind on one card: number of fields of each.
+_DOUBLE = {"PELAS": 4, "PDAMP": 2, "PMASS": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
 
 
 @dataclass(frozen=True)  # no slots, for the cached properties

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 #: Fields of first and second grid, and of their components.
-_ENDS = {"CELAS1": ((2, 3), (4, 5)), "CELAS2": ((2, 3), (4, 5)), "CMASS2": ((2, 3), (4, 5))}
+_ENDS = dict.fromkeys(("CELAS1", "CELAS2", "CMASS1", "CMASS2"), ((2, 3), (4, 5)))
 #: Cards that MYSTRAN passes over or has no code for, and what to use instead.
 _NOT_READ = {
     "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis coincide",
@@ -114,7 +114,7 @@ def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | No
         if card.text(node).isdecimal() and card.integer(node) in deck.points:
             new[component] = "1"
     ground = None
-    is_mass = card.name == "CMASS2"  # which may have one end
+    is_mass = card.name in ("CMASS1", "CMASS2")  # which may have one end
     if not is_mass and card.text(two[0]) in ("", "0"):
         ground = _ground(deck, card, card.integer(one[0]), number)
         new[two[0]] = str(number)
