@@ -185,8 +185,8 @@ _MOST_FIELDS = {
     "CELAS2": 8, "CQUAD4": 14, "CQUADR": 14, "CQUAD8": 17, "CTRIA3": 13, "CTRIAR": 13,
     "CTRIA6": 14, "CSHEAR": 6, "CTETRA": 12, "CPENTA": 17, "CHEXA": 22, "CONM2": 14, "CMASS1": 6,
     "CMASS2": 6, "CDAMP1": 6, "CDAMP2": 6,
-    "PBAR": 19, "PROD": 6, "PTUBE": 6, "PSHEAR": 6, "PELAS": 8, "PDAMP": 8, "PMASS": 8, "PSHELL": 11,
-    "PSOLID": 8, "MAT1": 12, "MAT2": 17, "MAT9": 31,
+    "PBAR": 19, "PROD": 6, "PTUBE": 6, "PSHEAR": 6, "PELAS": 8, "PDAMP": 8, "PMASS": 8,
+    "PSHELL": 11, "PSOLID": 8, "MAT1": 12, "MAT2": 17, "MAT9": 31,
     "RBAR": 9, "SPC": 7, "PARAM": 8,
 }  # fmt: skip
 

@@ -38,6 +38,8 @@ __all__ = [
 
 #: Fields of first and second grid, and of their components.
 _ENDS = dict.fromkeys(("CELAS1", "CELAS2", "CMASS1", "CMASS2"), ((2, 3), (4, 5)))
+#: A real number with an exponent and without a decimal point.
+_NO_POINT = re.compile(r"([+-]?[0-9]+)([eEdD][+-]?[0-9]+)")
 #: Cards that MYSTRAN passes over or has no code for, and what to use instead.
 _NOT_READ = {
     "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis coincide",
@@ -89,6 +91,7 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
                 " would do, or the matrices from Nastran itself (OUTPUT4, DMIG)"
             )
         ground = None
+        card = _with_points(card)
         changed = card
         if card.name in _ENDS:
             changed, ground = _spring(deck, card, grounds + 1)
@@ -102,6 +105,16 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
             out.append(ground)
         out.append(changed)
     return out
+
+
+def _with_points(card: Card) -> Card:
+    """Return a card whose real numbers have a decimal point, without which MYSTRAN stops: 1E+6."""
+    new = {
+        i: _NO_POINT.sub(r"\1.\2", text)
+        for i, text in enumerate(card.fields)
+        if _NO_POINT.fullmatch(text)
+    }
+    return card.with_fields(new) if new else card
 
 
 def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | None]:
