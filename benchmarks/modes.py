@@ -10,20 +10,27 @@ Three studies, on space frames that stand on supports (`models.footbridge`):
   In a second set the true bridge has a deck of 3 % more mass here and there that the model lacks.
 - ``damping``: stiffnesses and loss factors of a chain of twelve masses, from eight modes; how far
   the estimates are from the truth in their standard deviations.
+- ``mixed``: 17 stiffnesses of that bridge, off by up to 30 %, most of which the data do not
+  determine, from five modes at 58 sensors whose shapes hold 5 or 30 % of other modes, so that no
+  values of the unknowns reproduce them; frequencies to 0.1 %.
+- ``frequencies``: a chain of four unknown springs from its four natural frequencies, which four
+  chains have, by random starts; and a chain of 16 masses, 14 unknown springs, six modes at six
+  sensors.
 
-    python benchmarks/modes.py [exact bridge damping] [--draws 10]
+    python benchmarks/modes.py [exact bridge damping mixed frequencies] [--draws 10]
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
-from models import chain, footbridge
+from models import RHO, E, chain, footbridge
 
 import updyn
+from updyn.elements.structure import Truss, structure
 from updyn.modal import ModeSet
 from updyn.model import Group, Model
 from updyn.updating.result import UpdateResult
@@ -191,7 +198,111 @@ def damping(draws: int) -> None:
             )
 
 
-STUDIES = {"exact": exact, "bridge": bridge, "damping": damping}
+def bridge_by_kind(along: int = 35, wide: int = 4) -> Model:
+    """The bridge of `footbridge(1, 35)` in 17 groups: by kind of bar, in pieces along it."""
+    upper = 1 + np.arange((along + 1) * (wide + 1)).reshape(along + 1, wide + 1)
+    lower = upper.max() + 1 + np.arange(along * wide).reshape(along, wide)
+    kinds = {
+        "diagonals": (
+            2,
+            [(lower, upper[i : along + i, j : wide + j]) for i in (0, 1) for j in (0, 1)],
+        ),
+        "upper chord": (4, [(upper[:-1], upper[1:])]),
+        "lower chord": (4, [(lower[:-1], lower[1:])]),
+        "upper bars across": (4, [(upper[:, :-1], upper[:, 1:])]),
+        "lower bars across": (3, [(lower[:, :-1], lower[:, 1:])]),
+    }
+    xyz = np.array(
+        [[i, j, 1.0] for i in range(along + 1) for j in range(wide + 1)]
+        + [[i + 0.5, j + 0.5, 0.0] for i in range(along) for j in range(wide)]
+    )
+    parts = []
+    for kind, (number, ends) in kinds.items():
+        bars = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in ends])
+        piece = np.minimum(xyz[bars - 1, 0].mean(axis=1) * number // along, number - 1)
+        parts += [
+            Truss(f"{kind} {k + 1}", bars[piece == k], E, RHO, 1e-3, loss_factor=0.01)
+            for k in range(number)
+        ]
+    return structure(xyz, parts, grounded=[int(n) for n in upper[::along, [0, -1]].flat])
+
+
+def _mixed_modes(true: Model, dofs: list[str], share: float, rng: np.random.Generator) -> ModeSet:
+    """Five modes whose shapes hold a share of the 14 lowest, and 2 % of noise."""
+    found, at = updyn.modes(true, 14), true.dofs.match(dofs)
+    shapes = found.shapes[at.index].real * at.sign[:, None]
+    shapes = shapes / np.sqrt(np.mean(shapes**2, axis=0))
+    shapes = shapes[:, :5] + shapes @ (share * rng.standard_normal((14, 5)) / np.sqrt(14.0))
+    shapes = shapes + 0.02 * rng.standard_normal(shapes.shape)
+    return ModeSet(found.frequency[:5] * (1.0 + 1e-3 * rng.standard_normal(5)), shapes, dofs)
+
+
+def mixed(draws: int) -> None:
+    start = bridge_by_kind()
+    upper = [f"{node}:{d}" for node in range(8, 176, 6) for d in "ZY"]
+    dofs = (upper + [f"{node}:Z" for node in range(190, 316, 5)])[:58]
+    unknowns = updyn.parameters(start, stiffness="all", bounds={"*": (0.2, 5.0)})
+    print("\n| other modes | starts | frequency, worst | before | MAC, lowest | before | seconds |")
+    print("|---|---|---|---|---|---|---|")
+    for share in (0.05, 0.3):
+        for starts in (0, 8):
+            rows = []
+            for draw in range(draws):
+                rng = np.random.default_rng(draw)
+                modes = _mixed_modes(scattered(start, 0.3, rng), dofs, share, rng)
+                begun = time.process_time()
+                result = updyn.update(start, modes, unknowns, starts=starts)
+                seconds = time.process_time() - begun
+                after, before = (updyn.correlate(m, modes) for m in (result.model, start))
+                off = [float(np.abs(c.frequency_change).max()) for c in (after, before)]
+                rows.append([*off, after.pairs.mac.min(), before.pairs.mac.min(), seconds])
+            table = np.array(rows)
+            worst = [*table[:, :2].max(axis=0), *table[:, 2:4].min(axis=0), table[:, 4].max()]
+            cells = [f"{100 * share:.0f} %", str(starts), f"{worst[0]:.2f} %", f"{worst[1]:.1f} %"]
+            cells += [f"{worst[2]:.3f}", f"{worst[3]:.3f}", f"{worst[4]:.1f}"]
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def frequencies(draws: int) -> None:
+    model = chain(4, 4)
+    f = updyn.modes(model.scaled(_factors((0.871, 1.127, 1.016, 1.036))), 4).frequency
+    modes = ModeSet(f, std_frequency=1e-3 * f)
+    found, seconds = [], []
+    for draw in range(draws):
+        rng = np.random.default_rng([3, draw])
+        start = model.scaled(_factors(np.exp(rng.uniform(np.log(0.4), np.log(2.5), 4))))
+        unknowns = updyn.parameters(start, stiffness="all", bounds={"*": (0.1, 10.0)})
+        begun = time.process_time()
+        result = updyn.update(start, modes, unknowns)
+        seconds.append(time.process_time() - begun)
+        found.append(1 + len(result.alternatives))
+    print(
+        f"chain of four springs from its four frequencies: all four answers in"
+        f" {sum(n == 4 for n in found)} of {draws} starts; {np.median(seconds):.1f} s"
+    )
+    model, seconds, noise = chain(16, 14), [], {"frequency": 1e-3, "shape": 0.03}
+    for draw in range(draws):
+        rng = np.random.default_rng([4, draw])
+        true = scattered(model, 0.3, rng)
+        dofs = [f"{i}:X" for i in (16, 13, 10, 8, 5, 2)]
+        modes = measured(true, 6, dofs, noise, draw, stated=False)
+        begun = time.process_time()
+        updyn.update(model, modes, updyn.parameters(model, stiffness="all"))
+        seconds.append(time.process_time() - begun)
+    print(f"chain of 16 masses, 14 unknowns, six modes: {np.median(seconds):.1f} s")
+
+
+def _factors(values: Iterable[float]) -> dict[str, dict[str, float]]:
+    return {f"piece {k}": {"stiffness": float(v)} for k, v in enumerate(values, 1)}
+
+
+STUDIES = {
+    "exact": exact,
+    "bridge": bridge,
+    "damping": damping,
+    "mixed": mixed,
+    "frequencies": frequencies,
+}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
