@@ -92,8 +92,8 @@ class ModeSet:
     >>> modes = updyn.ModeSet(np.array([12.0, 31.0]), np.eye(2), ["1:Z", "2:Z"])
     >>> modes.frequency
     array([12., 31.])
-    >>> updyn.ModeSet([15.57, 44.70, 70.72])
-    ModeSet(3 natural frequencies: 15.57, 44.7, 70.72 Hz; DIGEST)
+    >>> updyn.ModeSet([15.57, 44.70, 70.72]).has_shapes
+    False
     """
 
     frequency: _Real
