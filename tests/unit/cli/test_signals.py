@@ -90,7 +90,7 @@ def test_a_signal_while_the_message_is_printed(name: str) -> None:
     body = """
     def print_error(text):
         signal.raise_signal(SIGNAL)
-        time.sleep(0.2)
+        time.sleep(10)  # the message takes long: a busy machine answers late
         return 2
     updyn.cli.print_error = print_error
     raise updyn.errors.FormatError("bad")"""
