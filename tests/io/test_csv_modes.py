@@ -81,6 +81,8 @@ def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
         updyn.write_modes(ModeSet([3.0]), tmp_path / "modes.uff")
     with pytest.raises(AbsentError, match="a table of natural frequencies"):
         updyn.read_frf(file(tmp_path, TESTS))
+    with pytest.raises(AbsentError, match="column 'node'; expected columns of natural frequencies"):
+        updyn.read_modes(file(tmp_path, "node,x,y,z\n1,0,0,0\n"))
 
 
 @pytest.mark.parametrize(

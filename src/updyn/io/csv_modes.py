@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.errors import FormatError, OptionError, suggest
+from updyn.errors import AbsentError, FormatError, OptionError, suggest
 from updyn.io.atomic import atomic_path
 from updyn.io.csv_text import check_comments, plain_numbers
 from updyn.io.items import existing, placed, utf8_text
@@ -75,6 +75,8 @@ def read_modes(
     ------
     FormatError
         If a cell is no number, or lines differ in length; the message says on which line.
+    AbsentError
+        If it is another table.
     OptionError
         If there is no such test or mode.
     """
@@ -97,8 +99,13 @@ def read_modes(
 def holds_frequencies(line: str) -> bool:
     """Return whether the first line of a table is one of natural frequencies."""
     _, cells = _cells(line)
-    names = {found[1].casefold() for found in map(_HEADER.fullmatch, cells) if found is not None}
-    return _is_row(cells) or ("frequency" in names and names <= _COLUMNS.keys())
+    kinds = _kinds(cells)
+    return _is_row(cells) or ("frequency" in kinds and kinds <= _COLUMNS.keys())
+
+
+def _kinds(cells: Sequence[str]) -> set[str]:
+    """Return the names of columns in the cells of a header, without units."""
+    return {found[1].casefold() for found in map(_HEADER.fullmatch, cells) if found is not None}
 
 
 def _cells(line: str) -> tuple[str, list[str]]:
@@ -124,6 +131,13 @@ def _modes_by_line(
     if test is not None:
         raise OptionError(
             f"test={test!r}: this file holds one test, one mode a line", key=("test",)
+        )
+    if not _kinds(names) & _COLUMNS.keys():
+        raise AbsentError(
+            f"header: column {names[0]!r}; expected columns of natural frequencies, such as"
+            " 'frequency [Hz]'",
+            path,
+            lines[0][0],
         )
     columns = [_column(cell, path, lines[0][0]) for cell in names]
     kinds = [kind for kind, _ in columns]
