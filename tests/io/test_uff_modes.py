@@ -407,4 +407,4 @@ def test_modes_of_no_file_or_format(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="does not fit the ten columns"):
         updyn.write_modes(modes, tmp_path / "modes.unv")
     with pytest.raises(FormatError, match="write_modes"):
-        updyn.write_modes(modes, tmp_path / "modes.csv")
+        updyn.write_modes(modes, tmp_path / "modes.npz")

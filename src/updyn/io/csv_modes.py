@@ -104,8 +104,11 @@ def holds_frequencies(line: str) -> bool:
 
 
 def _kinds(cells: Sequence[str]) -> set[str]:
-    """Return the names of columns in the cells of a header, without units."""
-    return {found[1].casefold() for found in map(_HEADER.fullmatch, cells) if found is not None}
+    """Return the names of columns in the cells of a header, without units where there are any."""
+    found = [_HEADER.fullmatch(cell) for cell in cells]
+    return {
+        cell if one is None else one[1].casefold() for cell, one in zip(cells, found, strict=True)
+    }
 
 
 def _cells(line: str) -> tuple[str, list[str]]:

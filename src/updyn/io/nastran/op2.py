@@ -400,6 +400,8 @@ def _assembled(file: OP2File, found: list[_Mode], length: float, mass: float) ->
     shapes[:, :, 3:] /= length
     shapes *= np.where(factors > 0, factors / mass, 1.0)[:, None, None]
     seen = np.argwhere(shapes.any(axis=0))
+    if not len(seen):
+        raise FormatError(f"the shape at {frequency[0]:g} Hz is zero at all points", file.path)
     with placed(file.path):
         return ModeSet(
             frequency,
