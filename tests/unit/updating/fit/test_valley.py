@@ -172,7 +172,7 @@ def test_an_end_that_a_better_answer_leaves_behind_is_no_rival(monkeypatch):
     """Valleys of the first answer reach a better one, to which its ends are unlikely."""
     behind: list[np.ndarray] = []
 
-    def reached(self, problem, noises, monitor, at):
+    def reached(self, problem, noises, monitor, at, most=None):
         better = replace(at, unlikelihood=at.unlikelihood - 10.0 * AS_WELL)
         end = replace(at, x=at.x + 0.5)
         behind.append(end.x)

@@ -247,16 +247,19 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
 
 
 def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
-    """Return for each test the residuals of frequencies and shapes, and modes left out."""
+    """Return for each test the residuals of frequencies and shapes, and modes left out.
+
+    They are nan where the fit ended away from all modes.
+    """
     own = [(part, error.rows(part, x)) for part in problem.modal]
     off = np.concatenate([one.r[one.of("frequency")] for _, one in own])
     macs = np.concatenate([one.mac[one.mac >= part.like] for part, one in own])
     common = {
         "kind": error.noise.kind,
         "modes": float(len(macs)),
-        "frequency_rms": float(np.sqrt(np.mean(off**2))),
-        "shape_rms": float(np.sqrt(np.mean(1.0 - macs))),
-        "lowest_mac": float(macs.min()),
+        "frequency_rms": float(np.sqrt(np.mean(off**2))) if off.size else np.nan,
+        "shape_rms": float(np.sqrt(np.mean(1.0 - macs))) if macs.size else np.nan,
+        "lowest_mac": float(macs.min()) if macs.size else np.nan,
         "chi_square": 1.0,
         "inflation": 1.0,
     }
