@@ -95,7 +95,7 @@ def test_shapes_and_tables_do_not_go_together(tmp_path: Path) -> None:
         ("frequency,damping [dB]\n1,2\n", "unit 'dB' of 'damping'; expected '%' or none"),
         ("damping,std_damping\n1,2\n", "'frequency' is missing"),
         ("frequency,damping,loss_factor\n1,2,3\n", "damping and loss factors; state one of them"),
-        ("frequency,frequency\n1,2\n", "'frequency' stands twice"),
+        ("frequency,frequency\n1,2\n", "'frequency' occurs twice"),
         ("frequency\n", "a header, and no line of numbers"),
         ("# unit: kHz\n1,2\n", "'unit' would change the numbers"),
         ("1,2", "does not end: the file may be cut short"),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 
 from updyn.cli.describe import describe_frf
 from updyn.cli.new_file import check_free, write_new
@@ -80,7 +82,7 @@ def _target(job: Document, table: RecordsTable, out: Path | None) -> Path:
 
 
 def describe_recorded(found: Recorded) -> str:
-    """Return what was found in records, and coherence or noise of their FRFs, as text.
+    """Return the findings about records, and coherence or noise of their FRFs, as text.
 
     Parameters
     ----------
@@ -123,49 +125,65 @@ def _deviation_table(frf: FRF) -> str:
     """Return the standard deviation of each pair over |H|, the highest first."""
     assert frf.variance is not None
     size = np.maximum(np.abs(frf.values), np.finfo(float).tiny)
-    flat = (np.sqrt(frf.variance) / size).reshape(len(frf.freq), -1)
-    order = np.argsort(-np.median(flat, axis=0), kind="stable")
-    rows = []
-    for at in order[:_ROWS].tolist():
-        column = flat[:, at]
-        response, reference = divmod(at, len(frf.references))
-        rows.append(
-            [
-                str(frf.responses[response]),
-                str(frf.references[reference]),
-                f"{100.0 * np.median(column):.2g} %",
-                f"{100.0 * np.quantile(column, 0.95):.2g} %",
-            ]
-        )
-    header = ("response", "reference", "median standard deviation", "of 95 % of lines, below")
-    table = text_table(header, rows, left=(0, 1))
-    if len(order) > _ROWS:
-        table += f"\n... {len(order) - _ROWS} more pairs, of lower median standard deviation"
-    return table
+    share = np.sqrt(frf.variance) / size
+
+    def cells(column: NDArray[np.float64]) -> list[str]:
+        values = np.median(column), np.quantile(column, 0.95)
+        return [f"{100.0 * value:.2g} %" for value in values]
+
+    header = ("median standard deviation", "of 95 % of lines, below")
+    return _pair_table(frf, share, -1.0, header, cells, "of lower median standard deviation")
 
 
 def _coherence_table(frf: FRF) -> str:
     """Return the coherence of each pair, the lowest first."""
     assert frf.coherence is not None
-    n_lines, _, n_references = frf.coherence.shape
-    flat = frf.coherence.reshape(n_lines, -1)
-    order = np.argsort(np.median(flat, axis=0), kind="stable")
-    rows = []
-    for at in order[:_ROWS]:
-        column = flat[:, at]
+
+    def cells(column: NDArray[np.float64]) -> list[str]:
         lowest = int(np.argmin(column))
-        response, reference = divmod(int(at), n_references)
-        rows.append(
-            [
-                str(frf.responses[response]),
-                str(frf.references[reference]),
-                f"{np.median(column):.3f}",
-                f"{column[lowest]:.3f} at {frf.freq[lowest]:g} Hz",
-                f"{100.0 * np.mean(column < _LOW):.1f} %",
-            ]
-        )
-    header = ("response", "reference", "median coherence", "lowest", f"lines below {_LOW:g}")
-    table = text_table(header, rows, left=(0, 1))
+        return [
+            f"{np.median(column):.3f}",
+            f"{column[lowest]:.3f} at {frf.freq[lowest]:g} Hz",
+            f"{100.0 * np.mean(column < _LOW):.1f} %",
+        ]
+
+    header = ("median coherence", "lowest", f"lines below {_LOW:g}")
+    return _pair_table(frf, frf.coherence, 1.0, header, cells, "of higher median coherence")
+
+
+def _pair_table(
+    frf: FRF,
+    values: NDArray[np.float64],
+    sign: float,
+    header: tuple[str, ...],
+    cells: Callable[[NDArray[np.float64]], list[str]],
+    rest: str,
+) -> str:
+    """Return a table of the pairs with the least medians.
+
+    Parameters
+    ----------
+    frf : FRF
+        Of these pairs.
+    values : ndarray of float, shape (n_f, n_i, n_j)
+        By line and pair.
+    sign : float
+        -1 for the largest medians.
+    header : tuple of str
+        Names of the columns after response and reference.
+    cells : callable
+        Returns these columns from the values of a pair, shape (n_f,).
+    rest : str
+        Words on the pairs that are not in the table.
+    """
+    flat = values.reshape(len(frf.freq), -1)
+    order = np.argsort(sign * np.median(flat, axis=0), kind="stable")
+    rows = []
+    for at in order[:_ROWS].tolist():
+        response, reference = divmod(at, len(frf.references))
+        pair = [str(frf.responses[response]), str(frf.references[reference])]
+        rows.append([*pair, *cells(flat[:, at])])
+    table = text_table(("response", "reference", *header), rows, left=(0, 1))
     if len(order) > _ROWS:
-        table += f"\n... {len(order) - _ROWS} more pairs, of higher median coherence"
+        table += f"\n... {len(order) - _ROWS} more pairs, {rest}"
     return table

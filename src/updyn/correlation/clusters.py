@@ -62,7 +62,7 @@ class Subspace:
         of the shapes of the other (S2MAC for a mode and a plane, W. D'Ambrogio & A. Fregolent,
         Mech. Syst. Signal Process. 17 (2003) 599-610), and does not depend on the basis.
     mac_single : float
-        Lowest MAC of single shapes if these modes are paired one to one so that the sum of MAC is
+        Lowest MAC of single shapes if these modes are paired one to one such that the sum of MAC is
         largest. It depends on the basis.
     close : str
         Where the modes are close: ``"computed"``, ``"measured"`` or ``"both"``.
@@ -317,7 +317,7 @@ def _within(
     second: _Indices,
     apart: Array,
 ) -> NDArray[np.bool_]:
-    """Return which pairs to keep so that no two clusters have more than their common directions.
+    """Return which pairs to keep: of two clusters, no more than their common directions.
 
     The basis of a cluster is arbitrary, so any of its pairs can be left out: the one whose
     frequencies differ most.

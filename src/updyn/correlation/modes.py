@@ -53,6 +53,7 @@ GATE = 0.3
 #: Least MAC of a pair of equal frequencies. By Bessel's inequality a shape can have a MAC above one
 #: half with one shape of an orthogonal set at most.
 LEAST_MAC = 0.5
+#: How modes without shapes are paired, for notes.
 BY_FREQUENCY = (
     "The measured modes have no shapes: they are paired in the order of their frequencies. Shapes"
     " would show whether the pairs are right."
@@ -271,7 +272,7 @@ class ModeCorrelation:
         return "*" if subspace else " "
 
     def subspace_notes(self) -> list[str]:
-        """Return explanations of the MAC of each subspace; empty if there is none.
+        """Return explanations of the MAC of each subspace; empty without subspaces.
 
         Returns
         -------
@@ -347,8 +348,8 @@ def correlate_modes(
     one-to-one assignments (Kuhn, Naval Res. Logist. Q. 2 (1955) 83-97), each of at least
     `least_mac`. The second term decides where the sensors cannot tell shapes apart.
 
-    Measured modes without shapes are paired within the gate so that the sum of the squared
-    logarithms of the ratios of their frequencies is least, which keeps their order; MAC is nan.
+    Measured modes without shapes are paired within the gate with the least sum of the squared
+    logarithms of the ratios of their frequencies, which keeps their order; MAC is nan.
 
     The shapes of close modes are an arbitrary basis of their span. Between clusters of them, MAC is
     replaced by the mean of the squared cosines of the principal angles between the spans (Bjorck &

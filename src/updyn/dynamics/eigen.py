@@ -120,16 +120,13 @@ def all_pairs(K: Any, M: Any, n: int) -> tuple[NDArray[Any], NDArray[Any], tuple
 
     Parameters
     ----------
-    K, M : sparse, shape (N, N), real symmetric
-        Stiffness and mass, both positive semidefinite except for rounding.
-    n : int
-        How many.
+    K, M, n
+        As for `real_pairs`.
 
     Returns
     -------
-    value : ndarray of float, shape (n,)
-        In 1/s2, ascending.
-    vectors : ndarray of float, shape (N, n)
+    value, vectors : ndarray of float
+        As of `real_pairs`.
     whole : (ndarray, ndarray, ndarray)
         V, shape (N, N), and the diagonals of V^T K V and of V^T M V, shape (N,); the latter is 0
         for motions without mass.

@@ -149,7 +149,7 @@ def _modes_by_line(
     if twice or both or "frequency" not in kinds:
         wrong = "'frequency' is missing"
         if twice:
-            wrong = f"{min(twice)!r} stands twice"
+            wrong = f"{min(twice)!r} occurs twice"
         elif both:
             wrong = "damping and loss factors; state one of them"
         raise FormatError(f"header: {wrong}", path, lines[0][0])
@@ -243,7 +243,7 @@ def _column(cell: str, path: str | Path, line: int) -> tuple[str, float]:
 def _numbers(
     lines: Sequence[tuple[int, str]], width: int, separator: str, path: str | Path
 ) -> _Real:
-    """Return lines of numbers as a table; nan where a cell is empty or ``nan``."""
+    """Return lines of numbers as a table; an empty cell, or ``nan``, is nan."""
     if not lines:
         return np.zeros((0, width))
     plain = plain_numbers("\n".join(line for _, line in lines), separator).split("\n")

@@ -27,8 +27,8 @@ class AlikePair:
     mac : float
         MAC of their shapes.
     overlap : bool
-        Whether the frequencies differ by less than the sum of the half-power bandwidths: the
-        resonance curves overlap, so that the two may be one mode found twice.
+        Whether the frequencies differ by less than the sum of the half-power bandwidths: then the
+        resonance curves overlap, and the two may be one mode found twice.
     """
 
     first: float

@@ -1,9 +1,9 @@
-"""Modes whose frequency varies from run to run, told from modes that are close to each other.
+"""Modes whose frequency varies from run to run, distinguished from modes that are close.
 
 Where a sensor moves with its mass, or the structure changes between runs, one mode has another pole
 in every run, and a fit with common poles needs several of them, also in neighbouring windows. On
-the side that stays they have one shape, by which they are told; with few channels there, common
-poles and fewer modes with a pole for each run are compared by how well they fit. What roves,
+the side that stays they have one shape; with few channels there, common poles and fewer modes with
+a pole for each run are compared by their fit. What roves,
 responses or references, is tried both ways.
 """
 
@@ -108,7 +108,7 @@ class Mode:
     by_channel : ndarray of complex, shape (p,), or None
         Where it varies from run to run, the pole of each channel.
     single : bool
-        Whether its residue is that of one mode: further ones have poles of their own.
+        Whether its residue is that of one mode; further modes have other poles.
     """
 
     pole: complex
@@ -267,8 +267,7 @@ def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
 def _bundles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
     """Return poles by fit and position, those together that are close; those added alone.
 
-    Poles of one mode have about one damping; a wide one among narrow ones stands for the
-    background.
+    Poles of one mode have about one damping; a wide one among narrow ones is background.
     """
     at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
     poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
@@ -326,7 +325,7 @@ class _Criterion:
     shapes : int
         How many shapes these have on the side that stays. If they are fewer, each residue counts as
         determined by all channels (G. Schwarz, Ann. Stat. 6 (1978) 461-464), else by its own as in
-        `chance`, so that no mode is lost that the search has accepted.
+        `chance`: no mode that the search has accepted is lost.
     """
 
     fit: Weighted
@@ -402,7 +401,7 @@ class _Each:
 def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: float) -> _Each | None:
     """Return modes with poles for each run, instead of more common ones.
 
-    None where they gain no more than the least.
+    None if they gain no more than the least.
     """
     fit, bundle = criterion.fit, criterion.bundle
     window, p = fit.window, len(fit.window.Y)

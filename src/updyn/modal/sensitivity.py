@@ -5,7 +5,7 @@ Eigenvalues: R. L. Fox & M. P. Kapoor, "Rates of change of eigenvalues and eigen
 derivatives", AIAA J. 14 (1976) 1201-1205: from the mode itself and one factorisation, no sum over
 modes. Wanted at a few DOFs, all derivatives follow from as many solutions with that factorisation
 (its matrix is symmetric), however many unknowns there are. Of a small model all modes are computed,
-and the sum over all of them (Fox & Kapoor, eq. 12) gives the derivatives of all shapes at once.
+and the sum over all of them (Fox & Kapoor) gives the derivatives of all shapes at once.
 
 Modes of one eigenvalue have derivatives in a basis in which no unknown couples them, where there is
 one (R. L. Dailey, "Eigenvector derivatives with repeated eigenvalues", AIAA J. 27 (1989) 486-491:
@@ -39,8 +39,8 @@ _Real = NDArray[np.float64]
 #: none.
 _ZERO = 1e3 * np.finfo(np.float64).eps
 _ACCURATE = 1e-6
-#: Models of so many DOFs are decomposed whole: that takes as long as the factorisations that it
-#: saves, one a mode (measured with 6 to 20 modes and 14 unknowns: 120 to 250 DOFs).
+#: Models of so many DOFs are decomposed whole. With 14 unknowns that takes a third of the time of
+#: one factorisation a mode at 16 DOFs and as much at 180, of 6 modes; of 20 modes half at 300.
 WHOLE = 160
 #: Eigenvalues closer than this share are one, and changes smaller than that share of one are none.
 _ONE, _UNCOUPLED = 1e-7, 1e-6
@@ -278,7 +278,21 @@ def slopes_of_all(
             for i, mode in enumerate(which)
         ]
         return np.array([value for value, _ in own]), np.array([shape for _, shape in own])
-    V, stiffness, mass = modes.whole
+    return _from_whole(modes, modes.whole, which, system, unknowns, values, rows, along)
+
+
+def _from_whole(
+    modes: RealModes,
+    whole: tuple[_Real, _Real, _Real],
+    which: NDArray[np.intp],
+    system: AffineSystem,
+    unknowns: Unknowns,
+    values: _Real,
+    rows: NDArray[np.intp] | None,
+    along: _Real | None,
+) -> tuple[_Real, _Real]:
+    """Return `slopes_of_all` by the sum over all motions of the model."""
+    V, stiffness, mass = whole
     phi, value = modes.shapes[:, which], modes.value[which]
     projected, by_mass = np.zeros((2, unknowns.n, V.shape[1], len(which)))
     for owner, own_rows, force, is_mass in _forces(system, unknowns, values, phi):

@@ -63,7 +63,7 @@ def band_of_modes(modes: ModeSet, frf: FRF) -> NDArray[np.bool_]:
     -------
     ndarray of bool, shape (n_f,)
         From five half-power bandwidths below the lowest mode to five above the highest one; all
-        lines if there is none between.
+        lines if no line is between.
     """
     reach = REACH * modes.frequency * np.nan_to_num(modes.loss_factor)
     low, high = (modes.frequency - reach).min(), (modes.frequency + reach).max()
@@ -95,9 +95,9 @@ def synthesise(modes: ModeSet, frf: FRF) -> FRF:
     -----
     Least squares frequency domain (LSFD) estimation (W. Heylen, S. Lammens, P. Sas, Modal Analysis
     Theory and Testing, KU Leuven 1997). With s = i omega + decay, each receptance is
-    sum_r R_r / (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L stands for modes
-    below the band, the upper residual U for those above. R_r, L and U are complex and free in each
-    channel; lines are weighted by `line_weights`.
+    sum_r R_r / (omega_r^2 (1 + i eta_r) + s^2) + L / s^2 + U: the lower residual L represents the
+    modes below the band, the upper residual U those above. R_r, L and U are complex and free in
+    each channel; lines are weighted by `line_weights`.
 
     Examples
     --------

@@ -200,7 +200,7 @@ class _Shapes:
         return _LOOKS if "updated" in self.models else _START_LOOKS
 
     def subspace(self, name: str, row: ModalRow) -> Subspace | None:
-        """Return the subspace that the mode of a model is in; None where it is a single one."""
+        """Return the subspace of a model's mode; None for a single mode."""
         entry: ModeEntry | None = getattr(row, name)
         if entry is None or not entry.in_subspace:
             return None
@@ -208,7 +208,7 @@ class _Shapes:
         return next(one for one in found if entry.number in one.computed)
 
     def of_model(self, name: str, row: ModalRow) -> NDArray[Any] | None:
-        """Return the shape of a model's mode; None where it has none.
+        """Return the shape of a model's mode; None without one.
 
         Close modes of a model are combined to the shape that is nearest to the test's.
         """

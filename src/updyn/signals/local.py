@@ -76,7 +76,7 @@ def local_rational(spectra: Spectra, freq: _Real, names: Sequence[str]) -> tuple
     Raises
     ------
     DataError
-        If there are too few lines, a force is zero at a line, or it cannot be told from a transient
+        If there are too few lines, a force is zero at a line, or is not distinct from a transient
         or the other forces.
     """
     spectra.check_power(freq, names)
@@ -90,7 +90,7 @@ def without_transients(
     """Return H1 of records whose transients are taken out, and the variance of each value.
 
     The transients C / A are those of `local_rational`. What is left is noise from line to line,
-    independent but for the errors of the transients, so that a fit to all lines loses nothing.
+    independent except for the errors of the transients: a fit to all lines loses nothing.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def _too_few(lines: int, records: int, forces: int) -> str:
 def _left_out(found: LocalValues) -> _Real:
     """Return the mean logarithm of the error at left-out lines, shape (n_f,).
 
-    It is infinite at lines at which the forces cannot be told from transients.
+    It is infinite at lines at which the forces cannot be distinguished from transients.
     """
     smooth = uniform_filter1d(found.left_out, _COMPARED, axis=0, mode="nearest")
     error = np.mean(np.log(np.maximum(smooth, ROUNDING)), axis=1)

@@ -17,7 +17,8 @@ _Index = NDArray[np.intp]
 #: Steps of Gauss-Newton. The first is linear least squares, and near the optimum already if the
 #: noise is small; each later one takes most of the rest.
 _STEPS = 4
-#: A line that the model follows whatever its value says nothing of it when it is left out.
+#: Least share of a residual that a line keeps in its own fit; a line that the model follows
+#: whatever its value does not test the model.
 _LEAST_REST = 0.02
 #: What a diagonal of R is raised by, over its largest: forces that are combinations of one another.
 _SINGULAR = 1e-14
@@ -300,7 +301,7 @@ class _Fitted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Solution:
-    """Values of fitted models at lines about their centres, and what they depend on.
+    """Values of fitted models at lines about their centres, and their derivatives.
 
     Attributes
     ----------
@@ -377,7 +378,7 @@ class _Solution:
     def _at_lines(self, of_windows: _Complex) -> _Complex:
         """Return what the windows, shape (n, records, width, ...), have at the lines."""
         width = of_windows.shape[2]
-        # Lines beyond the last one belong to no window; what they are given is not used.
+        # Lines beyond the last one belong to no window; their values are not used.
         place = np.clip(self.fit.windows.centre[:, None] + self.offsets, 0, width - 1)
         return np.take_along_axis(of_windows, place[:, None, :, None], axis=2)
 

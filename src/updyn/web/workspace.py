@@ -113,7 +113,7 @@ class Workspace:
             Their files, the latest first.
         shown : str
             That of the latest worker for the open job if it has written one; else the latest in a
-            folder that is named after the job; empty if there is none.
+            folder that is named after the job; empty without one.
         """
         work = TASKS.find(task)
         found = self.project.pages(work.page, task)

@@ -251,9 +251,9 @@ def cut_off(channel: _Real, force: _Real, name: str, record: int) -> Iterator[Re
 def _is_noise(free: _Real, begin: int, n: int) -> bool:
     """Return whether the last n samples of a response that begins somewhere are noise.
 
-    Where nothing was recorded before the hit, noise is told by what it cannot be predicted from:
-    the samples before. Modes follow a recursion of twice as many samples; so does a line of the
-    mains, which does not decay.
+    If nothing was recorded before the hit, noise is recognised by its prediction error: n modes
+    follow a recursion over 2 n samples, and noise follows none. So does a line of the mains, which
+    does not decay.
     """
     if begin - _FILTER >= _REST:
         return _rms(free[-n:]) <= 2.0 * _rms(free[: begin - _FILTER])

@@ -192,8 +192,8 @@ class Pairs:
         """Compute the model's modes and pair them.
 
         One to one, with the largest sum of MAC less half the logarithm of the ratio of frequencies
-        (Hungarian assignment; Kuhn 1955). Where no shape tells modes apart, with the least sum of
-        the squares of these logarithms, so that pairs keep the order of the frequencies.
+        (Hungarian assignment; Kuhn 1955). Without shapes that differ, with the least sum of the
+        squares of these logarithms, which keeps the order of the frequencies.
 
         Raises
         ------
@@ -386,11 +386,10 @@ class ModalPart:
         paired = np.flatnonzero(pairs.mac >= self.like)
         found: list[_Residual] = []
         owners: list[int] = []
-        with_shapes = shapes and self.target.tells_apart
-        moved = self._moved(pairs, paired, x, with_shapes, derivatives)
+        moved = self._moved(pairs, paired, x, shapes=shapes, derivatives=derivatives)
         for k, mode in zip(paired.tolist(), moved, strict=True):
             self.session.check()
-            own = list(self._of_mode(pairs, k, mode, with_shapes))
+            own = list(self._of_mode(pairs, k, mode))
             found += own
             owners += [k] * len(own)
         sizes = [len(one.r) for one in found]
@@ -408,7 +407,8 @@ class ModalPart:
         pairs: Pairs,
         paired: NDArray[np.intp],
         x: _Real,
-        with_shapes: bool,
+        *,
+        shapes: bool,
         derivatives: bool,
     ) -> Iterator[_Moved]:
         """Yield the derivatives by x of each mode that is paired; zeros where none are wanted."""
@@ -421,7 +421,8 @@ class ModalPart:
                 phi, value = pairs.modes.shapes[:, own], float(pairs.modes.value[own])
                 loss = _Loss.of(self.system, self.unknowns, state, values, phi, value)
             losses.append(loss)
-        number = len(target.rows) if with_shapes else 0
+        rows = target.rows if shapes and target.tells_apart else target.rows[:0]
+        number = len(rows)
         damped = any(loss is not None for loss in losses)
         by_value = np.zeros((len(which), self.n))
         by_shape = np.zeros((len(which), self.n, number + damped))
@@ -433,7 +434,7 @@ class ModalPart:
                 self.system,
                 self.unknowns,
                 values,
-                target.rows if with_shapes else None,
+                rows,
                 np.array(forces).T if damped else None,
             )
         for loss, value, shape in zip(losses, by_value * slope, by_shape, strict=True):
@@ -443,9 +444,7 @@ class ModalPart:
                 by_loss = loss.moved(value, shape[-1], slope)
             yield _Moved(value, shape[:number], loss, by_loss)
 
-    def _of_mode(
-        self, pairs: Pairs, k: int, moved: _Moved, with_shapes: bool
-    ) -> Iterator[_Residual]:
+    def _of_mode(self, pairs: Pairs, k: int, moved: _Moved) -> Iterator[_Residual]:
         """Yield the residuals of a measured mode that is paired, each kind by itself."""
         target, which = self.target, int(pairs.which[k])
         phi, own = pairs.modes.shapes[:, which], float(pairs.modes.value[which])
@@ -456,7 +455,7 @@ class ModalPart:
             off = moved.loss.factor / measured - 1.0
             by_loss = moved.by_loss / measured
             yield _Residual.of("loss_factor", off, by_loss, target.std_loss_factor[k])
-        if with_shapes and pairs.mac[k] > 0.0:
+        if len(moved.shape) and pairs.mac[k] > 0.0:
             yield from self._of_shape(k, phi, moved.shape)
 
     def _of_shape(self, k: int, phi: _Real, by_x: _Real) -> Iterator[_Residual]:
@@ -482,9 +481,9 @@ class _Moved:
     value : ndarray of float, shape (n,)
         Of the eigenvalue.
     shape : ndarray of float, shape (k, n)
-        Of the shape at the sensors' DOFs; of shape (0, n) where shapes are not compared.
+        Of the shape at the sensors' DOFs; of shape (0, n) if shapes are not compared.
     loss : _Loss or None
-        Its loss factor, where one was measured and unknowns change it.
+        Its loss factor, if one was measured and unknowns change it.
     by_loss : ndarray of float, shape (n,)
         Of the loss factor.
     """

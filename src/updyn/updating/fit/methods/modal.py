@@ -249,7 +249,7 @@ def _spread(problem: Problem, error: ModalError, x: _Vector, local: Local | None
 def _records(problem: Problem, error: ModalError, x: _Vector) -> tuple[Mapping[str, Any], ...]:
     """Return for each test the residuals of frequencies and shapes, and modes left out.
 
-    They are nan where the fit ended away from all modes.
+    They are nan if the fit ended away from all modes.
     """
     own = [(part, error.rows(part, x)) for part in problem.modal]
     off = np.concatenate([one.r[one.of("frequency")] for _, one in own])

@@ -68,8 +68,7 @@ class ModalNoise:
     kind : str
         How it is known, for the record.
     by_ratio : tuple of str
-        Kinds of which the unknowns leave too few residuals to estimate their size, so that it is
-        the usual one.
+        Kinds that have the usual size: the unknowns leave too few residuals to estimate it.
     degrees_of_freedom : int or None
         Of the number that was estimated from the fewest residuals, where they are few.
     """
@@ -121,6 +120,8 @@ class ModalNoise:
             Itself where all numbers are stated.
         """
         number = {kind: float(rows.freedom(kind)) for kind in self._sought(rows)}
+        if not number:
+            return self
         found = self
         for _ in range(_ROUNDS):
             before = dict(found.added)
@@ -215,7 +216,7 @@ def _sizes(
 def _size(r: _Real, std: _Real, number: float, usual: float) -> float:
     """Return s for which the sum of r^2 / (std^2 + s^2) is its number; `_SMALLEST` is rounding.
 
-    The usual size counts where the data state no standard deviations.
+    Without standard deviations in the data, the usual size counts, too.
     """
     if not std.any():
         squares = float(r @ r) + _USUAL * usual**2
