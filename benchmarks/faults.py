@@ -163,6 +163,18 @@ def moved(bench, frf, rng):
     )
 
 
+def turned(bench, frf, rng):
+    """A sensor with two directions or more is turned by 10 to 45 degrees, or by 90."""
+    from updyn.updating.judge.causes.turned import Turned, axes_across
+
+    axes = axes_across(frf.responses)
+    if not axes:
+        return None
+    axis = str(axes[int(rng.integers(len(axes)))])
+    angle = float(rng.choice([-1, 1]) * rng.choice([rng.uniform(10.0, 45.0), 90.0], p=[0.8, 0.2]))
+    return Seeded(Turned((axis,), -angle).repair(frf), frf, "turned", (axis,))
+
+
 def calibration(bench, frf, rng):
     i, label = sensor(frf, rng)
     factor = np.exp(rng.choice([-1, 1]) * rng.uniform(0.08, 0.3))
@@ -482,6 +494,7 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "held off": held_off,
     "held losses": held_losses,
     "quantity of one": quantity_of_one,
+    "turned": turned,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (

@@ -26,6 +26,7 @@ from updyn.updating.judge.causes.scale import Scale
 from updyn.updating.judge.causes.sign import Sign
 from updyn.updating.judge.causes.support import Support
 from updyn.updating.judge.causes.swapped import Swapped
+from updyn.updating.judge.causes.turned import Turned
 from updyn.updating.judge.causes.window import Window
 
 __all__ = ["CAUSES", "read_fault"]
@@ -36,6 +37,7 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     NonCausal,
     Sign,
     Swapped,
+    Turned,
     Moved,
     Calibration,
     Delay,

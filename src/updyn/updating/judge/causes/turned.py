@@ -1,0 +1,263 @@
+"""A sensor with several directions that was mounted turned about an axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.dofs import DIRECTIONS, Dof, DofSet
+from updyn.errors import OptionError
+from updyn.frf import FRF
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import FORCE, Fault
+from updyn.updating.judge.causes.misfit import SEEN
+from updyn.updating.problem.problem import Part
+
+__all__ = ["Turned", "axes_across"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Least angle in degrees. Accelerometers answer to motion across their axis with up to 5 % of their
+#: sensitivity, as data sheets state; a sensor that is turned by asin(0.05) = 2.9 degrees does, too.
+_LEAST = 3.0
+#: First angles that are tried, in radians, and the step between them. The correlation that is to be
+#: greatest has two maxima at most in a turn of 360 degrees.
+_STEP = np.radians(5.0)
+_ANGLES = np.arange(-np.pi, np.pi, _STEP)
+
+
+class Turned(Fault):
+    """The sensor, or the force, at a node is turned about an axis by `value` degrees.
+
+    ``"3:Z"`` turns the responses of node 3 about Z, ``"force 3:Z"`` its references. A positive
+    angle follows the right-hand rule: turned by 90 degrees about Z, what is called X is along Y.
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "turned"
+    unit: ClassVar[str] = "degrees"
+    tunes: ClassVar[bool] = True
+    adapts: ClassVar[bool] = True
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield each axis across which a node has both directions, by the angle that fits best."""
+        frf = evidence.frf
+        sides = [(frf.responses, ""), (frf.references, FORCE)]
+        rows, columns = ([f"{prefix}{dof}" for dof in axes_across(dofs)] for dofs, prefix in sides)
+        both = [(one, f"{FORCE}{one}") for one in rows if f"{FORCE}{one}" in columns]
+        for channels in [*((one,) for one in (*rows, *columns)), *both]:
+            fault = cls(channels).refined(evidence)
+            if fault.plausible():
+                yield fault
+
+    def refined(self, evidence: Evidence) -> Self:
+        """Return the fault by the angle that fits best at a point.
+
+        Where the directions are not coupled, the response across is zero, and a slope of its
+        logarithm does not lead to the angle.
+        """
+        return replace(self, value=_best_angle(_Turn.of(self.channels, evidence.frf), evidence))
+
+    def settled(self, part: Part, x: _Real) -> Self:
+        """Return the fault by its best angle on all data of a part."""
+        return self.refined(Evidence(part, x))
+
+    def repair(self, frf: FRF) -> FRF:
+        """Return the data in the directions that the labels state.
+
+        Raises
+        ------
+        OptionError
+            If a node has not both directions that the turn exchanges.
+        """
+        turn = _Turn.of(self.channels, frf)
+        left, right = (
+            side.rotation(-np.radians(self.value)) for side in (turn.responses, turn.references)
+        )
+        parts: dict[str, Any] = {"values": left @ frf.values @ right.T}
+        if frf.variance is not None:
+            parts["variance"] = left**2 @ frf.variance @ (right**2).T
+        if frf.coherence is not None:
+            # A mixture is no more coherent than the worst of what is mixed.
+            worst = np.where(left[:, :, None] != 0.0, frf.coherence[:, None], 1.0).min(axis=2)
+            mixed = right.T[None, None] != 0.0
+            parts["coherence"] = np.where(mixed, worst[:, :, :, None], 1.0).min(axis=2)
+        return replace(frf, **parts)
+
+    def slope(self, evidence: Evidence) -> _Complex:
+        """Return d ln(measured) / d angle: the response across over that along, by the model."""
+        frf, H = evidence.frf, evidence.answer(evidence.frf)
+        assert frf.variance is not None
+        turn = _Turn.of(self.channels, frf)
+        change = turn.responses.generator @ H + H @ turn.references.generator.T
+        # Below the noise a response has no logarithm.
+        size = np.maximum(np.abs(H) ** 2, SEEN**2 * frf.variance)
+        size = np.maximum(size, np.finfo(np.float64).tiny)
+        return np.asarray(np.radians(1.0) * change * H.conj() / size)
+
+    def plausible(self) -> bool:
+        """Return whether it is more than cross-axis sensitivity, and no full turn."""
+        return _LEAST <= abs(self.value) <= 180.0 + _LEAST
+
+    def statement(self) -> str:
+        """Return which sensor is turned about which axis, and what is the same."""
+        dofs = [Dof.parse(label.removeprefix(FORCE)) for label in self.channels]
+        things = ["force" if label.startswith(FORCE) else "sensor" for label in self.channels]
+        node, axis = dofs[0].node, dofs[0].direction
+        verb = "is" if len(things) == 1 else "are"
+        said = (
+            f"The {' and the '.join(things)} at node {node} {verb} turned about {axis} by"
+            f" {self.value:.3g} degrees."
+        )
+        first, second = (f"{node}:{direction}" for direction in _across(axis))
+        if abs(abs(self.value) - 90.0) < _LEAST:
+            opposite = second if self.value > 0.0 else first
+            said += (
+                f" By 90 degrees that is the same as {first} and {second} exchanged, with the sign"
+                f" of {opposite} changed."
+            )
+        if abs(abs(self.value) - 180.0) < _LEAST:
+            said += f" By 180 degrees that is the same as opposite signs of {first} and {second}."
+        return said
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> Self:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If a channel is not a node with an axis X, Y or Z, or the angle is no number.
+        """
+        found = super().read(channels, value)
+        axes = [Dof.parse(name.removeprefix(FORCE)).direction for name in found.channels]
+        if not axes or any(axis.startswith("R") for axis in axes):
+            raise OptionError(
+                f"repair {cls.kind!r}: expected a node and the axis X, Y or Z of the turn, as in"
+                f" 'turned:3:Z=30', found {channels!r}"
+            )
+        return found
+
+
+def _across(axis: str) -> tuple[str, str]:
+    """Return the two directions across an axis: a turn by 90 degrees brings one to the other."""
+    k = DIRECTIONS.index(axis)
+    return DIRECTIONS[(k + 1) % 3], DIRECTIONS[(k + 2) % 3]
+
+
+def axes_across(dofs: DofSet) -> list[Dof]:
+    """Return the nodes and axes for which both directions across are among some DOFs."""
+    known = {(dof.node, dof.direction) for dof in dofs}
+    return [
+        Dof(node, axis)
+        for node in dict.fromkeys(dofs.nodes.tolist())
+        for axis in DIRECTIONS[:3]
+        if any(
+            all((node, turning + direction) in known for direction in _across(axis))
+            for turning in ("", "R")
+        )
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """Turns of the responses, or of the references.
+
+    Attributes
+    ----------
+    generator : ndarray of float, shape (n, n)
+        d (measured) / d angle; skew.
+    """
+
+    generator: _Real
+
+    @property
+    def basis(self) -> _Real:
+        """The parts of a rotation that go with 1, sin and cos of the angle, shape (3, n, n)."""
+        square = self.generator @ self.generator
+        return np.stack([np.eye(len(square)) + square, self.generator, -square])
+
+    def rotation(self, angle: float) -> _Real:
+        """Return the matrix that turns true values into measured ones, by Rodrigues' formula."""
+        return np.tensordot(np.array([1.0, np.sin(angle), np.cos(angle)]), self.basis, axes=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turn:
+    """Turns of responses and of references by one angle."""
+
+    responses: _Side
+    references: _Side
+
+    @classmethod
+    def of(cls, channels: Sequence[str], frf: FRF) -> _Turn:
+        """Return that of some channels."""
+        forces = [c.removeprefix(FORCE) for c in channels if c.startswith(FORCE)]
+        sensors = [c for c in channels if not c.startswith(FORCE)]
+        return cls(
+            _Side(_generator(sensors, frf.responses, "response")),
+            _Side(_generator(forces, frf.references, "reference")),
+        )
+
+
+def _generator(axes: Iterable[str], dofs: DofSet, role: str) -> _Real:
+    """Return the slope of measured values by the angle of turns, shape (n, n)."""
+    G = np.zeros((len(dofs), len(dofs)))
+    place = {(dof.node, dof.direction): i for i, dof in enumerate(dofs)}
+    for name in axes:
+        axis = Dof.parse(name)
+        found = False
+        for turning in ("", "R"):
+            along = [place.get((axis.node, turning + d)) for d in _across(axis.direction)]
+            if along[0] is None or along[1] is None:
+                continue
+            a, b = along[0], along[1]
+            sign = float(axis.sign * dofs.signs[a] * dofs.signs[b])
+            G[a, b], G[b, a] = sign, -sign
+            found = True
+        if not found:
+            first, second = (f"{axis.node}:{d}" for d in _across(axis.direction))
+            raise OptionError(
+                f"{name!r}: a turn about {axis.direction} needs both {first} and {second} as a"
+                f" {role} of the data"
+            )
+    return G
+
+
+def _best_angle(turn: _Turn, evidence: Evidence) -> float:
+    """Return the angle in degrees that brings the model nearest to the data, by least squares.
+
+    The lines count alike: each is divided by its energy.
+    """
+    from scipy.optimize import minimize_scalar
+
+    frf, H = evidence.frf, evidence.answer(evidence.frf)
+    assert frf.variance is not None
+    rows = turn.responses.generator.any(axis=1)
+    columns = turn.references.generator.any(axis=1)
+    moved = rows[:, None] | columns
+    energy = np.abs(frf.values) ** 2 + np.abs(H) ** 2 + frf.variance
+    weight = 1.0 / np.maximum(energy[:, moved].sum(axis=1), np.finfo(np.float64).tiny)
+    data = np.where(moved, weight[:, None, None] * frf.values.conj(), 0.0)
+    # A rotation keeps the norm, so that the largest correlation is the least difference.
+    alike = np.empty((3, 3))
+    for p, left in enumerate(turn.responses.basis):
+        for q, right in enumerate(turn.references.basis):
+            alike[p, q] = float(np.sum((data * (left @ H @ right.T)).real))
+    t = np.stack([np.ones(len(_ANGLES)), np.sin(_ANGLES), np.cos(_ANGLES)])
+    at = np.argmax(np.einsum("pa,pq,qa->a", t, alike, t))
+    between = _ANGLES[at] - _STEP, _ANGLES[at] + _STEP
+
+    def unlike(angle: float) -> float:
+        parts = np.array([1.0, np.sin(angle), np.cos(angle)])
+        return -float(parts @ alike @ parts)
+
+    best = minimize_scalar(unlike, bounds=between, method="bounded", options={"xatol": 1e-7})
+    return float(np.degrees(best.x))
