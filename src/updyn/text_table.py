@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 
-__all__ = ["counted", "printable", "text_table"]
+__all__ = ["counted", "percent", "printable", "text_table"]
 
 #: What a terminal would obey, or what would change the order of the letters around it.
 _CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
@@ -55,6 +55,22 @@ def counted(n: int, noun: str) -> str:
     str
     """
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent with two digits, such as ``"4.2 %"`` and ``"130 %"``.
+
+    Parameters
+    ----------
+    share : float
+        1 for 100 %.
+
+    Returns
+    -------
+    str
+    """
+    value = 100.0 * share
+    return f"{value:.0f} %" if value >= 10.0 else f"{value:.2g} %"
 
 
 def printable(text: str) -> str:

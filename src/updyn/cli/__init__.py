@@ -1,8 +1,8 @@
 """The command line: reads options, calls the library and prints.
 
-Exit codes: 0 the run converged with all unknowns determined; 2 bad input or usage, with one message
-on stderr and nothing written over; 3 the run ended without that, with its results written; 130
-stopped by the user, 143 by SIGTERM.
+Exit codes: 0 the run converged and its verdict holds in all parts that were asked for; 2 bad input
+or usage, with one message on stderr and nothing written over; 3 the run ended without that, with
+its results written; 130 stopped by the user, 143 by SIGTERM.
 """
 
 from __future__ import annotations
@@ -91,8 +91,9 @@ def app(*, listed: bool = False) -> App:
         version=__version__,
         help="Finite-element model updating from measured frequency response functions.",
         help_epilogue=(
-            "Exit codes: 0 converged with all unknowns determined; 2 bad input; 3 ended without"
-            " that, results written; 130 stopped by the user, 143 by SIGTERM."
+            "Exit codes: 0 converged, and the verdict holds in all parts that were asked for; 2 bad"
+            " input; 3 ended without that, results written; 130 stopped by the user, 143 by"
+            " SIGTERM."
         ),
     )
     for name in COMMANDS:

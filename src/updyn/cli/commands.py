@@ -625,7 +625,7 @@ def _exit_code(done: JobRun) -> int:
     """Return the exit code of a run."""
     if done.stopped:
         return STOPPED
-    return DONE if done.result.status == "converged" else NOT_DETERMINED
+    return DONE if done.result.usable else NOT_DETERMINED
 
 
 def _kinds(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from rich.highlighter import RegexHighlighter
 from rich.theme import Theme
 
+from updyn.updating.judge.trust import PARTS
+
 __all__ = ["STATUS_STYLES", "THEME", "SummaryHighlighter"]
 
 #: Colour of each status of a result, and of a method that does not apply.
@@ -46,10 +48,12 @@ def _status_patterns() -> list[str]:
         patterns.append(rf": (?P<{style}>{status})(?= after \d+ iterations)")
         patterns.append(rf"(?m)^\S+ +(?P<{style}>{status})(?=  )")
         patterns.append(rf"(?m)^\S+ (?P<{style}>{status})(?=: )")
+    parts = rf"(?m)^  (?:{'|'.join(PARTS)})"
     patterns += [
-        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<good>yes)(?=  )",
-        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<bad>no)(?=  )",
-        r"(?m)^  (?:converged|determined|validated|plausible) +(?P<warning>not known)(?=  )",
+        rf"{parts} +(?P<good>yes)(?=  )",
+        rf"{parts} +(?P<bad>no)(?=  )",
+        rf"{parts} +(?P<warning>not known)(?=  )",
+        rf"{parts} +(?P<faint>not asked)(?=  )",
     ]
     return patterns
 

@@ -17,6 +17,8 @@ FIGURE_NAMES: Mapping[str, str] = {
     "correlation_min": "FRF correlation, worst channel",
     "residual_median": "relative residual, median over channels",
     "residual_max": "relative residual, worst channel",
+    "residual_expected": "relative residual that noise and deviations predict, median",
+    "residual_deviations": "residual in predicted standard deviations, median",
     "csac_mean": "CSAC, mean over lines",
     "csf_mean": "CSF, mean over lines",
     "db_error_median": "level difference, median (dB)",

@@ -10,7 +10,7 @@ from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
 from updyn.modal import ModeSet
-from updyn.updating.modes import LARGEST, modal_table, modes_like
+from updyn.updating.modes import LARGEST, judge_by_modes, modal_table, modes_like
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
 
@@ -18,16 +18,24 @@ __all__ = ["modal_texts", "start_modes_text", "with_modes"]
 
 
 def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult:
-    """Return a result with the modal table of each test; empty where the user has stopped."""
+    """Return a result with the modal table of each test, and the verdict that they allow.
+
+    The tables are empty where the user has stopped.
+    """
     largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
-        return replace(result, modes=modal_table(result, largest=largest))
+        table = modal_table(result, largest=largest)
+        return replace(judge_by_modes(result, [table]), modes=table)
     given = result.first.options.get("modes")
     by_test = given if isinstance(given, Mapping) else {}
-    found = {}
+    tables = {
+        name: modal_table(one, by_test.get(name), largest=largest)
+        for name, one in result.results.items()
+    }
+    judged = {}
     for name, one in result.results.items():
-        found[name] = replace(one, modes=modal_table(one, by_test.get(name), largest=largest))
-    return replace(result, results=found)
+        judged[name] = replace(judge_by_modes(one, list(tables.values())), modes=tables[name])
+    return replace(result, results=judged)
 
 
 def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:

@@ -67,7 +67,7 @@ def _head(content: Content, start: Start) -> str:
         kind=kind,
         parts=[_determined(start), _sound(start, has_frfs=content.has_frfs)],
         cause=start.identifiability.advice,
-        remedy="",
+        steps=[],
         key_figures=_tiles(start, content.data) if content.has_frfs else [],
     )
 

@@ -22,21 +22,13 @@ from updyn.report.formats import (
 from updyn.report.residual import residual_tile
 from updyn.report.section import Content, Section
 from updyn.report.templates import render_template
+from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.trust import Trust
+from updyn.updating.judge.verdict import STEP
 from updyn.updating.result import JointResult, UpdateResult
 
 __all__ = ["TESTS", "Part", "Verdict", "agreement", "head", "joint_head", "key_figure", "verdict"]
 
-#: Short word for the badge and kind of colour by status.
-STATUS_WORDS = {
-    "converged": ("Converged", "good"),
-    "not-credible": ("Not credible", "bad"),
-    "not-identifiable": ("Not all unknowns determined", "warn"),
-    "max-iterations": ("Stopped at the iteration limit", "warn"),
-    "stalled": ("Stalled", "warn"),
-    "stopped": ("Stopped by the user", "warn"),
-    "failed": ("Failed", "bad"),
-}
 #: Figures of agreement in the table of tests.
 _FIGURES = {
     "frac_median": "FRAC, median",
@@ -109,7 +101,7 @@ def head(result: UpdateResult, figures: _Figures, data: str = "") -> str:
         kind=said.kind,
         parts=said.parts,
         cause=said.rest,
-        remedy=f"What to do next: {result.remedy}" if result.remedy else "",
+        steps=result.remedy.split(STEP) if result.remedy else [],
         key_figures=_key_figures(result, figures),
     )
 
@@ -260,11 +252,12 @@ class Part:
     name: str
     truth: bool | None
     why: str
+    asked: bool = True
 
     @property
     def answer(self) -> str:
         """The truth in a word."""
-        return {True: "yes", False: "no", None: "not known"}[self.truth]
+        return Claim(self.truth, self.why, self.asked).answer
 
     @property
     def kind(self) -> str:
@@ -304,21 +297,15 @@ def verdict(result: UpdateResult) -> Verdict:
     -------
     Verdict
     """
-    badge, kind = STATUS_WORDS.get(result.status, (result.status, "warn"))
-    if _is_ambiguous(result):
-        badge = "Several answers fit"
+    badge, kind = result.badge.phrase, result.badge.colour
     if result.trust is not None:
-        if result.ok:
-            badge = "Usable" if result.trust.validated else "Usable, not validated"
-        if not result.trust.credible:  # however the fit ended
-            badge, kind = STATUS_WORDS["not-credible"]
         return Verdict(badge, kind, *_judged(result, result.trust))
     first, _, rest = result.message.partition(". ")
     said = f"{first.removesuffix('.')}." if first else ""
     steps = f"After {counted(result.iterations, 'iteration')}."
     converged, determined = Part("Converged", True, steps), _determined(result)
     if result.status == "not-identifiable":
-        if not _is_ambiguous(result):
+        if not result.is_ambiguous:
             determined = replace(determined, why=said or determined.why)
     elif not result.ok:
         converged = Part("Converged", False, f"{said} {steps}".strip())
@@ -333,20 +320,14 @@ def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
     parts = []
     for name, belief in trust.items():
         why = belief.why + steps if name == "converged" else belief.why
-        parts.append(Part(name.capitalize(), belief.holds, why))
+        parts.append(Part(name.capitalize(), belief.holds, why, belief.asked))
     return tuple(parts), trust.beyond(result.status, result.message)
-
-
-def _is_ambiguous(result: UpdateResult) -> bool:
-    """Return whether other answers are all that keeps the fit from being a good one."""
-    determined = result.status == "not-identifiable" and result.identifiability.complete
-    return determined and bool(result.alternatives)
 
 
 def _determined(result: UpdateResult) -> Part:
     """Return whether the data determine all unknowns."""
     n, rank = result.identifiability.n_parameters, result.identifiability.rank
-    if _is_ambiguous(result):
+    if result.is_ambiguous:
         said = (
             f"{1 + len(result.alternatives)} answers fit the data equally well: the values below"
             " are those of one of them."

@@ -361,15 +361,18 @@ class _Trust:
             return None
         found = Mixed().take(data, name, path)
         try:
-            return Trust(
-                **{part: Claim(found[part]["holds"], found[part]["why"]) for part in PARTS}
-            )
+            return Trust(**{part: _claim(found[part]) for part in PARTS})
         except (KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 
 
 def _trust_json(trust: Trust) -> dict[str, dict[str, Any]]:
-    return {part: {"holds": belief.holds, "why": belief.why} for part, belief in trust.items()}
+    return {part: asdict(claim) for part, claim in trust.items()}
+
+
+def _claim(found: Mapping[str, Any]) -> Claim:
+    """Return a part of a verdict; old records do not say whether it was asked for."""
+    return Claim(found["holds"], found["why"], found.get("asked", True))
 
 
 class _Modes:

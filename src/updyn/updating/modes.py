@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +12,11 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
 from updyn.model import Model
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
+from updyn.updating.judge.verdict import disbelieved
+from updyn.updating.judge.worsened import judge_modes
 from updyn.updating.result import UpdateResult, gains_of
 
-__all__ = ["LARGEST", "modal_table", "modes_like", "start_table"]
+__all__ = ["LARGEST", "judge_by_modes", "modal_table", "modes_like", "start_table"]
 
 #: Size in DOFs up to which the modes of models are computed without being asked for: seconds.
 LARGEST = 20_000
@@ -71,6 +74,30 @@ def modal_table(
     if isinstance(given, ModeSet):
         return _table(start, result.model, given, (), largest)
     return _table(start, result.model, *_measured(result), largest)
+
+
+def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
+    """Return a result whose verdict takes account of the modes that the update made worse.
+
+    Parameters
+    ----------
+    result : UpdateResult
+        The result of one test.
+    tables : sequence of ModalTable
+        Of all tests that were fitted together.
+
+    Returns
+    -------
+    UpdateResult
+        With the status ``"not-credible"`` where the modes speak against the answer.
+    """
+    if result.trust is None:
+        return result
+    trust = judge_modes(result.trust, tables)
+    if trust.credible or result.status != "converged":
+        return replace(result, trust=trust)
+    message, remedy = disbelieved(trust, result.message, result.remedy)
+    return replace(result, trust=trust, status="not-credible", message=message, remedy=remedy)
 
 
 def start_table(

@@ -24,10 +24,12 @@ from updyn.text_table import counted
 from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
+from updyn.updating.judge.badge import Badge, badge_of
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import Trust
+from updyn.updating.judge.verdict import STEP
 from updyn.updating.problem.channels import Gains
 from updyn.updating.problem.parameters import Parameter, ParameterSet
 
@@ -194,6 +196,22 @@ class UpdateResult:
         return self.status == "converged"
 
     @property
+    def is_ambiguous(self) -> bool:
+        """Whether several answers fit equally well, each of them determined."""
+        determined = self.status == "not-identifiable" and self.identifiability.complete
+        return determined and bool(self.alternatives)
+
+    @property
+    def badge(self) -> Badge:
+        """The verdict in a phrase and a colour."""
+        return badge_of(self.status, self.trust, ambiguous=self.is_ambiguous)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the fit converged and the verdict holds in all parts that were asked for."""
+        return self.ok and (self.trust is None or self.trust.holds)
+
+    @property
     def iterations(self) -> int:
         """Number of accepted steps, those of all tries of the search for a start included."""
         return sum(h.counts for h in self.history)
@@ -277,7 +295,9 @@ class UpdateResult:
         if rest:
             lines.append(rest)
         if self.remedy:
-            lines.append(f"What to do next: {self.remedy}")
+            first, *others = self.remedy.split(STEP)
+            folded = f" ({counted(len(others), 'further step')} in the report)" if others else ""
+            lines.append(f"What to do next: {first}{folded}")
         return lines
 
     def summary(self) -> str:
@@ -285,7 +305,8 @@ class UpdateResult:
         width = max(28, 2 + max(map(len, self.parameters.names)))
         title = self.title or "Update"
         lines = [
-            f"{title}: {self.status} after {counted(self.iterations, 'iteration')} ({self.method})",
+            f"{title}: {self.status} after {counted(self.iterations, 'iteration')} ({self.method})."
+            f" {self.badge.phrase}.",
             *self._verdict_lines(),
             "",
             f"{'unknown':<{width}}{'start':>12}{'value':>14}{'std':>12}  note",
@@ -388,6 +409,16 @@ class JointResult:
         return self.first.ok
 
     @property
+    def badge(self) -> Badge:
+        """The verdict in a phrase and a colour."""
+        return self.first.badge
+
+    @property
+    def usable(self) -> bool:
+        """Whether the fit converged and the verdict holds in all parts that were asked for."""
+        return self.first.usable
+
+    @property
     def parameters(self) -> ParameterSet:
         """The unknowns with their start and bounds."""
         return self.first.parameters
@@ -476,7 +507,7 @@ class JointResult:
 
 def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
     """Return a result as HTML: verdict, unknowns with their intervals, changes."""
-    kind = {"converged": "good", "failed": "bad", "not-credible": "bad"}.get(result.status, "warn")
+    kind = result.badge.colour
     intervals = result.intervals()
     rows, changes = [], []
     for p in result.parameters:

@@ -33,8 +33,17 @@ from updyn.updating.judge.alternatives import differences, distinct
 from updyn.updating.judge.assessment import Judgement, judge
 from updyn.updating.judge.causes.of_run import Causes, CausesOfRun
 from updyn.updating.judge.ending import ending
+from updyn.updating.judge.strayed import strayed
 from updyn.updating.judge.trust import trust
-from updyn.updating.judge.verdict import ambiguous, caused, cleared, disbelieved, overruled, verdict
+from updyn.updating.judge.verdict import (
+    ambiguous,
+    as_steps,
+    caused,
+    cleared,
+    disbelieved,
+    overruled,
+    verdict,
+)
 from updyn.updating.own_noise import OwnNoise
 from updyn.updating.problem.data import (
     ModalSplit,
@@ -387,7 +396,7 @@ def _common(
     if others and status in ("converged", "not-identifiable"):
         status = "not-identifiable"
         also, first = ambiguous(differences(values, std, others), others)
-        message, remedy = f"{message} {also}", f"{first} {remedy}".strip()
+        message, remedy = f"{message} {also}", as_steps(first, remedy)
     judged = trust(
         status,
         left=None if end is None else end.deviations,
@@ -398,6 +407,8 @@ def _common(
         pressed=_pressed(selection.parameters, found.at_bound),
         findings=causes.findings,
         unseen=causes.unseen,
+        structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
+        strays=strayed(selection.parameters, values),
     )
     if causes.findings:
         message, remedy = caused(causes.findings, message, remedy)

@@ -283,7 +283,7 @@ def test_no_field_is_forgotten():
         ),
         Finding: "kind channels value odds explains statement remedy written also test of_misfit",
         Trust: "converged determined validated plausible",
-        Claim: "holds why",
+        Claim: "holds why asked",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (
             "outcome verdict absolute chi_square p_value level responses references bands misfit"

@@ -84,7 +84,7 @@ def result() -> UpdateResult:
 
 
 SUMMARY = """\
-Azimuth drive: not-identifiable after 2 iterations (maximum-likelihood)
+Azimuth drive: not-identifiable after 2 iterations (maximum-likelihood). Not all unknowns determined.
 The fit converged, but one combination of unknowns is open. Fix one mass.
 
 unknown                            start         value         std  note
@@ -121,7 +121,7 @@ def test_a_summary_without_trouble(result):
         ),
     )
     lines = calm.summary().split("\n")
-    assert lines[0] == "Update: converged after 2 iterations (maximum-likelihood)"
+    assert lines[0] == "Update: converged after 2 iterations (maximum-likelihood). Converged."
     assert lines[1] == "The fit converged."
     assert lines[-1] == "The data determine 4 of 4 unknowns."
     assert "not determined" not in calm.summary()

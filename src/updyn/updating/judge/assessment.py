@@ -22,6 +22,7 @@ from updyn.updating.fit.null_space import covariance_within, null_space
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
+from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.judge.identifiability import Analysis, analyse
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.modal_figures import modal_correlation
@@ -157,7 +158,7 @@ def judge(
     modal_splits = [split for split in data if isinstance(split, ModalSplit)]
     for modal, of_modes in zip(problem.modal, modal_splits, strict=True):
         scored.append(partial(modal_correlation, modal, fit.x, of_modes))
-    correlation = tuple(
+    correlation: tuple[Mapping[str, Any], ...] = tuple(
         unless_stopped(score, _no_figures(split)) for score, split in zip(scored, data, strict=True)
     )
     adequacy: tuple[Adequacy | None, ...] = (None,) * len(problem.parts)
@@ -172,10 +173,15 @@ def judge(
     others: tuple[Alternative, ...] = ()
     if fit.rivals:
         others = unless_stopped(lambda: alternatives(problem, fit), others)
+    spread = _spread(problem, fit, even)
+    for i, (part, split) in enumerate(zip(problem.parts, splits, strict=True)):
+        if split.held is not None and _noise_is_known(adequacy[i], noises[i]):
+            predicted = partial(_predicted, problem, part, split.held, fit.x, spread, noises[i])
+            correlation = _with_prediction(correlation, i, unless_stopped(predicted, {}))
     adequacy += (None,) * len(problem.modal)
     if cut_short:
         fit = replace(fit, reason="stopped")
-    covariance, at_bound = _covariance(problem, fit, even), _at_bound(problem, fit.x)
+    covariance, at_bound = _in_values(problem, fit.x, spread), _at_bound(problem, fit.x)
     return Judgement(
         fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding, others
     )
@@ -247,14 +253,12 @@ def _even(
     return local.R if local is not None and null_space(local.R).shape[1] < short else None
 
 
-def _covariance(
-    problem: Problem, fit: Fit, even: NDArray[np.float64] | None
-) -> NDArray[np.float64]:
-    slope = problem.coordinates.slope(fit.x)
+def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    """Return the covariance of the optimiser's coordinates; inf for what is left open."""
     weight = problem.coordinates.prior[1]
     if fit.pull is not None and fit.pull.within is not None:
         known = covariance_within(np.vstack([fit.R, np.diag(weight)]), fit.pull.within)
-        return np.asarray(known * slope[:, None] * slope)
+        return np.asarray(known)
     if fit.pull is not None:
         weight = weight + fit.pull.weight
     rows = np.diag(weight)
@@ -263,10 +267,60 @@ def _covariance(
         problem.coordinates.parameters.names,
         even=None if even is None else np.vstack([even, np.sign(rows)]),
     )
-    out = analysis.covariance * slope[:, None] * slope
+    out = np.array(analysis.covariance)
     out[analysis.involved] = np.inf
     out[:, analysis.involved] = np.inf
-    return np.asarray(out)
+    return out
+
+
+def _in_values(
+    problem: Problem, x: NDArray[np.float64], spread: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the covariance of the values by that of the optimiser's coordinates."""
+    slope = problem.coordinates.slope(x)
+    is_open = np.isinf(spread)
+    out = np.where(is_open, 0.0, spread) * slope[:, None] * slope
+    out[is_open] = np.inf
+    return out
+
+
+def _noise_is_known(adequacy: Adequacy | None, noise: NoiseModel) -> bool:
+    """Return whether the size of the noise is known: stated, or that of a residual of noise."""
+    if noise.bulk.size_known:
+        return True
+    return adequacy is not None and adequacy.outcome in ("noise", "exact", "untested")
+
+
+def _predicted(
+    problem: Problem,
+    part: Part,
+    held: FRF,
+    x: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    noise: NoiseModel,
+) -> dict[str, float]:
+    """Return what is predicted of held-out data; empty where the model is singular."""
+    try:
+        H = part.responses(x)
+        known, scale = noise.refit(H, part.frf, problem.share(part)).bulk, 1.0
+        if not known.scale_known:
+            power = np.abs(part.frf.values - H) ** 2 / known.variance(H, part.frf)
+            scale = float(np.mean(power))
+        return predictive_figures(part.with_data(held), x, spread, known, scale)
+    except SolverError:
+        return {}
+
+
+def _with_prediction(
+    correlation: tuple[Mapping[str, Any], ...], i: int, figures: Mapping[str, float]
+) -> tuple[Mapping[str, Any], ...]:
+    """Return the figures of agreement, those of the held-out data of a part extended."""
+    found = list(correlation)
+    validation = found[i].get("validation", {})
+    if figures and validation.get("after"):
+        validation = {**validation, "after": {**validation["after"], **figures}}
+        found[i] = {**found[i], "validation": validation}
+    return tuple(found)
 
 
 def _typical_misfit(

@@ -17,10 +17,13 @@ class Claim:
         Yes, no, or not known.
     why : str
         A sentence with the figure that it hangs on.
+    asked : bool
+        Whether the data were to answer it: what was not asked for counts neither way.
     """
 
     holds: bool | None
     why: str
+    asked: bool = True
 
     def __bool__(self) -> bool:
         return self.holds is True
@@ -38,5 +41,7 @@ class Claim:
 
     @property
     def answer(self) -> str:
-        """``"yes"``, ``"no"`` or ``"not known"``."""
+        """``"yes"``, ``"no"``, ``"not known"`` or ``"not asked"``."""
+        if not self.asked:
+            return "not asked"
         return {True: "yes", False: "no", None: "not known"}[self.holds]

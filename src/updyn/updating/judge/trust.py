@@ -11,10 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from updyn.text_table import counted
+from updyn.text_table import counted, percent
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, modes_said
+from updyn.updating.judge.strayed import Strayed
 
 __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 
@@ -40,6 +41,9 @@ _HIDDEN = (
     "No value stands clear of the noise that was stated or measured, so that the misfit says"
     " nothing of the model."
 )
+#: Typical misfit from which a residual that is not noise leaves open whether to believe an answer,
+#: unless held-out data are predicted: what the search for causes calls noise at most.
+ROUGH = 0.05
 #: Relative residual from which a model that answers nothing would be as near to the data.
 NOTHING = 1.0
 #: Share of the stiffnesses and masses at a bound from which the bounds make the answer, and least
@@ -47,10 +51,18 @@ NOTHING = 1.0
 MANY, SOME = 0.5, 2
 #: Correlation with its sign of a held-out channel: one below this does not follow the model.
 LOST = 0.0
-#: Held-out residual over fitted residual that is far worse, and one that is bad by itself.
-FAR_WORSE, BAD = 3.0, 0.5
-#: Held-out residual, about 2 dB, from which nothing is predicted, whatever the fitted one is.
-FAR = 0.25
+#: Relative residual of held-out data, about 2 dB, up to which a model predicts their level.
+PREDICTED = 0.25
+#: Relative residual, about 1 dB, up to which a prediction is good, however small the noise.
+CLOSE = 0.1
+#: Held-out residual over the fitted one, or the one that is predicted, that is far worse. The noise
+#: of sensors of one kind differs by less.
+FAR_WORSE = 3.0
+#: Rms residual, in predicted standard deviations, from which the prediction fails: noise of one
+#: sensor twice that of the others passes.
+BEYOND = 2.0
+#: Predicted residual from which held-out data cannot tell: half of their level is uncertain.
+UNCLEAR = 0.5
 #: Residual after over residual before, from which an update did harm, if it is not small anyway.
 HARM, SMALL = 1.1, 0.1
 
@@ -90,6 +102,11 @@ class Trust(Mapping[str, Claim]):
         return len(PARTS)
 
     @property
+    def holds(self) -> bool:
+        """Whether all parts hold that were asked for."""
+        return all(claim.holds is True or not claim.asked for claim in self.values())
+
+    @property
     def credible(self) -> bool:
         """Whether nothing speaks against the answer but undetermined unknowns."""
         return self.validated.holds is not False and self.plausible.holds is not False
@@ -123,6 +140,8 @@ def trust(
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
     unseen: str = "",
+    structural: bool = False,
+    strays: Sequence[Strayed] = (),
 ) -> Trust:
     """Return the verdict in four parts.
 
@@ -146,12 +165,25 @@ def trust(
         Causes that were found.
     unseen : str
         Why causes were not looked for, though the residual is not noise.
+    structural : bool
+        Whether the residual of FRFs is not noise.
+    strays : sequence of Strayed
+        Stiffnesses and masses that ended far from their start.
     """
+    predicts = validated(correlation)
+    plausible = _plausible(
+        status, correlation, misfit, pressed, findings, unseen, strays if structural else ()
+    )
+    if plausible and structural and misfit > ROUGH and not predicts:
+        plausible = Claim(
+            None,
+            f"The residual is not noise, and half of the values are off by {percent(misfit)} or"
+            " more: the model lacks something.",
+        )
+    if plausible and strays:
+        plausible = Claim(True, f"{plausible.why} {strays[0].statement}.")
     return Trust(
-        _converged(status, left, misfit),
-        _determined(status, rank, answers),
-        validated(correlation),
-        _plausible(status, correlation, misfit, pressed, findings, unseen=unseen),
+        _converged(status, left, misfit), _determined(status, rank, answers), predicts, plausible
     )
 
 
@@ -188,54 +220,46 @@ def validated(correlation: Sequence[Mapping[str, Any]]) -> Claim:
     """
     tests = [one for one in correlation if one.get("validation", {}).get("after")]
     if not tests:
-        return Claim(None, "No data were held out.")
-    said = []
-    predicted = [
-        modes_predicted(one) for one in tests if "modes_measured" in one["validation"]["after"]
-    ]
-    for claim in predicted:
-        if claim.holds is False:
-            return claim
-    for one in tests:
-        fitted, held = one.get("after", {}), one["validation"]["after"]
-        before = one["validation"].get("before", {})
-        if "correlation_min" not in held:
-            continue
-        lowest, residual = held["correlation_min"], held["residual_median"]
-        if lowest < LOST:
-            return Claim(
-                False,
-                f"A held-out channel has a correlation of {lowest:.2f} with the model's, sign and"
-                " phase included.",
-            )
-        own = fitted.get("residual_median", residual)
-        if residual > FAR_WORSE * own and residual > BAD:
-            return Claim(
-                False,
-                f"The residual of the held-out data is {residual:.2g} of their level, of the fitted"
-                f" ones {own:.2g}.",
-            )
-        if before and residual > HARM * before["residual_median"] and residual > BAD:
-            return Claim(
-                False,
-                f"The residual of the held-out data rose from {before['residual_median']:.2g} to"
-                f" {residual:.2g} of their level.",
-            )
-        said.append((residual, held["correlation_median"]))
-    why = [claim.why for claim in predicted]
-    if said:
-        residual, alike = max(said)
-        if residual > FAR:
-            return Claim(
-                None,
-                f"The median residual of the held-out data is {residual:.2g} of their level: too"
-                " far off to call it predicted.",
-            )
-        why.append(
-            f"Of the held-out data the median residual is {residual:.2g} of their level, the median"
-            f" correlation {alike:.2f}."
+        return Claim(None, "No data were held out.", asked=False)
+    claims = [_predicts(one) for one in tests]
+    against = [claim for claim in claims if claim.holds is False]
+    unclear = [claim for claim in claims if claim.holds is None]
+    if against or unclear:
+        return (against or unclear)[0]
+    return Claim(True, " ".join(dict.fromkeys(claim.why for claim in claims)))
+
+
+def _predicts(one: Mapping[str, Any]) -> Claim:
+    """Return whether the updated model predicts the held-out data of one test."""
+    held = one["validation"]["after"]
+    if "modes_measured" in held:
+        return modes_predicted(one)
+    if "correlation_min" not in held:
+        return Claim(None, "The agreement with the held-out data is not known.")
+    if held["correlation_min"] < LOST:
+        return Claim(
+            False,
+            f"A held-out channel has a correlation of {held['correlation_min']:.2f} with the"
+            " model's, sign and phase included.",
         )
-    return Claim(True, " ".join(why))
+    residual = held["residual_median"]
+    fitted = one.get("after", {}).get("residual_median", residual)
+    expected, deviations = held.get("residual_expected"), held.get("residual_deviations")
+    said = f"The residual of the held-out data is {percent(residual)} of their level"
+    # A residual that is not noise has been seen, so that noise is no excuse.
+    beyond = expected is None or (deviations > BEYOND and residual > expected)
+    if expected is not None:
+        said += f"; noise and the deviations of the unknowns predict {percent(expected)}"
+        if beyond:
+            said += f" ({deviations:.2g} deviations)"
+    if residual > PREDICTED and not beyond:
+        if expected < UNCLEAR:
+            return Claim(True, f"{said}.")
+        return Claim(None, f"{said}: these data cannot tell.")
+    worse = residual > CLOSE and residual > FAR_WORSE * max(fitted, expected or 0.0)
+    if residual > PREDICTED or (beyond and worse):
+        return Claim(False, f"{said}, that of the fitted data {percent(fitted)}.")
+    return Claim(True, f"{said}.")
 
 
 def _plausible(
@@ -244,8 +268,8 @@ def _plausible(
     misfit: float,
     pressed: tuple[Sequence[str], int],
     findings: Sequence[Finding],
-    *,
     unseen: str,
+    strays: Sequence[Strayed],
 ) -> Claim:
     if status in ("stopped", "failed"):
         return Claim(None, f"The fit {status}.")
@@ -255,6 +279,12 @@ def _plausible(
     if misfit > GROSS:
         return Claim(
             False, f"Half of the values are still off by more than {100.0 * misfit:.0f} %."
+        )
+    if strays:
+        return Claim(
+            False,
+            f"{strays[0].statement}, and the residual is not noise: it makes up for an error"
+            " elsewhere.",
         )
     names, number = pressed
     if len(names) >= SOME and len(names) > MANY * number:

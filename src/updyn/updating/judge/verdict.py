@@ -17,7 +17,21 @@ from updyn.updating.judge.rounding import REMEDY, Rounding
 from updyn.updating.judge.trust import ROUNDED, Trust
 from updyn.updating.problem.noise.known import Assumed
 
-__all__ = ["ambiguous", "caused", "cleared", "disbelieved", "overruled", "verdict"]
+__all__ = [
+    "STEP",
+    "ambiguous",
+    "as_steps",
+    "caused",
+    "cleared",
+    "disbelieved",
+    "overruled",
+    "verdict",
+]
+
+#: Keys of the job by which a sensor's factor is freed.
+_CALIBRATED = {"calibration": "responses", "force_calibration": "references"}
+#: What separates the steps of a remedy; the first helps most.
+STEP = "\n"
 
 #: A correlation length from which the residual is called model error, in lines.
 _CORRELATED = 3.0
@@ -100,14 +114,20 @@ def verdict(
         # No try of a search can explain the data where what is wrong is held.
         is_held = fit.reason == "unsettled" and any(map(_is_named, inadequate))
         if is_held or (looked and inadequate):
-            remedy = f"{_free(inadequate)} {remedy or _look(inadequate)}".strip()
+            known = any(map(_is_named, inadequate))
+            remedy = as_steps(_free(inadequate), remedy or ("" if known else _look(inadequate)))
         if end is not None and end.pressed:
             message += _excluded(end.pressed)
-            remedy = f"{_widen(end.pressed)} {remedy}".strip()
+            remedy = as_steps(_widen(end.pressed), remedy)
     if rounding is not None:
         message = f"{message} {rounding.message}"
-        remedy = REMEDY if status in ("converged", "stalled") else f"{remedy} {REMEDY}".strip()
+        remedy = REMEDY if status in ("converged", "stalled") else as_steps(remedy, REMEDY)
     return status, message, remedy
+
+
+def as_steps(*steps: str) -> str:
+    """Return the steps of a remedy as one text, the one that helps most first."""
+    return STEP.join(dict.fromkeys(step for step in steps if step))
 
 
 def _is_named(found: Adequacy) -> bool:
@@ -121,12 +141,21 @@ def _free(found: list[Adequacy]) -> str:
         if not adequacy.explained_by:
             continue
         if _is_named(adequacy):
-            return f"Free {adequacy.explained_by[0].name} if it can be wrong, and run again."
+            return _free_it(adequacy.explained_by[0].name)
         return (
             "Look for a part that the model lacks, such as a further support or connection, or for"
             " several errors at once."
         )
     return ""
+
+
+def _free_it(name: str) -> str:
+    """Return the remedy for an unknown that is held, with the lines of the job that free it."""
+    of, _, quantity = name.rpartition(".")
+    lines = f'[[parameter]] with groups = ["{of}"] and quantity = "{quantity}"'
+    if quantity in _CALIBRATED:
+        lines = f'[[calibration]] with {_CALIBRATED[quantity]} = ["{of}"]'
+    return f"Free {name} if it can be wrong, and run again: {lines}."
 
 
 def _look(found: list[Adequacy]) -> str:
@@ -280,7 +309,7 @@ def caused(findings: Sequence[Finding], message: str, remedy: str) -> tuple[str,
     grave = [finding for finding in findings if finding.grave]
     if grave:
         return f"{said} {message.partition('. ')[0].rstrip('.')}.", grave[0].remedy
-    return f"{message} {said}", f"{remedy} {findings[0].remedy}".strip()
+    return f"{message} {said}", as_steps(findings[0].remedy, remedy)
 
 
 def overruled(message: str) -> str:

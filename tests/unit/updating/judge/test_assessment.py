@@ -56,7 +56,7 @@ def test_a_group_held_wrong_is_named_by_the_result(missed):
     assert found.explained_by[0].change == pytest.approx(-np.log(0.9), rel=0.05)
     assert "The model cannot explain channel " in missed.message
     assert "An error in the stiffness of part3 (10 % too low)" in missed.message
-    assert missed.remedy.startswith("Free part3.stiffness if it can be wrong, and run again.")
+    assert missed.remedy.startswith("Free part3.stiffness if it can be wrong, and run again: ")
     text = missed.summary()
     first = found.worst[0]
     assert (

@@ -9,7 +9,7 @@ from updyn.updating.judge.adequacy import Suspect, assess, blamed
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.ending import Ending
 from updyn.updating.judge.identifiability import analyse
-from updyn.updating.judge.verdict import ambiguous, verdict
+from updyn.updating.judge.verdict import STEP, ambiguous, verdict
 
 NAMES = ["a.stiffness", "b.stiffness"]
 SURE, UNSURE = np.diag([1000.0, 1000.0]), np.diag([1000.0, 2.0])
@@ -76,6 +76,12 @@ def test_a_miss_is_said_only_where_the_noise_is_not_known():
     assert "off by more than" not in say(SURE, misfit=0.4, kind="stated")[1]
 
 
+FREE_IT = (
+    "Free c.mass if it can be wrong, and run again: [[parameter]] with"
+    ' groups = ["c"] and quantity = "mass".'
+)
+
+
 def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     rng = np.random.default_rng(0)
     e = rng.standard_normal((40, 2, 1)) + 1j * rng.standard_normal((40, 2, 1)) + 5.0
@@ -89,7 +95,8 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     told = blamed(found, [Suspect("c", "mass", 0.9, 0.1, 0.4, confirmed=True)])
     _, message, remedy = verdict(fit, analysis, NAMES, "", adequacy={"locked": told, "free": None})
     assert "Test 'locked': The model cannot explain" in message
-    assert remedy.startswith("Free c.mass if it can be wrong, and run again. Check units")
+    # Where an unknown explains it, that is the one next step.
+    assert remedy == FREE_IT
     partly = blamed(found, [Suspect("c", "mass", 0.4, 0.1, 0.4, confirmed=True)])
     _, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": partly})
     assert remedy.startswith("Look for a part that the model lacks")
@@ -97,7 +104,7 @@ def test_what_the_model_cannot_explain_is_said_with_what_to_free():
     fit = Fit(np.zeros(2), "unsettled", SURE, ({},))
     status, _, remedy = verdict(fit, analysis, NAMES, "", adequacy={"": told})
     assert status == "stalled"
-    assert remedy.startswith("Free c.mass if it can be wrong, and run again. Raise starts")
+    assert remedy.startswith(f"{FREE_IT}{STEP}Raise starts")
     assert verdict(fit, analysis, NAMES, "", adequacy={"": partly})[2].startswith("Raise starts")
     fit = Fit(np.zeros(2), "converged", SURE, ({},))
     calm = assess(

@@ -1,0 +1,72 @@
+"""The badge of a result: one phrase and one of three colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from updyn.updating.judge.trust import Trust
+
+__all__ = ["Badge", "badge_of"]
+
+Colour = Literal["good", "warn", "bad"]
+
+
+@dataclass(frozen=True, slots=True)
+class Badge:
+    """A verdict in a phrase.
+
+    Attributes
+    ----------
+    phrase : str
+        Such as ``"Usable"``.
+    colour : {"good", "warn", "bad"}
+        Green: use it. Amber: something is not known. Red: do not use it.
+    """
+
+    phrase: str
+    colour: Colour
+
+
+#: How a fit ended that did not converge.
+_ENDED = {
+    "converged": Badge("Converged", "good"),
+    "not-credible": Badge("Not credible", "bad"),
+    "not-identifiable": Badge("Not all unknowns determined", "warn"),
+    "max-iterations": Badge("Stopped at the iteration limit", "warn"),
+    "stalled": Badge("Stalled", "warn"),
+    "stopped": Badge("Stopped by the user", "warn"),
+    "failed": Badge("Failed", "bad"),
+}
+
+
+def badge_of(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Badge:
+    """Return the badge of a result.
+
+    Parameters
+    ----------
+    status : str
+        How the fit ended.
+    trust : Trust or None
+        The verdict part by part.
+    ambiguous : bool
+        Whether several answers fit equally well, and each is determined.
+    """
+    ended = _ENDED.get(status, Badge(status, "warn"))
+    if ambiguous:
+        ended = Badge("Several answers fit", "warn")
+    if trust is None or status == "failed":
+        return ended
+    if trust.plausible.holds is False:
+        return Badge("Not credible", "bad")
+    if trust.validated.holds is False:
+        return Badge("Fits, does not predict", "bad")
+    if status != "converged":
+        return ended
+    if trust.plausible.holds is None or trust.determined.holds is not True:
+        return Badge("Not known whether credible", "warn")
+    if not trust.validated.asked:
+        return Badge("Fits, not validated", "warn")
+    if trust.validated.holds is None:
+        return Badge("Fits, prediction not known", "warn")
+    return Badge("Usable", "good")

@@ -1,0 +1,86 @@
+"""What the posterior and the noise predict of data that were held out of a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.problem.noise import EstimatedByChannel, NoiseModel, Stated
+from updyn.updating.problem.problem import Part
+
+__all__ = ["predictive_figures"]
+
+_Real = NDArray[np.float64]
+
+
+def predictive_figures(
+    part: Part, x: _Real, covariance: _Real, noise: NoiseModel, scale: float = 1.0
+) -> dict[str, float]:
+    """Return how large the residual of held-out data should be, and how large it is.
+
+    The predictive variance of a value is that of its noise plus J C J^T, J being the derivatives of
+    the model by the unknowns and C their covariance (Gelman et al., Bayesian Data Analysis, 3rd ed.
+    2013, section 6.3).
+
+    Parameters
+    ----------
+    part : Part
+        The updated model on the held-out data.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    covariance : ndarray of float, shape (n, n)
+        Of x; inf along what the data leave open.
+    noise : NoiseModel
+        Of the fitted data.
+    scale : float
+        Factor on its variance.
+
+    Returns
+    -------
+    dict
+        ``residual_expected``: root of the mean predictive variance of a channel over its level, the
+        median over channels, at most 1. ``residual_deviations``: rms residual of a channel in
+        predicted standard deviations, the median over channels.
+    """
+    frf = part.frf
+    answer, posterior = [], []
+    for block in part.blocks(x):
+        assert block.dH is not None
+        answer.append(block.H)
+        posterior.append(_spread(block.dH, covariance))
+    H = np.concatenate(answer)
+    variance = np.concatenate(posterior) + scale * _elsewhere(noise, frf).variance(H, frf)
+    level = np.mean(np.abs(frf.values) ** 2, axis=0)
+    seen = level > 0.0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        standard = np.mean(np.abs(frf.values - H) ** 2 / variance, axis=0)
+        expected = np.mean(variance, axis=0) / level
+    if not seen.any():
+        return {}
+    return {
+        "residual_expected": min(1.0, float(np.sqrt(np.median(expected[seen])))),
+        "residual_deviations": float(np.sqrt(np.median(standard[seen]))),
+    }
+
+
+def _spread(dH: NDArray[np.complex128], covariance: _Real) -> _Real:
+    """Return the variance of a block of FRFs by that of the unknowns, shape (n_f, n_i, n_j)."""
+    flat = dH.reshape(len(dH), -1)
+    is_open = ~np.isfinite(np.diag(covariance))
+    known = np.where(is_open[:, None] | is_open[None], 0.0, covariance)
+    squared = np.sum(flat.conj() * (known @ flat), axis=0).real
+    # Along an open unknown anything is possible, wherever the data depend on it.
+    squared[np.any(flat[is_open] != 0.0, axis=0)] = np.inf
+    return np.asarray(squared.reshape(dH.shape[1:]))
+
+
+def _elsewhere(noise: NoiseModel, frf: FRF) -> NoiseModel:
+    """Return the noise model of fitted data for data of other channels."""
+    known = noise.bulk
+    if not isinstance(known, EstimatedByChannel) or known.relative is None or known.floor is None:
+        return known
+    if known.names == tuple(frf.responses.labels):
+        return known
+    # Of a sensor that was not fitted the noise is taken for that of a typical one.
+    return Stated(float(np.median(known.relative)), float(np.median(known.floor)))

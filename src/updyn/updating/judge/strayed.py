@@ -1,0 +1,64 @@
+"""Stiffnesses and masses that ended farther from their start than models are usually off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from updyn.updating.problem.parameters import ParameterSet
+
+__all__ = ["Strayed", "strayed"]
+
+#: Standard deviation of the logarithm of a stiffness or mass without a prior: a factor of 1.5, as
+#: in the search for causes.
+_USUAL = math.log(1.5)
+#: Standard deviations from which a value is far off its start: a factor of 3.4 without a prior.
+_FAR = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Strayed:
+    """An unknown far from its start.
+
+    Attributes
+    ----------
+    name : str
+        The unknown.
+    factor : float
+        Its value over its start.
+    deviations : float
+        The distance in standard deviations of its prior, or of those usual of models.
+    """
+
+    name: str
+    factor: float
+    deviations: float
+
+    @property
+    def statement(self) -> str:
+        """The distance in words."""
+        if self.factor >= 1.0:
+            return f"{self.name} ended at {self.factor:.3g} times its start"
+        return f"{self.name} ended at 1/{1.0 / self.factor:.3g} of its start"
+
+
+def strayed(parameters: ParameterSet, values: Mapping[str, float]) -> tuple[Strayed, ...]:
+    """Return the stiffnesses and masses that are far off their start, the farthest first.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        The unknowns; a loss factor or a calibration factor is not looked at.
+    values : mapping of str to float
+        The estimate by unknown.
+    """
+    found = []
+    for p in parameters:
+        value = values[p.name]
+        if not p.is_factor or p.is_channel or not (value > 0.0 and p.start > 0.0):
+            continue
+        deviations = abs(math.log(value / p.start)) / (p.prior_std or _USUAL)
+        if deviations > _FAR:
+            found.append(Strayed(p.name, value / p.start, deviations))
+    return tuple(sorted(found, key=lambda one: -one.deviations))

@@ -1,0 +1,99 @@
+"""Natural frequencies and shapes that an update moved away from the test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.modal_table import ModalRow, ModalTable
+from updyn.updating.judge.trust import Trust
+
+__all__ = ["Worsened", "judge_modes", "worsened_modes"]
+
+#: Error of a frequency after over before, and in %, from which it is worse: as for the rms over all
+#: modes of an update to modes.
+_HARM, _SMALL = 1.1, 1.0
+#: Error of a frequency in % that is not accepted where it is worse than at the start: the limit for
+#: significant modes of NASA-STD-5002 (1996), 4.2.6, is 5 %, that for the fundamental mode of
+#: ECSS-E-ST-32-11C (2008) 3 %.
+_BAD = 3.0
+#: Loss of MAC that is worse, and the MAC below which shapes are said not to agree.
+_LOSS, _ALIKE = 0.05, 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Worsened:
+    """A measured mode from which the updated model is farther than the start.
+
+    Attributes
+    ----------
+    frequency : float
+        Of the measured mode in Hz.
+    statement : str
+        What became worse, in words.
+    error : float
+        Of the updated frequency, in %, where it is that; else 0.
+    """
+
+    frequency: float
+    statement: str
+    error: float = 0.0
+
+
+def worsened_modes(table: ModalTable) -> tuple[Worsened, ...]:
+    """Return the modes that an update made worse, the largest error of frequency first.
+
+    Parameters
+    ----------
+    table : ModalTable
+        Modes of the test, at the start and updated.
+    """
+    found: list[Worsened] = []
+    for row in table.rows:
+        found += _worsened(row)
+    return tuple(sorted(found, key=lambda one: (-one.error, one.frequency)))
+
+
+def _worsened(row: ModalRow) -> list[Worsened]:
+    """Return what is worse of a mode that the start and the updated model have."""
+    if row.test is None or row.start is None or row.updated is None:
+        return []
+    hertz, found = row.test.frequency, []
+    before, after = row.start.change, row.updated.change
+    if before is not None and after is not None:
+        was, now = abs(before), abs(after)
+        if now > _SMALL and now > _HARM * was:
+            said = f"the natural frequency {hertz:.4g} Hz was {was:.2g} % off and is {now:.2g} %"
+            found.append(Worsened(hertz, said, now))
+    first, last = row.start.mac, row.updated.mac
+    if first is not None and last is not None and last < min(first - _LOSS, _ALIKE):
+        said = f"the MAC of the mode at {hertz:.4g} Hz fell from {first:.2f} to {last:.2f}"
+        found.append(Worsened(hertz, said))
+    return found
+
+
+def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
+    """Return a verdict that takes account of the modes which the update made worse.
+
+    Parameters
+    ----------
+    trust : Trust
+        The verdict without modes.
+    tables : sequence of ModalTable
+        Of all tests.
+
+    Returns
+    -------
+    Trust
+        Not plausible where the frequency of a mode is worse than at the start and more than 3 %
+        off; else the largest change is named.
+    """
+    worse = [one for table in tables for one in worsened_modes(table)]
+    if not worse or trust.plausible.holds is False:
+        return trust
+    worst = max(worse, key=lambda one: one.error)
+    if worst.error > _BAD:
+        return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
+    said = f"{trust.plausible.why} By the update, {worst.statement}."
+    return replace(trust, plausible=Claim(trust.plausible.holds, said))
