@@ -14,6 +14,7 @@ from updyn.errors import ModelError, SolverError
 from updyn.frf import FRF
 from updyn.geometry import Geometry
 from updyn.modal import ModeSet
+from updyn.modal.level import leaning_peaks
 from updyn.modal.unexplained import peaks_without_modes
 from updyn.model import Group, Matrix, Model
 from updyn.signals.records import records_of
@@ -164,6 +165,8 @@ def describe_modes(found: ModeSet) -> str:
     if len(found.unexplained):
         peaks = peaks_without_modes(found.unexplained)
         texts.append(f"{peaks}; [modes] poles makes modes of them.")
+    if np.isfinite(found.lean).any():
+        texts.append(leaning_peaks(found))
     return "\n".join(texts)
 
 

@@ -9,8 +9,10 @@
    with standard deviations (`settle`, `refine`).
 3. Close poles may be one mode whose frequency varies from run to run, as where a sensor moves with
    its mass. They are merged where poles for each run fit better than more for all (`runs`).
-4. Poles that the user has picked are added and refined with the others (`picks`).
-5. Shapes follow from the residues (`sides`); peaks without a mode are listed (`unexplained`).
+4. Poles that are a leaning peak, whose stiffness depends on the level, become one mode (`leaning`,
+   `backbone`).
+5. Poles that the user has picked are added and refined with the others (`picks`).
+6. Shapes follow from the residues (`sides`); peaks without a mode are listed (`unexplained`).
 """
 
 from __future__ import annotations
@@ -24,12 +26,14 @@ from numpy.typing import NDArray
 from updyn.errors import DataError, OptionError, suggest
 from updyn.frf import FRF
 from updyn.linalg.threads import alone
+from updyn.modal.axis import Axis
 from updyn.modal.continuation import continued
+from updyn.modal.fits import Mode
 from updyn.modal.measured import Measured
 from updyn.modal.mode_set import ModeSet
 from updyn.modal.picks import add_picks, check_picks, pole_at
 from updyn.modal.refine import Errors, Window
-from updyn.modal.runs import Mode, is_split_off, modes_of
+from updyn.modal.runs import is_split_off, modes_of
 from updyn.modal.search import LEAST, Seen
 from updyn.modal.settle import poles_of, settle
 from updyn.modal.sides import Sides
@@ -92,7 +96,9 @@ def identify_modes(
         a drive point was measured. With standard deviations of frequencies and loss factors; with
         ``quality``, the share of what the other modes leave unexplained within the half-power band
         (at least three lines) that the mode explains; with the stabilisation diagram; with
-        ``unexplained``, the frequencies of significant peaks to which no mode belongs.
+        ``unexplained``, the frequencies of significant peaks to which no mode belongs; with
+        ``lean``, how far the frequency shifts with the motion. The frequency of such a mode is that
+        of small motion; its standard deviation includes the shift.
 
     Raises
     ------
@@ -257,6 +263,7 @@ def _mode_set(
             float(axis.std_frequency(pole, mode.std[:, None])[0]),
             float(axis.std_loss(pole, mode.std[:, None])[0]),
             mode.quality,
+            _lean(axis, mode),
             mode.added,
         )
         product, common = residues * factor, mode.errors.common.reshape(-1, *factor.shape)
@@ -271,7 +278,7 @@ def _mode_set(
             " more than noise would"
         )
         raise DataError("; ".join(filter(None, (text, peaks_without_modes(unexplained)))))
-    shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality, added = zip(
+    shapes, std_shapes, frequency, loss, std_frequency, std_loss, quality, lean, added = zip(
         *columns, strict=True
     )
     found = ModeSet(
@@ -287,8 +294,22 @@ def _mode_set(
         std_shapes=np.array(std_shapes).T,
         diagram=diagram,
         unexplained=unexplained,
+        lean=lean,
     )
     return found, [added[k] for k in np.argsort(frequency, kind="stable")]
+
+
+def _lean(axis: Axis, mode: Mode) -> float:
+    """Return the shift of the frequency in Hz by the motion; nan if there is none to speak of.
+
+    Of a mode whose damping changes by more than its stiffness, the peak is flat and does not lean.
+    """
+    if not mode.shift:
+        return np.nan
+    ends = np.array([mode.pole, mode.pole + mode.shift])
+    small, large = axis.frequency(ends)
+    narrow, wide = 0.5 * axis.frequency(ends) * axis.loss(ends)
+    return float(large - small) if abs(large - small) >= abs(wide - narrow) else np.nan
 
 
 def _shown(measured: Measured, modes: list[Mode]) -> list[Mode]:

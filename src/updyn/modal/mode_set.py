@@ -24,7 +24,7 @@ __all__ = ["ModeSet"]
 
 _Real = NDArray[np.float64]
 
-#: What a set is made of, apart from the diagram and peaks without a mode.
+#: What a set is made of, apart from the diagram, peaks without a mode and leaning peaks.
 _FIELDS = (
     "frequency",
     "shapes",
@@ -76,6 +76,9 @@ class ModeSet:
         The stabilisation diagram from which the modes were found.
     unexplained : array_like of float, shape (m,)
         Frequencies in Hz of significant peaks of the measurement to which no mode belongs.
+    lean : array_like of float, shape (n,), optional
+        Shift of the frequency in Hz from small motion to the largest one in the test, of modes
+        whose stiffness depends on the level. None: not known (nan), as of all other modes.
 
     Raises
     ------
@@ -108,6 +111,7 @@ class ModeSet:
     std_shapes: _Real | None
     diagram: Diagram | None
     unexplained: _Real
+    lean: _Real
     digest: str = field(init=False)
 
     def __init__(
@@ -125,6 +129,7 @@ class ModeSet:
         std_shapes: ArrayLike | None = None,
         diagram: Diagram | None = None,
         unexplained: ArrayLike = (),
+        lean: ArrayLike | None = None,
     ) -> None:
         labels = DofSet(dofs)
         f = _array("frequency", frequency, np.float64)
@@ -182,6 +187,9 @@ class ModeSet:
         peaks = np.sort(_array("unexplained", unexplained, np.float64).reshape(-1))
         peaks.flags.writeable = False
         object.__setattr__(self, "unexplained", peaks)
+        shift = _row("lean", np.nan if lean is None else lean, n)[order]
+        shift.flags.writeable = False
+        object.__setattr__(self, "lean", shift)
         object.__setattr__(self, "digest", hashed.hexdigest())
 
     def __len__(self) -> int:
@@ -220,7 +228,7 @@ class ModeSet:
         return curves(self.frequency, [damping], titles, log_y=False, stems=True)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        names = (*_FIELDS, "diagram", "unexplained")
+        names = (*_FIELDS, "diagram", "unexplained", "lean")
         return _restored, ({name: getattr(self, name) for name in names},)
 
     def to_pandas(self) -> pd.DataFrame:
@@ -296,7 +304,8 @@ class ModeSet:
         given = {name: getattr(self, name) for name in _FIELDS} | {"dofs": dofs}
         if source is not None:
             given["source"] = source
-        return ModeSet(**given, diagram=self.diagram, unexplained=self.unexplained)
+        given |= {"diagram": self.diagram, "unexplained": self.unexplained, "lean": self.lean}
+        return ModeSet(**given)
 
     @property
     def phase_collinearity(self) -> _Real:
@@ -368,6 +377,7 @@ class ModeSet:
             std_shapes=None if self.std_shapes is None else self.std_shapes[:, keep],
             diagram=self.diagram,
             unexplained=self.unexplained,
+            lean=self.lean[keep],
         )
 
 

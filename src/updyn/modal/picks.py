@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from updyn.errors import DataError
 from updyn.group import is_number
+from updyn.modal.fits import Weighted
 from updyn.modal.measured import Measured
-from updyn.modal.runs import Weighted
 from updyn.modal.settle import poles_of, settle
 from updyn.modal.stabilisation import Diagram
 

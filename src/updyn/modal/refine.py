@@ -120,9 +120,12 @@ class Window:
         powers = self.powers
         if self.basis.mirrored:  # far modes have complex tails
             powers = np.hstack([powers, 1j * powers])
-        fractions = self.basis.fractions(self.x, poles)
         beside = self.basis.fractions(self.x, self.beside)
-        return self.basis.parts(np.hstack([fractions, beside, powers]))
+        return self.basis.parts(np.hstack([self.fractions(poles), beside, powers]))
+
+    def fractions(self, poles: _Complex) -> _Complex:
+        """Return the functions of the poles that may move, shape (n_f, m)."""
+        return self.basis.fractions(self.x, poles)
 
     def inflation(self, poles: _Complex, weights: Weights, *, moving: bool = False) -> _Real:
         """Return the variance of residues in the noise over that in white noise, shape (k,).

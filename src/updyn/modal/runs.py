@@ -11,45 +11,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from updyn.modal.fits import (
+    Mode,
+    Weighted,
+    bundle_poles,
+    fit_together,
+    make_mode,
+    position,
+    take_means,
+)
+from updyn.modal.leaning import Bundle, Claim, find_leaning
 from updyn.modal.measured import Measured
 from updyn.modal.refine import (
     Errors,
-    Solved,
     Weights,
     Window,
+    deviance,
     errors_of,
     moved,
     pole_deviation,
-    reweighted,
     solved,
 )
-from updyn.modal.search import Seen
 
-__all__ = ["Mode", "Weighted", "is_split_off", "modes_of"]
+__all__ = ["is_split_off", "modes_of"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
 
-#: Poles nearer than this many of their widths together may be one mode.
-_CLOSE = 1.5
-#: Ratio of the widths of poles that may be one mode.
-_DAMPED = 4.0
 #: Most modes that poles of a bundle may be, each with poles for each run.
 _TOGETHER = 3
 #: A run that does not know a mode moves its pole further than so many widths beyond those shared.
 _REACH = 3.0
-#: Least width of a pole, as a share of its size: without damping it has none.
-_UNDAMPED = 1e-6
 #: MAC of shapes that are the same, and the channels that can tell.
 _ALIKE, _TELL = 0.97, 4
-#: Sine of the angle by which residues of one shape differ in phase if they are a leaning peak:
-#: those fitted to cubic softening differ by 20 to 60 degrees.
-_TURNED = 0.25
 #: A mode that explains this share of what the others leave is no part of another one.
 _SURE = 0.5
 #: A run knows a pole that is worth more than this share of the one that is worth most to it.
@@ -58,76 +56,6 @@ _KNOWN = 0.01
 _PROMISED = 0.25
 #: Runs that have to know a mode, counted by how evenly its squares are spread over them.
 _RUNS = 1.2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Weighted:
-    """A window, its fit, and the weights of the fit.
-
-    Attributes
-    ----------
-    window : Window
-        Lines and what else there is.
-    solved : Solved
-        The fit.
-    weights : Weights
-        Of the fit.
-    added : ndarray of int, shape (k,)
-        Of poles that are modes whatever they are worth, as the user has picked them, the number of
-        the pick; of others -1.
-    """
-
-    window: Window
-    solved: Solved
-    weights: Weights
-    added: NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mode:
-    """A mode as the fits have it.
-
-    Attributes
-    ----------
-    pole : complex
-        In the unit of the variable; where it varies from run to run, the mean.
-    std : ndarray of float, shape (2,)
-        Of its real and imaginary part: where it varies from run to run, of the runs.
-    residues : ndarray of complex, shape (p,)
-        Of each channel.
-    errors : Errors
-        Of the residues.
-    quality : float
-        Share that it explains of what the others leave, within its half-power band.
-    seen : Seen
-        How it shows there.
-    everywhere : bool
-        Whether more than one run knows it.
-    added : int
-        Number of the pick of one that is a mode whatever it is worth, else -1.
-    by_channel : ndarray of complex, shape (p,), or None
-        Where it varies from run to run, the pole of each channel.
-    single : bool
-        Whether its residue is that of one mode; further modes have other poles.
-    """
-
-    pole: complex
-    std: _Real
-    residues: _Complex
-    errors: Errors
-    quality: float
-    seen: Seen
-    everywhere: bool = True
-    added: int = -1
-    by_channel: _Complex | None = None
-    single: bool = False
-
-    @property
-    def poles(self) -> _Complex:
-        """The pole of each channel, shape (p,)."""
-        if self.by_channel is None:
-            return np.full(len(self.residues), self.pole)
-        return self.by_channel
 
 
 def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
@@ -140,31 +68,47 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
     fits : sequence of Weighted
         With poles that all runs share.
     """
-    modes: list[Mode] = []
     errors = [errors_of(fit.window, fit.solved, fit.weights) for fit in fits]
-    for members in _bundles(measured, fits):
-        fit, bundle = _together(measured, fits, members)
-        for alike, roving in _alike(fit, bundle, measured.runs):
-            least = -np.inf  # told by the shapes
-            if len(roving) > 1:
-                least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, alike, of))
-            if (fit.added[alike] >= 0).any():
-                roving = ()
-            each = None
-            for of in (of for of in roving if of.max() > 0):
-                criterion = _Criterion.of(fit, alike, of)
-                for count in range(1, criterion.most + 1):
-                    better = _each(criterion, of, count, least)
-                    if better is not None:
-                        each, least = better, better.gain
+    bundles, by_run = [], {}
+    for members in bundle_poles(measured, fits):
+        fit, positions = fit_together(measured, fits, members)
+        claims = []
+        for alike, roving in _alike(fit, positions, measured.runs):
+            each = _best_each(fit, alike, roving)
             if each is not None:
-                modes += each.modes
-            elif _leans(fit, alike):
-                modes.append(_leaning(fit, alike))
-            else:
-                at = [members[bundle.index(r)] for r in alike]
-                modes += [_common(fits[k], r, errors[k][r]) for k, r in at]
+                own = frozenset(members[positions.index(r)] for r in alike)
+                by_run[own] = each
+                claims.append(Claim(own, each.cost, each.evidence))
+        bundles.append(Bundle(members, fit, positions, claims))
+    leaning = find_leaning(measured, fits, bundles) if fits else []
+    taken = {member for peak in leaning for member in peak.members}
+    modes = [peak.mode() for peak in leaning]
+    for own, each in by_run.items():
+        if not own & taken:
+            modes += each.modes
+            taken |= own
+    for bundle in bundles:
+        left = [member for member in bundle.members if member not in taken]
+        modes += [_common(fits[k], r, errors[k][r]) for k, r in left]
     return modes
+
+
+def _best_each(
+    fit: Weighted, alike: list[int], roving: tuple[NDArray[np.intp], ...]
+) -> _Each | None:
+    """Return modes with poles for each run instead of poles of a bundle; None if no better."""
+    if (fit.added[alike] >= 0).any():
+        return None
+    least, each = -np.inf, None  # the shapes have decided
+    if len(roving) > 1:
+        least, roving = 0.0, tuple(of for of in roving if _may_rove(fit, alike, of))
+    for of in (of for of in roving if of.max() > 0):
+        criterion = _Criterion.of(fit, alike, of)
+        for count in range(1, criterion.most + 1):
+            better = _each(criterion, of, count, least)
+            if better is not None:
+                each, least = better, better.gain
+    return each
 
 
 def is_split_off(mode: Mode, modes: list[Mode], shape: tuple[int, ...], mirrored: bool) -> bool:
@@ -264,54 +208,6 @@ def _may_rove(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
     return bool(promised > _PROMISED * (count - 1) * np.log(2 * found.error.size))
 
 
-def _bundles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
-    """Return poles by fit and position, those together that are close; those added alone.
-
-    Poles of one mode have about one damping; a wide one among narrow ones is background.
-    """
-    at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
-    poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
-    added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)
-    mirrored = measured.axis.mirrored
-    along = poles.imag if mirrored else poles.real
-    width = np.maximum(np.abs(poles.real if mirrored else poles.imag), _UNDAMPED * np.abs(poles))
-    order = np.argsort(along, kind="stable")
-    bundles: list[list[int]] = []
-    for r in order[~added[order]].tolist():
-        for bundle in reversed(bundles):
-            last = bundle[-1]
-            ratio = max(width[r], width[last]) / min(width[r], width[last])
-            if along[r] - along[last] < _CLOSE * (width[r] + width[last]) and ratio < _DAMPED:
-                bundle.append(r)
-                break
-        else:
-            bundles.append([r])
-    bundles += [[r] for r in np.flatnonzero(added).tolist()]
-    return [[at[r] for r in bundle] for bundle in bundles]
-
-
-def _together(
-    measured: Measured, fits: Sequence[Weighted], members: list[tuple[int, int]]
-) -> tuple[Weighted, list[int]]:
-    """Return a fit that holds all poles of a bundle, and their positions in it."""
-    parts = sorted({k for k, _ in members})
-    if len(parts) == 1:
-        return fits[parts[0]], [r for _, r in members]
-    poles = np.array([fits[k].solved.poles[r] for k, r in members])
-    others = [
-        (fit.solved.poles[r], fit.solved.residues[r])
-        for k, fit in enumerate(fits)
-        for r in range(len(fit.solved.poles))
-        if (k, r) not in members
-    ]
-    beside = np.array([pole for pole, _ in others], dtype=np.complex128)
-    residues = np.array([r for _, r in others]).reshape(len(others), -1)
-    window = measured.window(measured.lines_of(poles), beside, residues)
-    window = replace(window, envelope=fits[parts[0]].window.envelope)
-    fitted, weights = reweighted(window, poles, Weights.of(np.abs(window.Y) ** 2))
-    return Weighted(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
-
-
 @dataclass(frozen=True, slots=True)
 class _Criterion:
     """What fits of some lines leave, and what their free values are worth by chance.
@@ -357,14 +253,18 @@ class _Criterion:
         poles, modes : int
             Numbers of poles, and of modes with a residue in each channel.
         """
+        common = self.fit.solved.cost
+        misfit = max(1.0, common / self.fit.window.Y.size)  # of neighbours, say, by either fit
+        return 2.0 * (common - cost) / misfit - self.least(poles, modes)
+
+    def least(self, poles: int, modes: int) -> float:
+        """Return what numbers of poles and modes gain by chance, as `gain`."""
         p, n_f = self.fit.window.Y.shape
-        common, count = self.fit.solved.cost, len(self.bundle)
+        count = len(self.bundle)
         values = p * n_f if self.fewer else n_f
         free = (poles - count) * np.log(2 * p * n_f) + p * (modes - count) * np.log(2 * values)
-        misfit = max(1.0, common / (p * n_f))  # of neighbours, say, by either fit
         inflation = self.fit.window.inflation(self.fit.solved.poles, self.fit.weights)
-        own = float(np.mean(inflation[self.bundle]))
-        return float(2.0 * ((common - cost) / misfit - own * free))
+        return float(2.0 * np.mean(inflation[self.bundle]) * free)
 
 
 def _shapes(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> int:
@@ -394,7 +294,23 @@ def _apart(fit: Weighted, bundle: list[int], runs: NDArray[np.intp]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Each:
+    """Modes with poles for each run.
+
+    Attributes
+    ----------
+    gain : float
+        By the criterion.
+    cost : float
+        Of the fit.
+    evidence : float
+        The same with the noise of each fit, as of leaning peaks.
+    modes : list of Mode
+        The modes.
+    """
+
     gain: float
+    cost: float
+    evidence: float
     modes: list[Mode]
 
 
@@ -407,10 +323,10 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
     window, p = fit.window, len(fit.window.Y)
     others = np.delete(fit.solved.poles, bundle)
     beside = np.concatenate([window.beside, others])
-    begin = _begin(fit, bundle, modes)
+    begin = take_means(fit, bundle, modes)
     residues, noise = np.zeros((modes, p), dtype=np.complex128), np.zeros((modes, p))
     common: list[list[_Complex]] = [[] for _ in begin]
-    cost, found, deviations = 0.0, [], []
+    cost, found, deviations, fitted = 0.0, [], [], 0.0
     squares = np.zeros(window.Y.shape)
     count = int(runs.max()) + 1
     for run in range(count):
@@ -421,7 +337,7 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
         stays = _has_left(fit, bundle, one.poles)  # of a run that does not know the mode
         if stays.any():
             one = solved(alone, np.where(stays, begin, one.poles), weights)
-        cost += one.cost
+        cost, fitted = cost + one.cost, fitted + deviance(one)
         if criterion.gain(cost, modes * count, modes) <= least:
             return None
         residues[:, own], squares[own] = one.residues, one.left
@@ -440,42 +356,22 @@ def _each(criterion: _Criterion, runs: NDArray[np.intp], modes: int, least: floa
         pole, spread = _mean(each[:, r], std[:, :, r])
         without = _without(window, beside, each, r, runs, fit.weights)
         errors = Errors(noise[r], np.concatenate(common[r]))
-        mode = _mode(fit, pole, spread, residues[r], errors, squares, without)
+        mode = make_mode(fit, pole, spread, residues[r], errors, squares, without)
         share = np.bincount(runs, np.abs(residues[r]) ** 2)
         everywhere = float(np.sum(share)) ** 2 >= _RUNS * float(np.sum(share**2))
         own = replace(mode, everywhere=everywhere, by_channel=each[runs, r], single=modes > 1)
         out.append(own)
-    return _Each(criterion.gain(cost, modes * count, modes), out)
-
-
-def _begin(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
-    """Return poles to begin with: means of neighbours, so that their weighted squares are least."""
-    poles = fit.solved.poles[bundle]
-    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
-    order = np.argsort(_along(poles, fit.window), kind="stable")
-    poles, weight = poles[order], weight[order]
-
-    def means(cuts: tuple[int, ...]) -> tuple[float, _Complex]:
-        parts = list(pairwise((0, *cuts, len(poles))))
-        mean = np.array([np.average(poles[a:b], weights=weight[a:b]) for a, b in parts])
-        near = np.repeat(mean, [b - a for a, b in parts])
-        return float(np.sum(weight * np.abs(poles - near) ** 2)), mean
-
-    tried = [means(cuts) for cuts in combinations(range(1, len(poles)), modes - 1)]
-    return min(tried, key=lambda one: one[0])[1]
+    evidence = deviance(fit.solved) - fitted - criterion.least(modes * count, modes)
+    return _Each(criterion.gain(cost, modes * count, modes), cost, evidence, out)
 
 
 def _has_left(fit: Weighted, bundle: list[int], poles: _Complex) -> NDArray[np.bool_]:
     """Return which poles of a run are not damped, or not near those that all runs share."""
     window, shared = fit.window, fit.solved.poles[bundle]
     damped = np.array([_is_damped(complex(pole), window) for pole in poles])
-    along, reach = _along(shared, window), _REACH * float(np.max(window.width(shared)))
-    near = np.abs(_along(poles, window) - 0.5 * (along.min() + along.max()))
+    along, reach = position(shared, window), _REACH * float(np.max(window.width(shared)))
+    near = np.abs(position(poles, window) - 0.5 * (along.min() + along.max()))
     return ~damped | (near > 0.5 * np.ptp(along) + reach)
-
-
-def _along(poles: _Complex, window: Window) -> _Real:
-    return np.asarray(poles.imag if window.basis.mirrored else poles.real)
 
 
 def _mean(each: _Complex, std: _Real) -> tuple[complex, _Real]:
@@ -517,7 +413,7 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
         np.concatenate([window.beside, np.delete(found.poles, r)]),
     )
     without = solved(others, found.poles[:0], fit.weights)
-    mode = _mode(
+    mode = make_mode(
         fit,
         complex(found.poles[r]),
         pole_deviation(window, found, fit.weights)[:, r],
@@ -527,62 +423,3 @@ def _common(fit: Weighted, r: int, errors: Errors) -> Mode:
         without.left,
     )
     return replace(mode, added=int(fit.added[r]))
-
-
-def _leans(fit: Weighted, bundle: list[int]) -> bool:
-    """Return whether poles are one leaning peak of a mode whose frequency depends on its motion.
-
-    They have one shape at all channels, which two modes have nowhere, but residues of different
-    phase, which two modes of light damping and one shape would not have.
-    """
-    residues = fit.solved.residues[bundle]
-    if len(bundle) < 2 or residues.shape[1] < _TELL or (fit.added[bundle] >= 0).any():
-        return False
-    first = residues[int(np.argmax(fit.solved.worth[bundle]))]
-    ratio = residues @ first.conj()
-    mac = np.abs(ratio) ** 2 / (np.sum(np.abs(residues) ** 2, axis=1) * np.vdot(first, first).real)
-    turned = np.abs(ratio.imag) > _TURNED * np.abs(ratio)
-    return bool((mac > _ALIKE).all() and turned.any())
-
-
-def _leaning(fit: Weighted, bundle: list[int]) -> Mode:
-    """Return one mode in place of the poles of a leaning peak.
-
-    Its frequency and damping depend on the motion; their standard deviations are those of the
-    poles, weighted by the squared residues, and those of noise as large as the misfit.
-    """
-    window, weights = fit.window, fit.weights
-    beside = np.concatenate([window.beside, np.delete(fit.solved.poles, bundle)])
-    alone = replace(window, beside=beside)
-    one = moved(alone, _begin(fit, bundle, 1), weights)
-    at = window.near(complex(one.poles[0]))
-    misfit = max(1.0, float(np.mean(one.squared[:, at])))
-    poles = fit.solved.poles[bundle]
-    share = np.sum(np.abs(fit.solved.residues[bundle]) ** 2, axis=1)
-    off = np.array([(poles - one.poles[0]).real, (poles - one.poles[0]).imag])
-    spread = np.average(off**2, axis=1, weights=share)
-    std = np.sqrt(spread + misfit * pole_deviation(alone, one, weights)[:, 0] ** 2)
-    (errors,) = errors_of(alone, one, weights)
-    errors = Errors(misfit * errors.noise, np.sqrt(misfit) * errors.common)
-    without = solved(alone, one.poles[:0], weights).left
-    pole = complex(one.poles[0])
-    return _mode(fit, pole, std, one.residues[0], errors, one.left, without)
-
-
-def _mode(
-    fit: Weighted,
-    pole: complex,
-    std: _Real,
-    residues: _Complex,
-    errors: Errors,
-    left: _Real,
-    without: _Real,
-) -> Mode:
-    window = fit.window
-    at = window.near(pole)
-    weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
-    weight = np.broadcast_to(weight, left.shape)
-    quality = 1.0 - np.sum((left * weight)[:, at]) / max(np.sum((without * weight)[:, at]), 1e-300)
-    worths = np.sum((without - left) * weight, axis=1)
-    shows = Seen.of(window, pole, residues, at, worths)
-    return Mode(pole, std, residues, errors, float(quality), shows)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.modal.envelope import Envelope
+from updyn.modal.fits import Weighted
 from updyn.modal.measured import Measured, groups
 from updyn.modal.refine import (
     Noise,
@@ -20,10 +21,9 @@ from updyn.modal.refine import (
     reweighted,
     solved,
 )
-from updyn.modal.runs import Weighted
 from updyn.modal.search import chance, shows_on_lines
 
-__all__ = ["poles_of", "settle"]
+__all__ = ["estimate_envelope", "poles_of", "settle"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -78,23 +78,31 @@ def settle(measured: Measured, poles: _Complex, added: NDArray[np.intp]) -> list
         order = np.argsort(measured.axis.frequency(poles), kind="stable")
         poles, residues, added = poles[order], residues[order], added[order]
         residuals = _Residuals.of(measured, fits)
-        measured = replace(measured, envelope=_envelope(measured, fits))
+        left = [(fit.solved, fit.weights.channel * fit.weights.line) for fit in fits]
+        measured = replace(measured, envelope=estimate_envelope(measured, left))
         if not measured.inside(poles[added >= 0]).all():
             break
     return [replace(fit, window=replace(fit.window, envelope=measured.envelope)) for fit in fits]
 
 
-def _envelope(measured: Measured, fits: list[Weighted]) -> Envelope:
-    """Return the envelope of the residuals of fits, which hold no modes."""
+def estimate_envelope(measured: Measured, fits: Sequence[tuple[Solved, _Real]]) -> Envelope:
+    """Return the envelope of the residuals of fits, which hold no modes.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data; where their noise is white, it stays white.
+    fits : sequence of (Solved, ndarray of float)
+        With the standard deviations of their values, shapes (p, n) or (1, n).
+    """
     if measured.envelope.is_white:
         return measured.envelope
     residuals = []
-    for fit in fits:
-        Q, n_f = fit.solved.columns.Q, len(fit.window.x)
+    for fit, deviation in fits:
+        Q, n_f = fit.columns.Q, fit.error.shape[1]
         if len(Q) > n_f:  # real and imaginary parts, half of the columns each
             Q = (Q[:n_f] + 1j * Q[n_f:]) / np.sqrt(2.0)
-        deviation = fit.weights.channel * fit.weights.line
-        residuals.append((Q, fit.solved.error / deviation))
+        residuals.append((Q, fit.error / deviation))
     envelope = Envelope.of_residuals(residuals)
     return measured.envelope if envelope.is_white else envelope
 

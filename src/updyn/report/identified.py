@@ -14,6 +14,7 @@ from updyn.correlation import auto_mac
 from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.modal.alike import AlikePair, alike_pairs
+from updyn.modal.level import leaning_peaks
 from updyn.modal.unexplained import peaks_without_modes
 from updyn.report.formats import counted, extent, number, percentage
 from updyn.report.modes import mode_map
@@ -92,6 +93,8 @@ def _verdict(modes: ModeSet) -> str:
     missing = ""
     if len(modes.unexplained):
         missing = f" {peaks_without_modes(modes.unexplained)}."
+    if np.isfinite(modes.lean).any():
+        missing += f" {leaning_peaks(modes)}"
     return (
         f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
         f" explains {100.0 * float(modes.quality[least]):.2f} % of what the others leave there."

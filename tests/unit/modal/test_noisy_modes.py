@@ -9,11 +9,12 @@ import pytest
 
 import updyn
 from updyn.modal.axis import Axis
+from updyn.modal.fits import Mode
 from updyn.modal.lscf import poles_by_order
 from updyn.modal.measured import Measured
 from updyn.modal.picks import _check_added
 from updyn.modal.refine import Errors, Weights, Window, moved, solved
-from updyn.modal.runs import Mode, is_split_off
+from updyn.modal.runs import is_split_off
 from updyn.modal.stabilisation import stabilised
 from updyn.modal.vector_fitting import Basis
 
@@ -161,28 +162,6 @@ def test_two_close_modes_that_a_roving_hammer_shifts_are_two() -> None:
     found = updyn.identify_modes(hammer)
     assert found.frequency == pytest.approx(pair.frequency * (1 + shift.mean()), rel=1e-3)
     assert found.loss_factor == pytest.approx(pair.loss, rel=0.1)
-
-
-@pytest.mark.parametrize("shift", [0.1, 0.3])
-def test_a_leaning_peak_is_one_mode(shift: float) -> None:
-    """Cubic softening by harmonic balance: a |x - shift a|^2 = 1 for the squared motion a."""
-    rng = np.random.default_rng(0)
-    freq, natural, loss = np.linspace(20.0, 40.0, 400), 30.0, 0.02
-    x = (natural**2 * (1 + 1j * loss) - freq**2) / (natural**2 * loss)
-    cubics = [[shift**2, -2 * shift * v.real, abs(v) ** 2, -1.0] for v in x]
-    roots = [np.roots(cubic) for cubic in cubics]
-    a = np.array([r.real[np.abs(r.imag) < 1e-6 * np.abs(r)].min() for r in roots])
-    motion = -(freq**2) / (natural**2 * loss) / (x - shift * a)
-    values = motion[:, None] * np.array([1.0, 0.8, -0.6, 0.3, -0.9, 0.5])
-    values = values * (1 + 0.005 * rng.standard_normal((*values.shape, 2)) @ (1, 1j))
-    labels = [f"{k}:Z" for k in range(1, 7)]
-    found = updyn.identify_modes(
-        updyn.FRF(freq, values[:, :, None], labels, ["9:Z"], "accelerance")
-    )
-    assert len(found) == 1
-    assert natural * (1 - shift * loss) < found.frequency[0] < natural
-    assert abs(found.frequency[0] - natural) < 2.0 * found.std_frequency[0]
-    assert found.std_frequency[0] < shift * natural * loss
 
 
 def test_two_modes_of_one_shape_at_the_sensors_are_two() -> None:

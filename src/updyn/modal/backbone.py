@@ -1,0 +1,344 @@
+"""One mode whose pole depends on its motion, fitted to a leaning peak.
+
+Weakly nonlinear joints make the pole of a mode depend on the square of its motion, to first order
+of harmonic balance: p(a) = p + c a with the square a of the motion of the mode itself (A. H. Nayfeh
+& D. T. Mook, Nonlinear Oscillations, 1979, section 4.1). The real part of the shift c is that of
+the squared frequency where x = omega^2, the imaginary part that of the damping. Under a force of
+the same size at all lines and references, a follows from a cubic equation at each line; residues
+and polynomial follow by linear least squares, as in `refine`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.refine import Errors, Solved, Weights, Window, solved
+
+__all__ = ["Backbone", "Level", "fit_backbone", "motion", "promised_gain"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Most Gauss-Newton steps; they end where one would lower the cost by less than `_GAIN`, as in
+#: `refine`.
+_STEPS, _GAIN = 30, 1e-3
+_TINY = 1e-300
+
+
+def motion(x: _Complex, pole: complex, shift: complex, width: float) -> _Real:
+    """Return the square of the motion of a mode, in units of that of the linear peak, shape (n,).
+
+    Parameters
+    ----------
+    x : ndarray of complex, shape (n,)
+        The variable.
+    pole, shift : complex
+        The pole of small motion, and its shift at the motion 1.
+    width : float
+        Distance of the half-power points from the pole.
+
+    Notes
+    -----
+    With X = (x - pole) / width and C = shift / width, a |X - C a|^2 = 1. Of three solutions, which
+    a shift above 1.54 widths has, the smallest is returned.
+    """
+    X, C = (x - pole) / width, shift / width
+    square, crossed = np.abs(X) ** 2, 2.0 * (X.conj() * C).real
+    # 1 / a = square / 3 + t is the largest root of b^3 - square b^2 + crossed b - |C|^2 (Cardano).
+    third = crossed / 3.0 - square**2 / 9.0
+    half = 0.5 * (square * (crossed / 3.0 - 2.0 * square**2 / 27.0) - abs(C) ** 2)
+    root = np.sqrt(np.maximum(half**2 + third**3, 0.0))
+    single = -np.copysign(np.cbrt(np.abs(half) + root), half)
+    size = np.sqrt(np.maximum(-third, 0.0))
+    cosine = np.clip(-half / np.maximum(size**3, _TINY), -1.0, 1.0)
+    several = 2.0 * size * np.cos(np.arccos(cosine) / 3.0)
+    one = half**2 + third**3 >= 0.0
+    t = np.where(one, single - third / np.where(single == 0.0, 1.0, single), several)
+    return np.asarray(1.0 / np.maximum(square / 3.0 + t, _TINY))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leaning(Window):
+    """A window in which the pole that may move depends on its motion.
+
+    Attributes
+    ----------
+    shift : complex
+        Of the pole, at the motion 1.
+    """
+
+    shift: complex = 0.0
+
+    def fractions(self, poles: _Complex) -> _Complex:
+        """Return the functions of the pole, shape (n_f, 1 or 2)."""
+        (pole,) = poles.tolist()
+        width = float(self.width(poles)[0])
+        there = pole + self.shift * motion(self.x, pole, self.shift, width)
+        # The residue of an accelerance is in proportion to the pole, of a mirrored one to its
+        # square (`Axis.modal`).
+        own = (there / pole) ** (2 if self.basis.mirrored else 1) / (self.x - there)
+        if not self.basis.mirrored:
+            return np.asarray(own[:, None])
+        image = (there / pole).conj() ** 2 / (self.x - there.conj())
+        return np.stack([own + image, 1j * (own - image)], axis=1)
+
+    def slopes(self, pole: complex) -> NDArray[Any]:
+        """Return derivatives of the functions by real and imaginary part of pole and shift.
+
+        Returns
+        -------
+        ndarray, shape (rows, m, 4)
+            In units of the width.
+        """
+        width, mirrored = float(self.width(np.array([pole]))[0]), self.basis.mirrored
+        a = motion(self.x, pole, self.shift, width)[:, None]
+        there, x = pole + self.shift * a, self.x[:, None]
+        by_pole, by_shift = np.array([1.0, 1.0j, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0j])
+        # a |x - there|^2 = width^2, differentiated
+        left, direct = x - there, by_pole + a * by_shift
+        wider = width * (-by_pole.real if mirrored else by_pole.imag)
+        stiff = np.abs(left) ** 2 - 2.0 * a * (left.conj() * self.shift).real
+        rise = 2.0 * (wider + a * (left.conj() * direct).real) / np.where(stiff == 0.0, 1.0, stiff)
+        change = direct + self.shift * rise
+        turned = change / there - by_pole / pole
+        own = there / pole * (turned + change / left) / left
+        if not mirrored:
+            return np.asarray(width * own[:, None])
+        own = (there / pole) ** 2 * (2.0 * turned + change / left) / left
+        back = x - there.conj()
+        image = (there / pole).conj() ** 2 * (2.0 * turned.conj() + change.conj() / back) / back
+        pair = (own + image, 1j * (own - image))
+        return np.stack([self.basis.parts(width * one) for one in pair], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """The squared motion of a mode in the runs of a measurement.
+
+    Attributes
+    ----------
+    runs : ndarray of int, shape (p,)
+        Number of the run of each channel.
+    of_runs : ndarray of float, shape (J,)
+        Relative to the largest one.
+    """
+
+    runs: NDArray[np.intp]
+    of_runs: _Real
+
+    @classmethod
+    def of(cls, residues: _Complex, runs: NDArray[np.intp]) -> Level:
+        """Return the level of forces of the same size, from residues of all channels."""
+        squares = np.bincount(runs, np.abs(residues) ** 2)
+        return cls(runs, squares / max(float(squares.max()), _TINY))
+
+    def join(self, by_run: list[NDArray[Any]]) -> NDArray[Any]:
+        """Return the values of all channels, shape (p, ...), from those of each run."""
+        out = np.zeros((len(self.runs), *by_run[0].shape[1:]), dtype=by_run[0].dtype)
+        for run, values in enumerate(by_run):
+            out[self.runs == run] = values
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Backbone:
+    """A fit of one mode whose pole depends on its motion.
+
+    Attributes
+    ----------
+    pole : complex
+        Of small motion.
+    shift : complex
+        Of the pole, at the largest motion.
+    level : Level
+        Of the runs.
+    fits : list of Solved
+        Of the channels of each run.
+    normal, gradient : ndarray of float, shapes (4, 4) and (4,)
+        Of the cost by real and imaginary parts of pole and shift, in units of the width.
+    follow : ndarray of complex, shape (p, 4)
+        Derivatives of the residues by these.
+    """
+
+    pole: complex
+    shift: complex
+    level: Level
+    fits: list[Solved]
+    normal: _Real
+    gradient: _Real
+    follow: _Complex
+
+    @property
+    def cost(self) -> float:
+        """Sum of squared residuals in units of their standard deviations."""
+        return sum(fit.cost for fit in self.fits)
+
+    @property
+    def residues(self) -> _Complex:
+        """Of each channel, shape (p,)."""
+        return self.level.join([fit.residues[0] for fit in self.fits])
+
+    def motion(self, window: Window) -> _Real:
+        """Return the largest squared motion of the runs at the lines of a window."""
+        width = float(window.width(np.array([self.pole]))[0])
+        return motion(window.x, self.pole, self.shift, width)
+
+    def spread(self, window: Window, weights: Weights) -> tuple[_Real, Errors]:
+        """Return deviations of the pole's real and imaginary part, and errors of the residues.
+
+        Parameters
+        ----------
+        window : Window
+            That of the fit.
+        weights : Weights
+            Of the fit, standard deviations of the noise.
+        """
+        pole = np.array([self.pole])
+        values, vectors = np.linalg.eigh(self.normal)
+        kept = values > len(values) * np.finfo(float).eps * values.max(initial=0.0)
+        root = vectors[:, kept] / np.sqrt(2.0 * values[kept])
+        moving = np.sqrt(window.inflation(pole, weights, moving=True)[0])
+        noise = []
+        for fit in self.fits:
+            own = np.trace(fit.columns.covariance(fit.own[0]), axis1=1, axis2=2).real
+            own = own * (0.5 if window.basis.mirrored else 1.0) * fit.level[:, 0] ** 2
+            noise.append(np.broadcast_to(own, len(fit.error)))
+        of_noise = self.level.join(noise) * window.inflation(pole, weights)[0]
+        std = float(window.width(pole)[0]) * moving * np.linalg.norm(root[:2], axis=1)
+        return std, Errors(of_noise, moving * (self.follow @ root).T)
+
+    def response(self, window: Window) -> _Complex:
+        """Return the part of the mode in the channels at the lines of a window, shape (p, n)."""
+        parts = []
+        for run, level in enumerate(self.level.of_runs.tolist()):
+            own = self.level.runs == run
+            fractions = _leaning(window, own, level * self.shift).fractions(np.array([self.pole]))
+            weights = self.residues[own, None]
+            if window.basis.mirrored:
+                weights = np.hstack([weights.real, weights.imag])
+            parts.append(weights @ fractions.T)
+        return np.asarray(self.level.join(parts))
+
+
+def fit_backbone(
+    window: Window, pole: complex, weights: Weights, level: Level, shift: complex = 0.0
+) -> Backbone:
+    """Return the fit of a window by one mode whose pole depends on its motion.
+
+    Parameters
+    ----------
+    window : Window
+        Lines and all other modes.
+    pole, shift : complex
+        To begin with.
+    weights : Weights
+        Of the values.
+    level : Level
+        Of the runs.
+    """
+    here, damping = _at(window, pole, shift, weights, level), 0.0
+    for _ in range(_STEPS):
+        step, promised = _step(here, damping)
+        if promised < _GAIN * min(1.0, here.cost):
+            break
+        width = float(window.width(np.array([here.pole]))[0])
+        step *= width / max(1.0, float(np.max(np.abs(step))))
+        there = _at(window, here.pole + step[0], here.shift + step[1], weights, level)
+        if there.cost <= here.cost:
+            here, damping = there, 0.1 * damping
+        else:
+            damping = max(10.0 * damping, 1e-3)
+    return here
+
+
+def promised_gain(window: Window, pole: complex, weights: Weights, level: Level) -> float:
+    """Return the decrease of the cost that the first step of `fit_backbone` promises."""
+    return _step(_at(window, pole, 0.0, weights, level), 0.0)[1]
+
+
+def _step(here: Backbone, damping: float) -> tuple[_Complex, float]:
+    """Return a step of pole and shift in units of the width, and the decrease it promises."""
+    loaded = here.normal + damping * np.diag(np.diag(here.normal))
+    step = np.linalg.lstsq(loaded, here.gradient, rcond=None)[0]
+    return np.asarray(step[::2] + 1j * step[1::2]), float(here.gradient @ step)
+
+
+def _leaning(window: Window, own: NDArray[np.bool_], shift: complex) -> _Leaning:
+    """Return the window of some channels."""
+    apart = window.apart if len(window.apart) == 1 else window.apart[own]
+    parts = (window.basis, window.x, window.Y[own], window.beside, apart, window.envelope)
+    return _Leaning(*parts, shift)
+
+
+def _at(window: Window, pole: complex, shift: complex, weights: Weights, level: Level) -> Backbone:
+    """Return the fit for a pole and its shift, with the Gauss-Newton equations of these."""
+    normal, gradient = np.zeros((4, 4)), np.zeros(4)
+    fits, follow = [], []
+    for run, share in enumerate(level.of_runs.tolist()):
+        own = level.runs == run
+        leaning = _leaning(window, own, share * shift)
+        found = solved(leaning, np.array([pole]), weights.of_channels(own))
+        equations = _Equations.of(leaning, found, pole, share)
+        normal += equations.normal
+        gradient += equations.gradient
+        follow.append(equations.follow)
+        fits.append(found)
+    return Backbone(
+        complex(pole), complex(shift), level, fits, normal, gradient, level.join(follow)
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """Gauss-Newton equations of one run, by parts of pole and shift.
+
+    Attributes
+    ----------
+    normal, gradient : ndarray of float, shapes (4, 4) and (4,)
+        Of the cost.
+    follow : ndarray of complex, shape (p, 4)
+        Derivatives of the residues.
+    """
+
+    normal: _Real
+    gradient: _Real
+    follow: _Complex
+
+    @classmethod
+    def of(cls, window: _Leaning, found: Solved, pole: complex, share: float) -> _Equations:
+        """Return the equations at a fit, in the approximation of Kaufman (`refine`).
+
+        Parameters
+        ----------
+        window : _Leaning
+            Of the run.
+        found : Solved
+            Its fit.
+        pole : complex
+            Of small motion.
+        share : float
+            Of the shift, in this run.
+        """
+        slopes = window.slopes(pole) * np.array([1.0, 1.0, share, share])
+        m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)
+        residues, error = found.residues[0] / found.level[:, 0], found.error / found.level
+        mix: NDArray[Any] = residues[:, None]
+        if window.basis.mirrored:
+            mix = np.stack([residues.real, residues.imag], axis=1)
+            error = np.hstack([error.real, error.imag])
+        back = found.columns.weighted(error) @ flat.conj()
+        left, along = found.columns.beyond(flat)
+        left, along = (
+            left.reshape(-1, m, 4, m, 4),
+            along[:, found.own[0]].reshape(len(along), m, m, 4),
+        )
+        left, along = (np.broadcast_to(a, (len(mix), *a.shape[1:])) for a in (left, along))
+        normal = np.einsum("pm,pmtnu,pn->tu", mix.conj(), left, mix).real
+        gradient = np.einsum("pm,pmt->t", mix.conj(), back.reshape(-1, m, 4)).real
+        change = -np.einsum("pkmt,pm->pkt", along, mix)
+        of_residue = change[:, 0] + 1j * change[:, 1] if m == 2 else change[:, 0]
+        return cls(normal, gradient, of_residue * found.level)

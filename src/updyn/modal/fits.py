@@ -1,0 +1,214 @@
+"""Fits of windows, and the modes that are made of their poles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.measured import Measured
+from updyn.modal.refine import Errors, Solved, Weights, Window, reweighted
+from updyn.modal.search import Seen
+
+__all__ = [
+    "Mode",
+    "Weighted",
+    "bundle_poles",
+    "fit_together",
+    "make_mode",
+    "position",
+    "take_means",
+]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Poles nearer than this many of their widths together may be one mode.
+_CLOSE = 1.5
+#: Ratio of the widths of poles that may be one mode.
+_DAMPED = 4.0
+#: Least width of a pole, as a share of its size: without damping it has none.
+_UNDAMPED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighted:
+    """A window, its fit, and the weights of the fit.
+
+    Attributes
+    ----------
+    window : Window
+        Lines and what else there is.
+    solved : Solved
+        The fit.
+    weights : Weights
+        Of the fit.
+    added : ndarray of int, shape (k,)
+        Of poles that are modes whatever they are worth, as the user has picked them, the number of
+        the pick; of others -1.
+    """
+
+    window: Window
+    solved: Solved
+    weights: Weights
+    added: NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mode:
+    """A mode as the fits have it.
+
+    Attributes
+    ----------
+    pole : complex
+        In the unit of the variable; where it varies from run to run, the mean.
+    std : ndarray of float, shape (2,)
+        Of its real and imaginary part: where it varies from run to run, of the runs.
+    residues : ndarray of complex, shape (p,)
+        Of each channel.
+    errors : Errors
+        Of the residues.
+    quality : float
+        Share that it explains of what the others leave, within its half-power band.
+    seen : Seen
+        How it shows there.
+    everywhere : bool
+        Whether more than one run knows it.
+    added : int
+        Number of the pick of one that is a mode whatever it is worth, else -1.
+    by_channel : ndarray of complex, shape (p,), or None
+        Where it varies from run to run, the pole of each channel.
+    single : bool
+        Whether its residue is that of one mode; further modes have other poles.
+    shift : complex
+        Where it depends on the motion, its change at the largest motion; the pole is that of small
+        motion.
+    """
+
+    pole: complex
+    std: _Real
+    residues: _Complex
+    errors: Errors
+    quality: float
+    seen: Seen
+    everywhere: bool = True
+    added: int = -1
+    by_channel: _Complex | None = None
+    single: bool = False
+    shift: complex = 0.0
+
+    @property
+    def poles(self) -> _Complex:
+        """The pole of each channel, shape (p,)."""
+        if self.by_channel is None:
+            return np.full(len(self.residues), self.pole)
+        return self.by_channel
+
+
+def bundle_poles(measured: Measured, fits: Sequence[Weighted]) -> list[list[tuple[int, int]]]:
+    """Return poles by fit and position, those together that are close; those added alone.
+
+    Poles of one mode have about one damping; a wide one among narrow ones is background.
+    """
+    at = [(k, r) for k, fit in enumerate(fits) for r in range(len(fit.solved.poles))]
+    poles = np.array([fits[k].solved.poles[r] for k, r in at], dtype=np.complex128)
+    added = np.array([fits[k].added[r] >= 0 for k, r in at], dtype=np.bool_)
+    mirrored = measured.axis.mirrored
+    along = poles.imag if mirrored else poles.real
+    width = np.maximum(np.abs(poles.real if mirrored else poles.imag), _UNDAMPED * np.abs(poles))
+    order = np.argsort(along, kind="stable")
+    bundles: list[list[int]] = []
+    for r in order[~added[order]].tolist():
+        for bundle in reversed(bundles):
+            last = bundle[-1]
+            ratio = max(width[r], width[last]) / min(width[r], width[last])
+            if along[r] - along[last] < _CLOSE * (width[r] + width[last]) and ratio < _DAMPED:
+                bundle.append(r)
+                break
+        else:
+            bundles.append([r])
+    bundles += [[r] for r in np.flatnonzero(added).tolist()]
+    return [[at[r] for r in bundle] for bundle in bundles]
+
+
+def fit_together(
+    measured: Measured, fits: Sequence[Weighted], members: list[tuple[int, int]]
+) -> tuple[Weighted, list[int]]:
+    """Return a fit that holds all poles of a bundle, and their positions in it."""
+    parts = sorted({k for k, _ in members})
+    if len(parts) == 1:
+        return fits[parts[0]], [r for _, r in members]
+    poles = np.array([fits[k].solved.poles[r] for k, r in members])
+    others = [
+        (fit.solved.poles[r], fit.solved.residues[r])
+        for k, fit in enumerate(fits)
+        for r in range(len(fit.solved.poles))
+        if (k, r) not in members
+    ]
+    beside = np.array([pole for pole, _ in others], dtype=np.complex128)
+    residues = np.array([r for _, r in others]).reshape(len(others), -1)
+    window = measured.window(measured.lines_of(poles), beside, residues)
+    window = replace(window, envelope=fits[parts[0]].window.envelope)
+    fitted, weights = reweighted(window, poles, Weights.of(np.abs(window.Y) ** 2))
+    return Weighted(window, fitted, weights, np.full(len(poles), -1)), list(range(len(poles)))
+
+
+def take_means(fit: Weighted, bundle: list[int], modes: int) -> _Complex:
+    """Return poles to begin with: means of neighbours, so that their weighted squares are least."""
+    poles = fit.solved.poles[bundle]
+    weight = np.abs(fit.solved.residues[bundle]).sum(axis=1)
+    order = np.argsort(position(poles, fit.window), kind="stable")
+    poles, weight = poles[order], weight[order]
+
+    def means(cuts: tuple[int, ...]) -> tuple[float, _Complex]:
+        parts = list(pairwise((0, *cuts, len(poles))))
+        mean = np.array([np.average(poles[a:b], weights=weight[a:b]) for a, b in parts])
+        near = np.repeat(mean, [b - a for a, b in parts])
+        return float(np.sum(weight * np.abs(poles - near) ** 2)), mean
+
+    tried = [means(cuts) for cuts in combinations(range(1, len(poles)), modes - 1)]
+    return min(tried, key=lambda one: one[0])[1]
+
+
+def position(poles: _Complex, window: Window) -> _Real:
+    """Return where poles are along the lines, in the unit of the variable."""
+    return np.asarray(poles.imag if window.basis.mirrored else poles.real)
+
+
+def make_mode(
+    fit: Weighted,
+    pole: complex,
+    std: _Real,
+    residues: _Complex,
+    errors: Errors,
+    left: _Real,
+    without: _Real,
+) -> Mode:
+    """Return a mode of a window.
+
+    Parameters
+    ----------
+    fit : Weighted
+        The window and the weights of its values.
+    pole : complex
+        Of the mode.
+    std : ndarray of float, shape (2,)
+        Standard deviations of its parts.
+    residues : ndarray of complex, shape (p,)
+        Of each channel.
+    errors : Errors
+        Of the residues.
+    left, without : ndarray of float, shape (p, n_f)
+        Squared residuals with and without the mode.
+    """
+    window = fit.window
+    at = window.near(pole)
+    weight = 1.0 / (fit.weights.channel * fit.weights.line) ** 2
+    weight = np.broadcast_to(weight, left.shape)
+    quality = 1.0 - np.sum((left * weight)[:, at]) / max(np.sum((without * weight)[:, at]), 1e-300)
+    worths = np.sum((without - left) * weight, axis=1)
+    shows = Seen.of(window, pole, residues, at, worths)
+    return Mode(pole, std, residues, errors, float(quality), shows)

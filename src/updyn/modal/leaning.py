@@ -1,0 +1,285 @@
+"""Leaning peaks: modes whose stiffness depends on the level, which a linear fit splits.
+
+Neighbouring poles, or a single one, are compared with one mode whose pole depends on its motion
+(`backbone`), by their likelihood. A linear fit of a leaning peak disturbs those of its neighbours
+and the estimate of the noise, so that a second round begins with the peaks that the first found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.modal.backbone import Backbone, Level, fit_backbone, promised_gain
+from updyn.modal.envelope import Envelope
+from updyn.modal.fits import Mode, Weighted, make_mode, take_means
+from updyn.modal.measured import Measured
+from updyn.modal.refine import ROUGH, Noise, Weights, Window, deviance, moved, solved
+from updyn.modal.settle import estimate_envelope
+
+__all__ = ["Bundle", "Claim", "Leaning", "find_leaning"]
+
+_Complex = NDArray[np.complex128]
+_Real = NDArray[np.float64]
+
+#: Rounds, each with the leaning peaks and the noise of the one before.
+_ROUNDS = 2
+#: Most poles into which a linear fit splits one leaning peak.
+_MOST = 3
+#: A single pole is fitted as a leaning peak if a first step promises this share of the least gain.
+_PROMISED = 0.25
+#: Probability that noise makes any peak of the band lean, as of `unexplained`.
+_ALPHA = 0.01
+#: Largest shift in widths: above 8 / (3 sqrt 3) a motion is not unique (A. H. Nayfeh & D. T. Mook,
+#: Nonlinear Oscillations, 1979, section 4.1), and the nonlinearity is not weak.
+_LARGEST = 8.0 / (3.0 * np.sqrt(3.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """Poles that are modes with a pole for each run, unless a leaning peak explains more.
+
+    Attributes
+    ----------
+    members : frozenset of (int, int)
+        Fit and position of the poles.
+    cost : float
+        Of the fit with a pole for each run.
+    gain : float
+        In deviance over the fit with common poles, beyond chance.
+    """
+
+    members: frozenset[tuple[int, int]]
+    cost: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bundle:
+    """Poles that are close.
+
+    Attributes
+    ----------
+    members : list of (int, int)
+        Fit and position of the poles, by ascending frequency.
+    fit : Weighted
+        That holds all of them.
+    positions : list of int
+        Where they are in it.
+    claims : list of Claim
+        Of some of them.
+    """
+
+    members: list[tuple[int, int]]
+    fit: Weighted
+    positions: list[int]
+    claims: list[Claim]
+
+    def parts(self) -> Iterator[tuple[frozenset[tuple[int, int]], Claim | None]]:
+        """Yield poles that may be one leaning peak: those of a claim, and others in a row."""
+        for claim in self.claims:
+            yield claim.members, claim
+        claimed = {member for claim in self.claims for member in claim.members}
+        free = [member for member in self.members if member not in claimed]
+        for count in range(1, min(_MOST, len(free)) + 1):
+            for first in range(len(free) - count + 1):
+                yield frozenset(free[first : first + count]), None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leaning:
+    """A mode found in place of poles of the linear fit.
+
+    Attributes
+    ----------
+    members : frozenset of (int, int)
+        Fit and position of these poles.
+    fit : Weighted
+        The linear fit in the window and with the weights of the fit.
+    backbone : Backbone
+        The fit.
+    gain : float
+        In deviance over the linear fit, beyond what free values would gain by chance.
+    """
+
+    members: frozenset[tuple[int, int]]
+    fit: Weighted
+    backbone: Backbone
+    gain: float
+
+    def mode(self) -> Mode:
+        """Return the mode.
+
+        Its deviation holds the shift along the peak: the root of the mean square, weighted by the
+        squared motion, so that a model without this shift is not held to less.
+        """
+        window, weights, found = self.fit.window, self.fit.weights, self.backbone
+        pole = np.array([found.pole])
+        std, errors = found.spread(window, weights)
+        shift = found.shift
+        a = found.motion(window)
+        along = abs(np.sqrt(np.sum(a**3) / np.sum(a)))
+        std = np.hypot(std, along * np.abs([shift.real, shift.imag]))
+        without = solved(window, pole[:0], weights).left
+        left = found.level.join([one.left for one in found.fits])
+        mode = make_mode(self.fit, found.pole, std, found.residues, errors, left, without)
+        return replace(mode, shift=shift)
+
+
+def find_leaning(
+    measured: Measured, fits: Sequence[Weighted], bundles: Sequence[Bundle]
+) -> list[Leaning]:
+    """Return the leaning peaks among the poles of all fits.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data; the forces at all references are taken to be of the same size.
+    fits : sequence of Weighted
+        With linear modes.
+    bundles : sequence of Bundle
+        Their poles.
+    """
+    found: list[Leaning] = []
+    for _ in range(_ROUNDS):
+        envelope = _envelope(measured, fits, found)
+        found = [
+            peak
+            for bundle in bundles
+            for peak in _of_bundle(measured, fits, bundle, found, envelope, len(bundles))
+        ]
+        if not found:
+            break
+    return found
+
+
+def _envelope(measured: Measured, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Envelope:
+    """Return the envelope of the residuals, of windows with leaning peaks those of their fits."""
+    if not found:
+        return fits[0].window.envelope
+    leaning = {k for peak in found for k, _ in peak.members}
+    own = [
+        (fit.solved, fit.weights.channel * fit.weights.line)
+        for k, fit in enumerate(fits)
+        if k not in leaning
+    ]
+    for peak in found:
+        deviation = peak.fit.weights.channel * peak.fit.weights.line
+        for run, fit in enumerate(peak.backbone.fits):
+            own.append((fit, deviation[peak.backbone.level.runs == run]))
+    return estimate_envelope(replace(measured, envelope=fits[0].window.envelope), own)
+
+
+def _of_bundle(
+    measured: Measured,
+    fits: Sequence[Weighted],
+    bundle: Bundle,
+    found: Sequence[Leaning],
+    envelope: Envelope,
+    count: int,
+) -> Iterator[Leaning]:
+    """Yield the leaning peaks of a bundle, without poles in common, those that gain most."""
+    fit = bundle.fit
+    if (fit.added[bundle.positions] >= 0).any():
+        return
+    where = dict(zip(bundle.members, bundle.positions, strict=True))
+    tried = []
+    for own, claim in bundle.parts():
+        others = [peak for peak in found if not peak.members & own]
+        window = _linear(fit.window, fits, others)
+        common = fit.solved
+        if window is not fit.window:
+            common = moved(window, common.poles, fit.weights)
+        linear = replace(fit, window=replace(window, envelope=envelope), solved=common)
+        part = sorted(where[member] for member in own)
+        compared = _compare(measured, linear, part, claim, count)
+        if compared is not None:
+            tried.append(Leaning(own, *compared))
+    taken: set[tuple[int, int]] = set()
+    for peak in sorted(tried, key=lambda peak: -peak.gain):
+        if not peak.members & taken:
+            taken |= peak.members
+            yield peak
+
+
+def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Window:
+    """Return a window in which leaning peaks have become what their linear fit is."""
+    for peak in found:
+        at, span = peak.fit.window.x, abs(window.x[-1] - window.x[0])
+        if max(abs(at[0] - window.x[0]), abs(at[-1] - window.x[-1])) > 2.0 * span:
+            continue  # far: a polynomial in the lines of the window
+        change = peak.backbone.response(window)
+        for k, r in peak.members:
+            linear = fits[k].solved
+            change = change - _response(window, linear.poles[r], linear.residues[r])
+        window = replace(window, Y=window.Y - change, apart=window.apart + change)
+    return window
+
+
+def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
+    """Return the part of a linear mode in the channels, shape (p, n)."""
+    part = residues[:, None] / (window.x - pole)
+    if window.basis.mirrored:
+        part = part + residues.conj()[:, None] / (window.x - np.conj(pole))
+    return np.asarray(part)
+
+
+def _compare(
+    measured: Measured, fit: Weighted, part: list[int], claim: Claim | None, count: int
+) -> tuple[Weighted, Backbone, float] | None:
+    """Return poles of a fit as one leaning peak, and what it gains; None if it is no better.
+
+    It has to be better than these poles, than one pole that does not lean, and than poles for each
+    run.
+
+    Parameters
+    ----------
+    measured : Measured
+        The data.
+    fit : Weighted
+        With linear modes.
+    part : list of int
+        Poles of the fit.
+    claim : Claim, optional
+        Poles for each run in their place.
+    count : int
+        Peaks of the band.
+    """
+    window, weights, common = fit.window, fit.weights, fit.solved
+    p, n_f = window.Y.shape
+    own = 2.0 * float(np.mean(window.inflation(common.poles, weights)[part]))
+    # Noise estimated from n - m lines makes deviances larger by n / (n - m).
+    few = n_f / max(n_f - common.columns.Q.shape[1], 1)
+    alarm = -np.log(_ALPHA / count)  # of two squares of unit variance
+    one_more = own * max(np.log(2 * p * n_f), few * alarm)
+    more = len(part) - 1
+    least = one_more - more * own * (np.log(2 * p * n_f) + p * np.log(2 * n_f))
+    alone = replace(window, beside=np.concatenate([window.beside, np.delete(common.poles, part)]))
+    one = moved(alone, take_means(fit, part, 1), weights, ROUGH) if more else common
+    at = 0 if more else part[0]
+    pole, level = complex(one.poles[at]), Level.of(one.residues[at], measured.runs[1])
+    needed = one.cost - common.cost + 0.5 * least if claim is None else one.cost - claim.cost
+    if promised_gain(alone, pole, weights, level) < _PROMISED * max(needed, 0.5 * one_more):
+        return None
+    found = fit_backbone(alone, pole, weights, level)
+    weights = _weights(found)
+    found = fit_backbone(alone, found.pole, weights, level, found.shift)
+    fitted = sum(deviance(fit) for fit in found.fits)
+    gain = deviance(common) - fitted - least
+    least_gain = max(0.0, 0.0 if claim is None else claim.gain)
+    end = np.array([found.pole])
+    weak = abs(found.shift) < _LARGEST * float(window.width(end)[0])
+    if gain <= least_gain or deviance(one) - fitted <= one_more:
+        return None
+    if not weak or not measured.inside(end)[0]:
+        return None
+    return replace(fit, window=alone, weights=weights), found, gain
+
+
+def _weights(found: Backbone) -> Weights:
+    """Return weights from the residual of a fit."""
+    deviations = [Noise.of(fit.squares, fit.size).deviation(fit.size) for fit in found.fits]
+    return Weights(np.ones((1, 1)), found.level.join(deviations))
