@@ -87,6 +87,8 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
     # Columns of one standard deviation each.
     if even is None:
         spread = (Vt[seen].T / s[seen]) / scale[:, None]
+        # Of what is determined up to the open directions, the part that these do not change.
+        spread -= unseen @ (unseen.T @ spread)
     else:
         within = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(scale))
         _, size, turn = np.linalg.svd(R @ within)

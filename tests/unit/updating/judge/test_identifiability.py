@@ -8,6 +8,7 @@ from updyn.updating.fit.null_space import null_space
 from updyn.updating.judge.identifiability import analyse
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import EquationError, LogError
+from updyn.updating.update import identifiability
 
 NAMES = ["a", "b", "c"]
 
@@ -162,3 +163,30 @@ def test_gear_train_null_direction_against_sixty_digits(gear_train, gear_train_r
     five, _ = analysed([10, 20, 50, 100, 150])
     assert five.report.rank == 18
     assert five.report.complete
+
+
+@pytest.mark.parametrize("freq", [2.0, 3.0, 5.0, 9.0, 12.0])
+def test_one_line_of_one_channel_determines_two_combinations(freq):
+    """Of four unknowns, however little two of them change it: the rank of central differences."""
+    K = {"a": np.diag([1e4, 0.0]), "b": 1e4 * np.array([[1.0, -1.0], [-1.0, 1.0]])}
+    groups = {name: updyn.Group(k, loss_factor=0.02) for name, k in K.items()}
+    model = updyn.Model.from_groups({"m": updyn.Group(mass=np.eye(2)), **groups}, ["1:X", "2:X"])
+    unknowns = updyn.parameters(model, stiffness="all", loss_factor="all")
+    frf = updyn.response(model, [freq], ["1:X"], ["1:X"])
+    found = identifiability(model, frf, unknowns, noise={"relative": 0.01})
+    omega, h, rows = 2.0 * np.pi * freq, 1e-6, []
+    for name in K:
+        for change in ("stiffness", "loss_factor"):
+            ends = []
+            for step in (h, -h):
+                Z = -(omega**2) * np.eye(2) + 0j
+                for other, k in K.items():
+                    factor = np.exp(step) if (other, change) == (name, "stiffness") else 1.0
+                    loss = 0.02 + (step if (other, change) == (name, "loss_factor") else 0.0)
+                    Z += factor * (1.0 + 1j * loss) * k
+                ends.append(np.log(np.linalg.solve(Z, [1.0, 0.0])[0]))
+            slope = (ends[0] - ends[1]) / (2.0 * h) / 0.01
+            rows.append([slope.real, slope.imag])
+    size = np.sqrt(2.0) * np.linalg.svd(np.array(rows), compute_uv=False)
+    assert size.min() > 100.0  # each is known to 1 %
+    assert found.rank == 2
