@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from updyn.job import Job, JobRun, Prepared
     from updyn.job.proposal import Inputs
     from updyn.updating.judge.causes.finding import Finding
+    from updyn.updating.judge.counterparts import Counterparts
     from updyn.updating.judge.identifiability import Analysis
     from updyn.updating.problem.selection import Selection
 
@@ -153,7 +154,8 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
 
     Prints what was found, and writes the page check.html to DIR: the structure, all channels, maps
     of agreement, modes and identifiability before any fit; none where report = false in [output].
-    Exit code 3 if the data cannot determine all unknowns.
+    Exit code 3 if the data cannot determine all unknowns, or no more measured modes have a
+    counterpart in the model than those of another structure would.
 
     Parameters
     ----------
@@ -163,7 +165,7 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
         Folder DIR; by default the job's name with -check, beside it.
     """
     from updyn.job import check_out, job_analysis, job_selection, load_job, prepare
-    from updyn.job.start import agreement_at_start
+    from updyn.job.start import agreement_at_start, counterparts_at_start
 
     loaded = load_job(job)
     ready = prepare(loaded)
@@ -171,12 +173,14 @@ def check(job: Path, /, *, out: Path | None = None) -> int:
     pages = _start_folder(loaded, "check", out)
     selection = job_selection(ready)
     analysis = job_analysis(ready, selection)
-    agreement = agreement_at_start(ready, selection or ready.parameters)
+    unknowns = selection or ready.parameters
+    agreement = agreement_at_start(ready, unknowns)
+    counterparts = counterparts_at_start(ready, unknowns)
     faults = _faults(ready)
-    checked = Checked(ready, selection, analysis.report, faults, folder, agreement)
+    checked = Checked(ready, selection, analysis.report, faults, folder, agreement, counterparts)
     print_text(joined(CHECK, checked))
-    _write_start(ready, "check", pages, selection, analysis, faults, agreement)
-    return DONE if analysis.report.complete else NOT_DETERMINED
+    _write_start(ready, "check", pages, selection, analysis, faults, agreement, counterparts)
+    return NOT_DETERMINED if checked.alien or not analysis.report.complete else DONE
 
 
 def _start_folder(job: Job, work: str, out: Path | None) -> Path | None:
@@ -203,13 +207,16 @@ def _write_start(
     analysis: Analysis,
     faults: Mapping[str, tuple[Finding, ...]],
     agreement: Mapping[str, Mapping[str, float]],
+    counterparts: Mapping[str, Counterparts] | None = None,
 ) -> None:
     """Write the pages of a job before any fit, and say where they are."""
     from updyn.job import write_start_pages
 
     if folder is None:
         return
-    pages = write_start_pages(ready, work, folder, selection, analysis, faults, agreement)
+    pages = write_start_pages(
+        ready, work, folder, selection, analysis, faults, agreement, counterparts
+    )
     print_text("\nBefore the fit, as a page: " + ", ".join(map(str, pages)))
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from updyn.job.run import JobRun
     from updyn.job.schema import Job
     from updyn.updating.judge.causes.finding import Finding
+    from updyn.updating.judge.counterparts import Counterparts
     from updyn.updating.judge.identifiability import Identifiability
     from updyn.updating.problem.selection import Selection
 
@@ -107,6 +108,8 @@ class Checked:
         Where its results would go.
     agreement : mapping of str to mapping of str to float
         Figures of agreement at the start with the data of the fit, by the names of the tests.
+    counterparts : mapping of str to Counterparts
+        How many measured modes have a counterpart in the model, by the names of the tests.
     """
 
     ready: Prepared
@@ -115,6 +118,12 @@ class Checked:
     faults: Mapping[str, tuple[Finding, ...]]
     folder: Path
     agreement: Mapping[str, Mapping[str, float]]
+    counterparts: Mapping[str, Counterparts]
+
+    @property
+    def alien(self) -> bool:
+        """Whether it is known of every test that it has few modes or none in common."""
+        return all(one.few for one in self.counterparts.values())
 
 
 def _job(checked: Checked) -> str:
@@ -160,7 +169,24 @@ def _faults(checked: Checked) -> str:
     return _causes(checked.ready.tests, checked.faults)
 
 
+def _counterparts(checked: Checked) -> str:
+    """Return how many measured modes have a counterpart in the model, and what to do if few."""
+    from updyn.updating.before_search import REMEDY
+
+    texts = []
+    for name, one in checked.counterparts.items():
+        texts.append(f"{name}: {one.statement}".removeprefix(": "))
+    if any(one.few for one in checked.counterparts.values()):
+        texts.append(REMEDY)
+    return "\n".join(texts)
+
+
 def _can_run(checked: Checked) -> str:
+    if checked.alien:
+        return (
+            "The job can be run, but its search would end after its first tries, as model and test"
+            f" hardly have a mode in common; results would go to {checked.folder}."
+        )
     return f"The job can be run; results would go to {checked.folder}."
 
 
@@ -173,6 +199,7 @@ CHECK: tuple[Callable[[Checked], str], ...] = (
     _selected,
     _identifiability,
     _agreement,
+    _counterparts,
     _faults,
     _can_run,
 )

@@ -10,7 +10,7 @@ import json
 import shlex
 import textwrap
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ from updyn.matching import Matching, match
 from updyn.matching.result import MatchError
 from updyn.model import Model
 from updyn.text_table import counted, printable
+from updyn.updating.before_search import REMEDY
+from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 
 __all__ = ["Inputs", "describe_inputs", "job_text", "look_at"]
 
@@ -71,6 +73,9 @@ class Inputs:
         Why they could not be matched by label; empty where they were.
     match_options : dict of str to object
         Options of `match` besides ``by``, with which they were matched.
+    counterparts : Counterparts or None
+        How many measured modes have a counterpart in the model; None where it is not known where
+        the sensors are.
     """
 
     model_file: Path
@@ -83,6 +88,7 @@ class Inputs:
     lost: tuple[str, ...] = ()
     trouble: str = ""
     match_options: dict[str, Any] = field(default_factory=dict)
+    counterparts: Counterparts | None = None
 
     @property
     def sensors(self) -> list[str]:
@@ -151,16 +157,23 @@ def look_at(model_file: Path, frf_file: Path, stated: dict[str, Any]) -> Inputs:
         raise
     inputs = (model_file, frf_file, model, frf, given, has_quantity)
     try:
-        return Inputs(*inputs, match(model, frf))
+        return _compared(Inputs(*inputs, match(model, frf)))
     except MatchError as error:
         lost, trouble, options = tuple(error.lost), str(error), error.proposal
     if model.geometry is not None and frf.geometry is not None:
         try:
             matching, options = _by_coordinates(model, frf, options)
-            return Inputs(*inputs, matching, (), trouble, options)
+            return _compared(Inputs(*inputs, matching, (), trouble, options))
         except InputError as error:
             trouble += f"\nBy coordinates: {error}"
     return Inputs(*inputs, None, lost, trouble)
+
+
+def _compared(inputs: Inputs) -> Inputs:
+    """Return matched inputs with the measured modes that the model has."""
+    assert inputs.matching is not None
+    found = find_counterparts(inputs.matching.model, inputs.matching.frf)
+    return replace(inputs, counterparts=found)
 
 
 def _by_coordinates(
@@ -251,10 +264,19 @@ def describe_inputs(inputs: Inputs) -> str:
         f"measurement: {len(inputs.frf.freq)} lines, {len(inputs.frf.responses)} responses,"
         f" {len(inputs.frf.references)} references",
         matched,
+        *_in_common(inputs),
         f"proposed: {counted(inputs.n_unknowns, 'unknown')}",
     ]
     texts += [f"Before it can run, state {text}" for text in inputs.open]
     return "\n".join(texts)
+
+
+def _in_common(inputs: Inputs) -> list[str]:
+    """Return how many measured modes have a counterpart in the model, and what to do if few."""
+    found = inputs.counterparts
+    if found is None:
+        return []
+    return [found.statement, REMEDY] if found.few else [found.statement]
 
 
 def _way(inputs: Inputs) -> str:
@@ -329,6 +351,9 @@ def _test(inputs: Inputs, out: Path) -> list[str]:
         labels = [label for label in labels if label.lstrip("+-") not in inputs.lost] or labels
     if len(labels) <= _SENSORS:
         lines.append(_key(TestTable, "responses", labels, off=True))
+    in_common = _in_common(inputs)
+    if in_common:
+        lines += _comments("Before the search", "\n".join(in_common))
     return lines
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from updyn.job.schema import Job
 from updyn.model import Model
 from updyn.outputs.switch import open_folder, replaced
 from updyn.updating.fit.reducing import is_reduced
+from updyn.updating.judge.counterparts import Counterparts, find_counterparts
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.selection import Selection
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "agreement_at_start",
+    "counterparts_at_start",
     "start_correlation",
     "start_figures",
     "start_folder",
@@ -133,6 +136,29 @@ def agreement_at_start(
     return figures
 
 
+def counterparts_at_start(
+    ready: Prepared, unknowns: ParameterSet | Selection
+) -> dict[str, Counterparts]:
+    """Return how many modes of each test have a counterpart in its model.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The job.
+    unknowns : ParameterSet or Selection
+        As for `start_model`.
+
+    Returns
+    -------
+    dict of str to Counterparts
+        By the names of the tests.
+    """
+    return {
+        test.name: find_counterparts(start_model(test, unknowns), test.data, test.modes)
+        for test in ready.tests
+    }
+
+
 def start_folder(job: Job, work: str, out: Path | None = None) -> Path:
     """Return the folder of the pages, checked: they may be written there.
 
@@ -165,6 +191,7 @@ def write_start_pages(
     analysis: Analysis,
     findings: Mapping[str, Sequence[Finding]],
     agreement: Mapping[str, Mapping[str, float]],
+    counterparts: Mapping[str, Counterparts] | None = None,
 ) -> list[Path]:
     """Write the page of each test of a job before any fit.
 
@@ -184,6 +211,8 @@ def write_start_pages(
         What seems to be wrong with the data, by the names of the tests.
     agreement : mapping of str to mapping of str to float
         From `agreement_at_start`.
+    counterparts : mapping of str to Counterparts, optional
+        From `counterparts_at_start`.
 
     Returns
     -------
@@ -202,6 +231,7 @@ def write_start_pages(
                 faults = findings.get(test.name, ())
                 figures = agreement.get(test.name, {})
                 start = _start(ready, test, selection, analysis, faults, figures)
+                start = replace(start, counterparts=(counterparts or {}).get(test.name))
                 write_start(start, new / name)
     return [folder / name for name in names]
 

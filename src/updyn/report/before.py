@@ -59,13 +59,19 @@ def _head(content: Content, start: Start) -> str:
         badge, kind = ("All unknowns can be determined", "good")
     if start.findings:
         badge, kind = ("Look at the data first", "warn")
+    if start.counterparts is not None and start.counterparts.few:
+        badge, kind = ("Look at the model first", "bad")
     return render_template(
         "updyn.report/head.html",
         title=start.title,
         about=f"Before any fit; {counted(len(start.parameters), 'unknown')}; {extent(start.data)}",
         badge=badge,
         kind=kind,
-        parts=[_determined(start), _sound(start, has_frfs=content.has_frfs)],
+        parts=[
+            _determined(start),
+            *_alike(start),
+            _sound(start, has_frfs=content.has_frfs),
+        ],
         cause=start.identifiability.advice,
         steps=[],
         key_figures=_tiles(start, content.data) if content.has_frfs else [],
@@ -79,6 +85,14 @@ def _determined(start: Start) -> Part:
         combinations = counted(rank, "independent combination")
         said = f"The data can determine {combinations} of {counted(n, 'unknown')}."
     return Part("Determined", rank >= n, said)
+
+
+def _alike(start: Start) -> list[Part]:
+    """Return whether model and test have modes in common, where that was asked."""
+    found = start.counterparts
+    if found is None:
+        return []
+    return [Part("Modes in common", not found.few if found.known else None, found.statement)]
 
 
 def _sound(start: Start, *, has_frfs: bool) -> Part:

@@ -394,7 +394,7 @@ class ModesSection(Section):
         return {
             "known": table.known,
             "verdict": _verdict(table) if table.known else "",
-            "notes": table.notes,
+            "notes": (*_before(content), *table.notes),
             "rows": rows,
             "shown": SHOWN_ROWS,
             "most_sensors": MOST_SENSORS,
@@ -404,6 +404,13 @@ class ModesSection(Section):
             "subspaces": table.subspace_notes,
             "framed": any(one.subspaces for one in table.correlations.values()),
         }
+
+
+def _before(content: Content) -> list[str]:
+    """Return how many modes had a counterpart before the search; nothing in an old record."""
+    if content.update is None or content.result.counterparts is None:
+        return []
+    return [f"Before the search: {content.result.counterparts.statement}"]
 
 
 def _reduction_error(table: ModalTable) -> float | None:

@@ -13,6 +13,7 @@ from updyn.frf import FRF
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.problem.parameters import ParameterSet
 
@@ -55,6 +56,8 @@ class Start:
     figures : mapping of str to float
         Figures of agreement of the model with the data of the fit (`Correlation.figures`). If
         empty, the page shows those of the FRFs that are computed for it.
+    counterparts : Counterparts or None
+        How many modes of the test have a counterpart in the model; None where that was not asked.
     """
 
     model: Model
@@ -71,3 +74,4 @@ class Start:
     modes: ModeSet | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, float] = field(default_factory=dict)
+    counterparts: Counterparts | None = None

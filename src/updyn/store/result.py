@@ -67,6 +67,7 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.counterparts import Counterparts, Pair
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import PARTS, Claim, Trust
@@ -375,6 +376,24 @@ def _claim(found: Mapping[str, Any]) -> Claim:
     return Claim(found["holds"], found["why"], found.get("asked", True))
 
 
+class _Counterparts:
+    """The modes of the test that the model had before the search, as JSON text."""
+
+    def put(self, data: xr.Dataset, name: str, value: Counterparts | None) -> None:
+        if value is not None:
+            data[name] = ((), to_text(asdict(value), name))
+
+    def take(self, data: xr.Dataset, name: str, path: Path) -> Counterparts | None:
+        if name not in data.variables:  # an old record
+            return None
+        found = Mixed().take(data, name, path)
+        try:
+            pairs = _records(Pair, found.pop("pairs"))
+            return Counterparts(**{**found, "pairs": pairs, "doubtful": tuple(found["doubtful"])})
+        except (AttributeError, KeyError, TypeError) as error:
+            raise FormatError(f"{name}: not what a run records ({error})", path) from error
+
+
 class _Modes:
     """The modal table: frequencies, loss factors and shapes, real and imaginary part."""
 
@@ -465,6 +484,7 @@ _RESULT: dict[str, Kept] = {
     "trust": _Trust(),
     "findings": _Records(Finding),
     "modes": _Modes(),
+    "counterparts": _Counterparts(),
     "lines": Array("line", variable="line", unit="Hz"),
     "parameters": _Parameters(),
     "values": _ByUnknown("value"),
@@ -537,9 +557,11 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         ``test``, ``start`` and ``updated``, each None or ``number``, ``frequency`` in Hz,
         ``loss_factor``, ``change`` in % and ``mac``;
         ``mac`` of the start's and the updated model's modes (rows) with the test's (columns),
-        ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``. Of
-        several tests also ``tests``: ``correlation``, ``noise``, ``adequacy`` and ``modes`` by
-        name.
+        ``auto_mac`` of the test's, ``comac`` and ``ecomac`` by DOF, ``figures``, ``notes``;
+        ``counterparts``, how many modes of the test the model had before the search, None in old
+        records: ``n_measured``, ``n_paired``, ``pairs``, ``statement``, ``known`` and what it
+        rests on. Of several tests also ``tests``: ``correlation``, ``noise``, ``adequacy``,
+        ``modes`` and ``counterparts`` by name.
     """
     if isinstance(result, JointResult):
         first: dict[str, Any] = {}
@@ -565,6 +587,7 @@ def result_to_json(result: UpdateResult | JointResult) -> dict[str, Any]:
         "findings": plain_records(result.findings),
         "alternatives": plain_records(result.alternatives),
         "modes": _modes_json(result.modes),
+        "counterparts": None if result.counterparts is None else plain(asdict(result.counterparts)),
     }
 
 
@@ -606,7 +629,7 @@ def _adequacy_json(found: Adequacy | None) -> dict[str, Any] | None:
 
 
 #: What differs from test to test.
-_OF_A_TEST = ("correlation", "noise", "adequacy", "modes")
+_OF_A_TEST = ("correlation", "noise", "adequacy", "modes", "counterparts")
 _IDENTIFIABILITY = (
     "rank",
     "n_parameters",

@@ -26,6 +26,7 @@ from updyn.updating.judge.adequacy import Adequacy
 from updyn.updating.judge.alternatives import Alternative, differences
 from updyn.updating.judge.badge import Badge, badge_of
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.counterparts import Counterparts
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.judge.trust import Trust
@@ -122,6 +123,9 @@ class UpdateResult:
     modes : ModalTable or None
         Modes of the test, of the start and of the updated model; None where they were not looked
         for: `updyn.modal_table` does so, and a run of a job.
+    counterparts : Counterparts or None
+        How many modes of the test had a counterpart in the model before the search; None in an old
+        record.
     kept_basis : KeptBasis or None
         Where the reduced models of what follows in this process begin: the basis with which a fit
         of the reduced tier ended. It is neither saved nor pickled; without it they begin anew.
@@ -165,6 +169,7 @@ class UpdateResult:
     trust: Trust | None = None
     findings: tuple[Finding, ...] = ()
     modes: ModalTable | None = None
+    counterparts: Counterparts | None = None
     kept_basis: KeptBasis | None = field(default=None, repr=False)
 
     @property

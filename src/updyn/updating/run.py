@@ -23,6 +23,7 @@ from updyn.group import is_number
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.positions import warn_of_labels
+from updyn.updating.before_search import BeforeSearch
 from updyn.updating.fit.checkpoint import Checkpoint, fingerprint, kept_in_file
 from updyn.updating.fit.method import Fit, Method
 from updyn.updating.fit.methods import check_channels, check_modes, make_method, options_of
@@ -167,6 +168,8 @@ def run(
     check_modes(tests, strategy)
     if not of_frfs:
         _check_without_lines(options)
+    before = BeforeSearch.of(tests, unknowns, options.method_options)
+    before.warn()
     modal_splits = [
         split_modes(test.data, test.validation) for test in tests if isinstance(test.data, ModeSet)
     ]
@@ -207,7 +210,7 @@ def run(
         monitor = Monitor(whole, options.callback)
         lines = [test.lines for test in of_frfs]
         looked = CausesOfRun(whole, splits, noises, monitor)
-        monitor.overrule = looked.overrule
+        monitor.overrule = before.overruling(looked.overrule)
         problem, fit = _fitted(whole, lines, driver, noises, monitor, reduced)
         with monitor.stage(JUDGE):
             fit = _explained(strategy, problem, fit)
@@ -233,8 +236,12 @@ def run(
     changes = unknowns.changes(np.where(unknowns.is_factor, values, np.maximum(values, 0.0)))
     fit = found.fit
     more = _more(selection, fit, options)
+    models = [test.model.scaled(_own(changes, test.model)) for test in tests]
+    common |= before.concluded(common, models)
     results = []
-    for test, i in zip(tests, _places(tests), strict=True):
+    for test, model, counterparts, i in zip(
+        tests, models, before.found, _places(tests), strict=True
+    ):
         own: dict[str, Any] = {}
         if i < len(parts):
             own |= {**_solved(parts[i], reduced), **_left_out(problem.parts[i])}
@@ -247,11 +254,12 @@ def run(
             title=_title(options.title, test.name),
             options={**used[i], "engine": session.engine.name, **own, **more},
             start=test.model,
-            model=test.model.scaled(_own(changes, test.model)),
+            model=model,
             data=test.data,
             noise=dict(fit.noise[i]) if fit.noise else {},
             correlation=found.correlation[i],
             adequacy=found.adequacy[i],
+            counterparts=counterparts,
             kept_basis=kept,
         )
         results.append(result)

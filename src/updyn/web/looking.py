@@ -20,6 +20,7 @@ from updyn.job import Job, Prepared, job_findings, job_identifiability, load_job
 from updyn.job.prepare import measurement as read_measurement
 from updyn.job.prepared import PreparedTest
 from updyn.job.proposal import job_text, look_at
+from updyn.job.start import counterparts_at_start
 from updyn.modal import ModeSet
 from updyn.model import Model
 from updyn.updating.problem.parameters import ParameterSet
@@ -35,6 +36,7 @@ __all__ = [
     "TestView",
     "UnknownRow",
     "View",
+    "counterparts",
     "curve",
     "findings",
     "identifiability",
@@ -445,6 +447,26 @@ def findings(path: Path, text: str) -> list[FindingRow]:
             row = FindingRow(each.statement, each.remedy, each.written, each.odds, number)
             found.append(row)
     return sorted(found, key=lambda row: -row.odds)
+
+
+def counterparts(path: Path, text: str) -> list[str]:
+    """Say of each test how many of its modes have a counterpart in the model.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    text : str
+        Its text.
+
+    Returns
+    -------
+    list of str
+        A statement for each test.
+    """
+    ready = _prepared(path, text)
+    found = counterparts_at_start(ready, ready.parameters)
+    return [f"{name}: {one.statement}".removeprefix(": ") for name, one in found.items()]
 
 
 def curve(

@@ -22,6 +22,7 @@ from updyn.updating.fit.monitor import Iteration
 from updyn.updating.judge.adequacy import Adequacy, Misfit, Noisy, Suspect
 from updyn.updating.judge.alternatives import Alternative
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.counterparts import Counterparts, Pair
 from updyn.updating.judge.identifiability import Identifiability
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.trust import Claim, Trust
@@ -252,6 +253,11 @@ def assert_same(found: object, expected: object, where: str) -> None:
         {"findings": ()},
         {"modes": None},
         {"modes": ModalTable(notes=("No modes could be identified.",))},
+        {
+            "counterparts": Counterparts(
+                3, 1, (Pair(1.0, 1.1, 0.9),), "1 of 3", True, doubtful=("1:Z",)
+            )
+        },
     ],
     ids=[
         "full",
@@ -264,6 +270,7 @@ def assert_same(found: object, expected: object, where: str) -> None:
         "no cause",
         "modes not looked for",
         "no modes",
+        "counterparts",
     ],
 )
 def test_every_field_comes_back(tmp_path, changes):
@@ -279,8 +286,12 @@ def test_no_field_is_forgotten():
             "status message remedy method options start model data lines fitted_responses"
             " validation_responses validation_band parameters values std covariance at_bound"
             " identifiability history noise correlation timing_s versions title adequacy"
-            " alternatives trust findings modes"
+            " alternatives trust findings modes counterparts"
         ),
+        Counterparts: (
+            "n_measured n_paired pairs statement known n_sensors by_chance source doubtful factor"
+        ),
+        Pair: "measured computed mac",
         Finding: "kind channels value odds explains statement remedy written also test of_misfit",
         Trust: "converged determined validated plausible",
         Claim: "holds why asked",

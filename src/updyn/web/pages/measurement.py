@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 from updyn.web import edits
 from updyn.web.charts import SCALES, coherence_chart, edges, frf_chart, masked
-from updyn.web.looking import FindingRow, ModalView, TestView, findings
+from updyn.web.looking import FindingRow, ModalView, TestView, counterparts, findings
 from updyn.web.pages.frame import asked, redraw, said, watch
 from updyn.web.pages.job import no_job, troubles
 from updyn.web.workspace import Workspace
@@ -244,6 +244,8 @@ def _look_for_faults(workspace: Workspace) -> None:
     async def look() -> None:
         button.delete()
         with place:
+            for statement in await asked(workspace.ask, counterparts) or ():
+                ui.label(statement)
             found = await asked(workspace.ask, findings)
             if found is None:
                 return

@@ -1,0 +1,137 @@
+"""`BeforeSearch`: whether models and tests of a run have modes in common, and what follows if not.
+
+A model that has no more counterparts of the measured modes than that of another structure is the
+wrong model, or far from the right one. Then the search ends after its first tries, unless one of
+these explains the data, and an answer with as few counterparts is not plausible.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from updyn.errors import UpdynWarning
+from updyn.modal import ModeSet
+from updyn.model import Model
+from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.counterparts import Counterparts, find_counterparts
+from updyn.updating.problem.data import Test
+from updyn.updating.problem.parameters import ParameterSet
+
+__all__ = ["REMEDY", "BeforeSearch"]
+
+#: What to do about a model that has few modes or none in common with the test.
+REMEDY = (
+    "Compare model and test first: orientation and axes of the sections, supports, units, and where"
+    " the sensors are on the model (updyn check, updyn correlate)."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeforeSearch:
+    """What is known of the modes of models and tests before a search.
+
+    Attributes
+    ----------
+    tests : tuple of Test
+        The tests, with the models where the update starts.
+    modes : tuple of (ModeSet or None)
+        The modes of each test that are known beside its FRFs.
+    found : tuple of Counterparts
+        Of each test.
+    """
+
+    tests: tuple[Test, ...]
+    modes: tuple[ModeSet | None, ...]
+    found: tuple[Counterparts, ...]
+
+    @classmethod
+    def of(
+        cls, tests: Sequence[Test], unknowns: ParameterSet, options: Mapping[str, Any]
+    ) -> BeforeSearch:
+        """Compare the modes of each test with those of its model at the start of the unknowns.
+
+        Parameters
+        ----------
+        tests : sequence of Test
+            The tests.
+        unknowns : ParameterSet
+            Those of the fit.
+        options : mapping of str to object
+            Of the method: ``modes`` are those of the tests.
+        """
+        given = options.get("modes")
+        by_test = given if isinstance(given, Mapping) else {}
+        one = given if isinstance(given, ModeSet) else None
+        modes = tuple(by_test.get(test.name, one) for test in tests)
+        found = [
+            find_counterparts(unknowns.at_start(test.model), test.data, own)
+            for test, own in zip(tests, modes, strict=True)
+        ]
+        return cls(tuple(tests), modes, tuple(found))
+
+    @property
+    def few(self) -> bool:
+        """Whether it is known of every test that it has few modes or none in common."""
+        return all(one.few for one in self.found)
+
+    def warn(self) -> None:
+        """Warn of tests with few modes or none in common with their model."""
+        for test, one in zip(self.tests, self.found, strict=True):
+            if one.few:
+                name = f"{test.name}: " if test.name else ""
+                warnings.warn(f"{name}{one.statement} {REMEDY}", UpdynWarning, stacklevel=4)
+
+    def overruling(self, overrule: Callable[[], bool]) -> Callable[[], bool]:
+        """Return what ends a search whose first tries found no answer.
+
+        Parameters
+        ----------
+        overrule : callable
+            Looks for a fault of the data that explains them.
+        """
+        if not self.few:
+            return overrule
+
+        def without_counterparts() -> bool:
+            overrule()  # its findings are part of the result
+            return True
+
+        return without_counterparts
+
+    def concluded(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
+        """Return the entries of a result that change if its modes have few counterparts, too.
+
+        Parameters
+        ----------
+        common : mapping of str to object
+            ``status``, ``message``, ``remedy``, ``trust`` and ``findings`` of the result.
+        models : sequence of Model
+            The updated model of each test.
+        """
+        status, trust = common["status"], common["trust"]
+        if not self.few or status in ("stopped", "failed"):
+            return {}
+        after = [
+            find_counterparts(model, test.data, own)
+            for model, test, own in zip(models, self.tests, self.modes, strict=True)
+        ]
+        if not all(one.few for one in after):
+            return {}
+        after_it = f"{after[0].n_paired} of {after[0].n_measured} have one"
+        said = (
+            f"{self.found[0].statement} The search ended after its first tries, none of which"
+            f" explains the data; in the updated model {after_it}."
+        )
+        if any(finding.grave for finding in common["findings"]):
+            return {"message": f"{common['message']} {said}"}
+        ended = common["message"].partition(". ")[0].removesuffix(".")
+        changed = {"message": f"{ended}. {said}", "remedy": REMEDY}
+        if status == "converged":
+            ended = "The fit converged, but its answer is not to be believed"
+            changed |= {"status": "not-credible", "message": f"{ended}. {said}"}
+        if trust is not None:
+            changed["trust"] = replace(trust, plausible=Claim(False, self.found[0].statement))
+        return changed

@@ -1,0 +1,214 @@
+"""How many measured modes a model has: `find_counterparts`, against structures in plain NumPy."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import updyn
+from updyn.updating.judge.counterparts import (
+    COMMON,
+    RANGE,
+    Counterparts,
+    find_counterparts,
+)
+
+#: DOFs of the structures, and of the sensors.
+N, SENSORS = 12, [0, 2, 4, 6, 8, 10]
+
+
+def parts(rng):
+    """Return springs and masses of a random chain with branches: stiffness and mass by group."""
+    K = [np.zeros((N, N)) for _ in range(4)]
+    for i in range(N):
+        j = i - 1 if i < 8 else int(rng.integers(2, i))
+        v = np.zeros(N)
+        v[i] = 1.0
+        if j >= 0:
+            v[j] = -1.0
+        K[i % 4] += 1e5 * rng.uniform(0.5, 2.0) * np.outer(v, v)
+    return K, [np.diag(np.where(np.arange(N) % 4 == g, rng.uniform(0.5, 2.0), 0)) for g in range(4)]
+
+
+def model(K, M, stiffness=(1, 1, 1, 1), mass=(1, 1, 1, 1), order=range(N)):
+    """Return the model with factors on its groups, its DOFs labelled in some order."""
+    groups = {
+        f"g{i}": updyn.Group(stiffness=K[i] * stiffness[i], mass=M[i] * mass[i], loss_factor=0.01)
+        for i in range(4)
+    }
+    return updyn.Model.from_groups(groups, [f"{i + 1}:Z" for i in order])
+
+
+def modes(K, M):
+    value, shapes = scipy.linalg.eigh(sum(K), sum(M))
+    return np.sqrt(value) / (2 * np.pi), shapes
+
+
+def measured(K, M, n_modes=8, noise=0.01, sensors=SENSORS):
+    """Return accelerances that hold the lowest modes, with noise."""
+    frequency, _ = modes(K, M)
+    top = 0.5 * (frequency[n_modes - 1] + frequency[n_modes])
+    lines = np.linspace(0.5 * frequency[0], top, 400)
+    H = []
+    for f in lines:
+        w2 = (2 * np.pi * f) ** 2
+        X = np.linalg.solve(sum(K) * (1 + 0.01j) - w2 * sum(M), np.eye(N)[:, sensors[:2]])
+        H.append(-w2 * X[sensors])
+    H = np.array(H)
+    rng = np.random.default_rng(3)
+    z = rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
+    H = H * (1 + noise * z)
+    labels = [f"{i + 1}:Z" for i in sensors]
+    return updyn.FRF(lines, H, labels, labels[:2], "accelerance")
+
+
+def reversed_sign(frf, *rows):
+    values = frf.values.copy()
+    values[:, list(rows)] *= -1
+    return updyn.FRF(frf.freq, values, frf.responses, frf.references, frf.quantity)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_model_that_is_off_as_models_are_has_the_modes(seed):
+    rng = np.random.default_rng(seed)
+    K, M = parts(rng)
+    off = 1 + 0.3 * rng.choice([-1, 1], 4), 1 + 0.15 * rng.choice([-1, 1], 4)
+    found = find_counterparts(model(K, M, *off), measured(K, M))
+    assert found.known
+    assert not found.few
+    assert found.n_paired >= 0.7 * found.n_measured
+    assert found.n_measured >= 5
+    said = f"{found.n_paired} of {found.n_measured} resonance peaks of the test have a counterpart"
+    assert found.statement == f"{said} in the model."
+
+
+def test_pairs_are_those_of_the_exact_modes():
+    K, M = parts(np.random.default_rng(0))
+    truth = modes(K, M)[0][:8]
+    found = find_counterparts(model(K, M), measured(K, M))
+    assert found.n_paired == found.n_measured
+    for pair in found.pairs:
+        assert np.min(np.abs(truth / pair.computed - 1)) < 1e-9
+        assert pair.measured == pytest.approx(pair.computed, rel=0.02)
+        assert pair.mac > 0.8
+
+
+def test_another_structure_has_few():
+    # Shuffled, the first mode, in which all moves one way, is left.
+    K, M = parts(np.random.default_rng(0))
+    frf = measured(K, M, sensors=list(range(N)))
+    for seed in (0, 2, 3):
+        shuffled = np.random.default_rng(seed).permutation(N)
+        found = find_counterparts(model(K, M, order=shuffled), frf)
+        assert found.source == "identified"
+        assert (found.n_measured, found.n_paired) == (8, 1)
+        assert found.few
+        assert not found.none
+        assert "1 of 8 measured modes has a counterpart in the model: as few as" in found.statement
+
+
+def test_modes_of_the_test_are_compared_as_its_frfs_are():
+    K, M = parts(np.random.default_rng(0))
+    frequency, shapes = modes(K, M)
+    test = updyn.ModeSet(frequency[:8], shapes[SENSORS][:, :8], [f"{i + 1}:Z" for i in SENSORS])
+    right = find_counterparts(model(K, M, (0.7, 1.3, 1, 1)), test)
+    assert right.statement == "8 of 8 measured modes have a counterpart in the model."
+    beside = find_counterparts(model(K, M, (0.7, 1.3, 1, 1)), measured(K, M), test)
+    assert beside.pairs == right.pairs
+
+
+def test_a_sensor_of_the_wrong_sign_is_no_sign_of_another_structure():
+    K, M = parts(np.random.default_rng(0))
+    frf = measured(K, M)
+    for rows in ((3,), (4,), (1,), (2, 5)):
+        found = find_counterparts(model(K, M), reversed_sign(frf, *rows))
+        assert not found.none
+        assert not found.few
+    found = find_counterparts(model(K, M), reversed_sign(frf, 3))
+    if found.doubtful:
+        assert found.doubtful == ("7:Z",)
+        assert "without 7:Z" in found.statement
+
+
+def test_a_wrong_unit_is_said_as_a_factor():
+    K, M = parts(np.random.default_rng(0))
+    frf = measured(K, M)
+    found = find_counterparts(model(K, M, 4 * [1000.0]), frf)
+    assert found.n_paired == 0
+    assert not found.none
+    assert found.factor == pytest.approx(np.sqrt(1000), rel=0.02)
+    assert "32 times the measured frequency" in found.statement
+
+
+def test_where_the_data_cannot_tell_it_is_not_known():
+    K, M = parts(np.random.default_rng(0))
+    frf = measured(K, M)
+    two = find_counterparts(model(K, M), frf.select(responses=["1:Z", "3:Z"]))
+    assert not two.known
+    assert two.n_sensors == 0
+    assert "takes at least 3 sensors" in two.statement
+    few = find_counterparts(model(K, M), frf.select(lines=frf.freq[:7]))
+    assert not few.known
+    assert "7 lines do not show resonances" in few.statement
+    large = find_counterparts(model(K, M), frf, largest=N - 1)
+    assert not large.known
+    assert "12 DOFs, more than 11" in large.statement
+    three = find_counterparts(model(K, M), frf.select(responses=["1:Z", "3:Z", "5:Z"]))
+    assert three.by_chance > two.by_chance
+
+
+def test_repeated_modes_are_compared_by_their_plane():
+    sensors = [f"{i}:{axis}" for i in (1, 2, 3) for axis in "XY"]
+    rng = np.random.default_rng(5)
+    plane = np.linalg.qr(rng.standard_normal((6, 6)))[0]
+    K = plane @ np.diag([1.0, 1.0, 4.0, 4.0, 9.0, 16.0]) @ plane.T * 1e4
+    group = updyn.Group(stiffness=K, mass=np.eye(6))
+    computed = updyn.Model.from_groups({"a": group}, sensors)
+    turn = np.array([[np.cos(0.8), np.sin(0.8)], [-np.sin(0.8), np.cos(0.8)]])
+    shapes = np.hstack([plane[:, :2] @ turn, plane[:, 2:4] @ turn, plane[:, 4:]])
+    frequency = np.sqrt(np.array([1.0, 1.001, 4.0, 4.004, 9.0, 16.0]) * 1e4) / (2 * np.pi)
+    found = find_counterparts(computed, updyn.ModeSet(frequency, shapes, sensors))
+    assert found.n_paired == 6
+    assert min(pair.mac for pair in found.pairs) > 0.99
+
+
+def test_the_range_of_frequencies_is_a_factor_of_one_and_a_half():
+    assert RANGE == 1.5
+    K, M = parts(np.random.default_rng(0))
+    frequency, shapes = modes(K, M)
+    labels = [f"{i + 1}:Z" for i in range(N)]
+    for factor, n in ((1.45, 1), (1.55, 0)):
+        one = updyn.ModeSet(frequency[:1] * factor, shapes[:, :1], labels)
+        assert find_counterparts(model(K, M), one).n_paired == n
+
+
+def test_pairs_by_chance_are_those_of_random_directions():
+    # At three sensors the MAC of random directions is above 1/2 with probability 1 - sqrt(1/2).
+    once = 1 - np.sqrt(0.5)
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((100_000, 3))
+    cosine = draws[:, 0] / np.linalg.norm(draws, axis=1)
+    assert np.mean(cosine**2 >= 0.5) == pytest.approx(once, abs=0.005)
+    group = updyn.Group(stiffness=np.diag([1.0, 1.1, 1.2]) * 1e4, mass=np.eye(3))
+    computed = updyn.Model.from_groups({"a": group}, ["1:Z", "2:Z", "3:Z"])
+    test = updyn.ModeSet([16.0], np.ones((3, 1)), ["1:Z", "2:Z", "3:Z"])
+    assert find_counterparts(computed, test).by_chance == pytest.approx(1 - (1 - once) ** 3)
+
+
+def test_no_pair_is_known_from_four_modes_on():
+    # With a share of 0.6 in common, four modes of the structure have none with probability 0.026.
+    assert COMMON == 0.6
+    K, M = parts(np.random.default_rng(0))
+    frequency, shapes = modes(K, M)
+    labels = [f"{i + 1}:Z" for i in range(N)]
+    for n in (3, 4):
+        test = updyn.ModeSet(frequency[:n], shapes[:, N - 1 : N - 1 - n : -1], labels)
+        found = find_counterparts(model(K, M), test)
+        assert found.n_paired == 0
+        assert found.none == (n == 4)
+        assert found.statement.startswith(f"0 of {n} measured modes have a counterpart")
+
+
+def test_a_result_without_modes_is_not_known():
+    nothing = Counterparts(0, 0, (), "why", known=False)
+    assert not nothing.none
+    assert not nothing.few

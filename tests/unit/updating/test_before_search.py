@@ -1,0 +1,100 @@
+"""What follows in a run if model and test have hardly a mode in common: `BeforeSearch`."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.errors import UpdynWarning
+from updyn.store.result import result_to_json
+from updyn.updating.judge.counterparts import Counterparts
+
+N = 8
+LABELS = [f"{i}:Z" for i in range(1, N + 1)]
+#: An order of the masses in which neighbours are far apart.
+TURNED = [4, 1, 7, 0, 2, 6, 5, 3]
+
+
+def springs():
+    """Return the stiffness of a chain held at both ends, in two halves."""
+    parts = np.zeros((2, N, N))
+    for i in range(N + 1):
+        v = np.zeros(N)
+        if i < N:
+            v[i] = 1.0
+        if i > 0:
+            v[i - 1] -= 1.0
+        parts[i % 2] += 2e4 * np.outer(v, v)
+    return parts
+
+
+def model(factors=(1.0, 1.0)):
+    groups = {
+        name: updyn.Group(stiffness=K * factor, loss_factor=0.02)
+        for name, K, factor in zip("ab", springs(), factors, strict=True)
+    }
+    groups["mass"] = updyn.Group(mass=np.eye(N))
+    return updyn.Model.from_groups(groups, LABELS)
+
+
+def measured(order=range(N), factors=(1.0, 1.0)):
+    """Return accelerances of the chain, its masses in some order, with 1 % noise."""
+    K = np.tensordot(factors, springs(), 1)[np.ix_(order, order)]
+    lines = np.linspace(3.0, 50.0, 120)
+    H = []
+    for f in lines:
+        w2 = (2 * np.pi * f) ** 2
+        Z = K * (1 + 0.02j) - w2 * np.eye(N)
+        H.append(-w2 * np.linalg.solve(Z, np.eye(N)[:, [0, 3]]))
+    H = np.array(H)
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal(H.shape) + 1j * rng.standard_normal(H.shape)
+    return updyn.FRF(lines, H * (1 + 0.01 * z), LABELS, ["1:Z", "4:Z"], "accelerance")
+
+
+def unknowns(of):
+    return updyn.parameters(of, stiffness=["a", "b"], loss_factor=["a", "b"])
+
+
+@pytest.fixture(scope="module")
+def alien():
+    with pytest.warns(UpdynWarning, match=r"of \d measured modes ha.*Compare model and test first"):
+        return updyn.update(model(), measured(TURNED), unknowns(model()))
+
+
+def test_the_search_ends_after_its_first_tries(alien):
+    assert alien.counterparts.few
+    tries = sum(step.stage == "search" and step.step == 0 for step in alien.history)
+    assert 3 <= tries <= 6  # three tries, on few and on all lines
+    assert len(alien.history) < 500
+
+
+def test_its_answer_is_not_called_usable(alien):
+    assert alien.status != "converged"
+    assert alien.trust["plausible"] == False  # noqa: E712
+    assert alien.counterparts.statement in alien.message
+    assert alien.counterparts.statement == alien.trust["plausible"].why
+    assert "The search ended after its first tries" in alien.message
+    assert alien.remedy.startswith("Compare model and test first")
+
+
+def test_the_record_has_it(alien, tmp_path):
+    updyn.write_result(alien, tmp_path / "run.nc")
+    assert updyn.read_result(tmp_path / "run.nc").counterparts == alien.counterparts
+    record = json.loads(json.dumps(result_to_json(alien)))["counterparts"]
+    assert record["n_measured"] == alien.counterparts.n_measured
+    assert record["known"] is True
+
+
+def test_a_model_that_is_off_is_searched_and_updated():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = updyn.update(model((1.4, 0.7)), measured(), unknowns(model()))
+    found = result.counterparts
+    assert isinstance(found, Counterparts)
+    assert found.n_paired == found.n_measured >= 5
+    assert result.status == "converged"
+    assert result.values["a.stiffness"] == pytest.approx(1 / 1.4, rel=0.01)
+    assert "first tries" not in result.message
