@@ -11,7 +11,9 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from updyn.correlation import correlate
 from updyn.dynamics.fields import FieldSolver
@@ -22,10 +24,12 @@ from updyn.updating.fit.null_space import covariance_within, null_space
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
+from updyn.updating.judge.discrepancy import Discrepancy, estimate_discrepancy
 from updyn.updating.judge.held_out import predictive_figures
 from updyn.updating.judge.identifiability import Analysis, analyse
 from updyn.updating.judge.localise import localise
 from updyn.updating.judge.modal_figures import modal_correlation
+from updyn.updating.judge.noise_split import covariance_over_ratios
 from updyn.updating.judge.rounding import Rounding, worst_rounding
 from updyn.updating.problem.data import ModalSplit, Split
 from updyn.updating.problem.levelled import levelled
@@ -81,6 +85,9 @@ class Judgement:
         Where rounding moves the model's answer by what matters.
     alternatives : tuple of Alternative
         Other answers that fit as well.
+    discrepancy : Discrepancy or None
+        Errors of the model that the residual shows, which the covariance includes; None where it
+        shows none.
     """
 
     fit: Fit
@@ -93,6 +100,7 @@ class Judgement:
     adequacy: tuple[Adequacy | None, ...] = ()
     rounding: Rounding | None = None
     alternatives: tuple[Alternative, ...] = ()
+    discrepancy: Discrepancy | None = None
 
 
 def judge(
@@ -174,6 +182,15 @@ def judge(
     if fit.rivals:
         others = unless_stopped(lambda: alternatives(problem, fit), others)
     spread = _spread(problem, fit, even)
+    if any("degrees_of_freedom" in record for record in fit.noise):
+        over_ratios = partial(_over_ratios, problem, fit, noises, analysis.null_space, spread)
+        spread = unless_stopped(over_ratios, spread)
+    error: Discrepancy | None = None
+    if any(found is not None and found.outcome not in _UNTOLD for found in adequacy):
+        estimated = partial(_model_error, problem, fit, noises, adequacy, analysis.null_space)
+        error = unless_stopped(estimated, None)
+    if error is not None:
+        fit, spread = _with_model_error(problem, fit, spread, error)
     for i, (part, split) in enumerate(zip(problem.parts, splits, strict=True)):
         if split.held is not None and _noise_is_known(adequacy[i], noises[i]):
             predicted = partial(_predicted, problem, part, split.held, fit.x, spread, noises[i])
@@ -183,7 +200,17 @@ def judge(
         fit = replace(fit, reason="stopped")
     covariance, at_bound = _in_values(problem, fit.x, spread), _at_bound(problem, fit.x)
     return Judgement(
-        fit, analysis, covariance, advice, misfit, at_bound, correlation, adequacy, rounding, others
+        fit,
+        analysis,
+        covariance,
+        advice,
+        misfit,
+        at_bound,
+        correlation,
+        adequacy,
+        rounding,
+        others,
+        error,
     )
 
 
@@ -271,6 +298,93 @@ def _spread(problem: Problem, fit: Fit, even: NDArray[np.float64] | None) -> NDA
     out[analysis.involved] = np.inf
     out[:, analysis.involved] = np.inf
     return out
+
+
+def _over_ratios(
+    problem: Problem,
+    fit: Fit,
+    noises: Sequence[NoiseModel],
+    undetermined: NDArray[np.float64],
+    spread: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the covariance over all ratios of relative noise and floor; `spread` if one is known.
+
+    It is that of fits whose noise was estimated from few data.
+    """
+    if problem.modal or fit.pull is not None or fit.reason in _ABORTED:
+        return spread
+    floors = []
+    for part, noise in zip(problem.parts, noises, strict=True):
+        known = noise.refit(part.responses(fit.x), part.frf, problem.share(part))
+        if not isinstance(known, Estimated) or known.spare is None:
+            return spread
+        floors.append(known.floor)
+    within = np.eye(problem.n)
+    if undetermined.size:
+        within = scipy.linalg.null_space(undetermined.T)
+    found = covariance_over_ratios(problem, fit.x, floors, within)
+    return spread if found is None else np.where(np.isinf(spread), np.inf, found)
+
+
+#: How a fit ended whose answer is not assessed.
+_ABORTED = ("failed", "stopped")
+#: Outcomes of a test of the residual that say nothing of an error of the model.
+_UNTOLD = ("exact", "untested")
+#: Restricted log-likelihood that an error of the model gains by chance in a share `LEVEL` of fits
+#: whose residual is noise: a variance of 0 is at the bound of its range, so that twice the gain is
+#: 0 in half of them, and has the chi-square distribution of one degree of freedom in the others
+#: (Self & Liang, J. Am. Stat. Assoc. 82 (1987) 605).
+_BY_CHANCE = 0.5 * float(chdtri(1.0, 2.0 * LEVEL))
+
+
+def _model_error(
+    problem: Problem,
+    fit: Fit,
+    noises: Sequence[NoiseModel],
+    adequacy: Sequence[Adequacy | None],
+    undetermined: NDArray[np.float64],
+) -> Discrepancy | None:
+    """Return the errors of the model that the residual shows; None where it shows none.
+
+    A residual that tests have called structure has one; any other has to show it by likelihood.
+    From few data the noise itself is hardly known, and nothing is found.
+    """
+    if any("degrees_of_freedom" in record for record in fit.noise):
+        return None
+    errors, size_known = [], True
+    for part, noise in zip(problem.parts, noises, strict=True):
+        H = part.responses(fit.x)
+        known = noise.refit(H, part.frf, problem.share(part))
+        errors.append(OutputError(whitening(known, H, part)))
+        size_known = size_known and noise.bulk.size_known
+    is_structure = any(found is not None and found.outcome == "structure" for found in adequacy)
+    return estimate_discrepancy(
+        problem,
+        fit,
+        Each(tuple(errors)),
+        undetermined,
+        size_known=size_known,
+        least_gain=0.0 if is_structure else _BY_CHANCE,
+    )
+
+
+def _with_model_error(
+    problem: Problem, fit: Fit, spread: NDArray[np.float64], error: Discrepancy
+) -> tuple[Fit, NDArray[np.float64]]:
+    """Return a fit whose record states an error of the model, and the covariance with it."""
+    unknown = error.unknown(spread)
+    record: dict[str, Any] = {"model_error": error.share}
+    names = [name for name, lost in zip(_names(problem), unknown, strict=True) if lost]
+    if names:
+        record["not_known"] = names
+    spread = spread + error.covariance
+    spread[unknown] = np.inf
+    spread[:, unknown] = np.inf
+    return replace(fit, noise=tuple({**own, **record} for own in fit.noise)), spread
+
+
+def _names(problem: Problem) -> list[str]:
+    return problem.coordinates.parameters.names
 
 
 def _in_values(

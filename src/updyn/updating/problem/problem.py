@@ -224,6 +224,10 @@ class Part:
         """Return the unknowns' values at x, shape (n,)."""
         return self.coordinates.to_values(x)
 
+    def gains(self, x: _Vector) -> NDArray[np.float64]:
+        """Return the calibration factor of each channel at x, shape (n_i, n_j)."""
+        return np.ones(self.sign.shape) if self._gains is None else self._gains.factors(x)
+
     def state(self, x: _Vector) -> State:
         """Return the state of the compiled model at x."""
         return self.unknowns.state(self.solver.system, self.values(x))

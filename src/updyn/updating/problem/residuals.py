@@ -38,6 +38,7 @@ __all__ = [
     "clear_of_noise",
     "is_cached",
     "log_error",
+    "reduced",
     "solved",
     "with_prior",
 ]
@@ -399,14 +400,26 @@ def solved(residual: LineResidual, part: Part, x: _Vector) -> Local:
     """
 
     def compute() -> Record:
-        items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
-        local = reduce(part.each(_block_triangle, items), part.n)
-        if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
-            raise SolverError(f"{residual.name}: the model's answer is not finite")
+        local = reduced(residual, part, x, part.n)
         return np.array(local.cost), local.R, local.q
 
     cost, R, q = part.recall(_kind(residual), x, compute, residual.cache_key)
     return Local(float(cost), R, q)
+
+
+def reduced(residual: LineResidual, part: Part, x: _Vector, n: int) -> Local:
+    """Return the problem at x, evaluated and reduced, for a residual with n derivatives.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved, or its answer is not finite.
+    """
+    items = [(residual.on(part, lines), x, lines) for lines in residual.partition(part)]
+    local = reduce(part.each(_block_triangle, items), n)
+    if not (np.isfinite(local.cost) and np.isfinite(local.R).all()):
+        raise SolverError(f"{residual.name}: the model's answer is not finite")
+    return local
 
 
 def is_cached(residual: LineResidual | EachOf[Any], problem: Problem, x: _Vector) -> bool:

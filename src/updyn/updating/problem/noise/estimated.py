@@ -24,6 +24,7 @@ __all__ = [
     "FEW",
     "Estimated",
     "EstimatedByChannel",
+    "ratio_range",
     "two_numbers",
 ]
 
@@ -32,8 +33,6 @@ _Real = NDArray[np.float64]
 _SAMPLES = 20_000
 #: From fewer spare numbers than this, one scale is estimated.
 FEW = 30
-#: Relative noise over the floor, then.
-_FEW_RATIO = 10.0
 #: Logarithms between which relative and floor are sought. Noise as large as the response leaves
 #: nothing measured.
 _RANGE = (np.log(SMALLEST), 0.0)
@@ -52,7 +51,8 @@ class Estimated(NoiseModel):
 
     From fewer than 30 spare numbers (real and imaginary parts of the data, less the unknowns) two
     cannot be estimated: the likelihood then takes a chance smallness of some residuals for a lack
-    of noise. One scale is, at a fixed ratio of the two, and intervals have to be Student's.
+    of noise. One scale is, at the middle of the ratios of the two that can be told apart, and
+    intervals have to be Student's.
 
     Parameters
     ----------
@@ -147,14 +147,36 @@ class _Residual:
         return two_numbers(self.size[self.seen], self.level[self.seen], squared, tails)
 
     def one_scale(self, freedom: float) -> tuple[float, float]:
-        """Return relative and floor at the ratio of `_FEW_RATIO`."""
+        """Return relative and floor at the middle of their ratios (`ratio_range`)."""
         if self.n_values == 0:
             return SMALLEST, SMALLEST
+        size, level = self.size[self.seen], self.level[self.seen]
         squared = self.squared[self.seen] * (2 * self.n_values / freedom)
-        shape = (_FEW_RATIO * self.size[self.seen]) ** 2 + self.level[self.seen] ** 2
+        ratio = np.exp(np.mean(ratio_range(size, level)))
+        shape = (ratio * size) ** 2 + level**2
         floor = np.sqrt(np.mean(squared / shape))
-        a, b = np.clip([_FEW_RATIO * floor, floor], *np.exp(_RANGE))
+        a, b = np.clip([ratio * floor, floor], *np.exp(_RANGE))
         return float(a), float(b)
+
+
+def ratio_range(size: _Real, level: _Real) -> tuple[float, float]:
+    """Return the logarithms of the ratios at which relative noise and floor are equally large.
+
+    Parameters
+    ----------
+    size, level : ndarray of float
+        As for `two_numbers`.
+
+    Returns
+    -------
+    low, high : float
+        Relative noise over floor, at the loudest and at the quietest value. Below all noise is a
+        floor, and above all is relative. Both 0 where no value has a size.
+    """
+    over = np.log(size[size > 0.0] / level[size > 0.0])
+    if over.size == 0:
+        return 0.0, 0.0
+    return -float(over.max()), -float(over.min())
 
 
 def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tuple[float, float]:
@@ -245,12 +267,12 @@ def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
         shape, floor = scale(log_ratio)
         return float(np.mean(np.log(shape)) + np.log(floor))
 
-    over = size[size > 0.0] / level[size > 0.0]
-    if over.size == 0:
+    if not size.any():
         return np.array([SMALLEST, np.sqrt(scale(-np.inf)[1])])
     # From a relative part that is a thousandth of the floor at the largest value, to a floor that
     # is a thousandth of the relative part at the smallest.
-    grid = np.linspace(-_FAR - np.log(over.max()), _FAR - np.log(over.min()), _RATIOS)
+    low, high = ratio_range(size, level)
+    grid = np.linspace(low - _FAR, high + _FAR, _RATIOS)
     best = int(np.argmin([unlikely(ratio) for ratio in grid]))
     between = grid[max(best - 1, 0)], grid[min(best + 1, _RATIOS - 1)]
     options = {"xatol": 1e-4}

@@ -1,0 +1,328 @@
+"""Model error in the standard deviations: a discrepancy that is estimated with the unknowns.
+
+What noise does not explain of a residual is the effect of errors that the model has no unknown for.
+The fit has put a part of it into the unknowns; that part is not seen in the residual, and neither
+resampling nor the covariance of the residual shows it. A model of the errors does (Kennedy &
+O'Hagan, J. R. Stat. Soc. B 63 (2001) 425): here local changes of the dynamic stiffness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.errors import SolverError
+from updyn.frf import QUANTITIES
+from updyn.updating.fit.method import Fit
+from updyn.updating.fit.null_space import WIDEST
+from updyn.updating.problem.local import Local, joined
+from updyn.updating.problem.problem import Part, Problem
+from updyn.updating.problem.residuals import Each, LineResidual, reduced
+
+__all__ = ["Discrepancy", "estimate_discrepancy"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Largest number of degrees of freedom at which the model may be wrong. Each has four columns, and
+#: 256 are factorised in the time of a few evaluations.
+_PLACES = 64
+#: Kinds of change at each of them: stiffness, loss, viscous damping and mass.
+_KINDS = 4
+#: Variance ratios that are tried: logarithms of the share of the discrepancy over that of the noise
+#: along the direction that shows it most, and their number.
+_RATIOS = np.linspace(-9.0, 30.0, 79)
+#: Effect of a change over the largest one, below which it is rounding.
+_UNSEEN = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Discrepancy:
+    """What errors of the model add to the uncertainty of the unknowns.
+
+    Attributes
+    ----------
+    covariance : ndarray of float, shape (n, n)
+        Of the optimiser's coordinates about the estimate: the square of the likeliest shift, and
+        the spread of the shift.
+    shift : ndarray of float, shape (n,)
+        The likeliest shift, truth less estimate.
+    share : float
+        Share of the sum of squares of the residual that the discrepancy explains.
+    gain : float
+        Restricted log-likelihood, less that without a discrepancy.
+    """
+
+    covariance: _Real
+    shift: _Real
+    share: float
+    gain: float
+
+    def unknown(self, spread: _Real) -> NDArray[np.bool_]:
+        """Return which unknowns have no honest interval, though the data determine them.
+
+        Those whose standard deviation exceeds `WIDEST`, a factor of e: so far off, first-order
+        errors say nothing of the size of an interval.
+
+        Parameters
+        ----------
+        spread : ndarray of float, shape (n, n)
+            Covariance due to noise; inf for unknowns that are open anyway.
+        """
+        with np.errstate(invalid="ignore"):
+            std = np.sqrt(np.diag(spread) + np.diag(self.covariance))
+        return np.isfinite(np.diag(spread)) & (std > WIDEST)
+
+
+def estimate_discrepancy(
+    problem: Problem,
+    fit: Fit,
+    residual: Each,
+    undetermined: _Real,
+    *,
+    size_known: bool,
+    least_gain: float,
+) -> Discrepancy | None:
+    """Estimate the errors that a structural residual shows, and what they do to the unknowns.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted.
+    fit : Fit
+        How it ended.
+    residual : Each
+        The output errors of its parts, in standard deviations of the noise.
+    undetermined : ndarray of float, shape (n, k)
+        Orthonormal basis of the directions that the data leave open.
+    size_known : bool
+        Whether the noise is known from elsewhere, so that it is not smaller than that.
+    least_gain : float
+        Restricted log-likelihood that a discrepancy has to gain.
+
+    Returns
+    -------
+    Discrepancy or None
+        None where the data show no discrepancy, or are of modes as well.
+
+    Notes
+    -----
+    The residual is r = J d + B z + e, with d the shift of the unknowns, e noise of variance s^2,
+    and B the effects of a spring, a loss, a dashpot and a mass at single degrees of freedom, all
+    scaled to equal norm. The changes z are normal, with one variance for all. Both variances
+    maximise the restricted likelihood, that of the residual but for what J can take (Patterson &
+    Thompson, Biometrika 58 (1971) 545), in which z and so d have a mean and a covariance. The
+    estimate stays as it is: its mean square error is the square of the mean of d and the covariance
+    of d.
+    """
+    if problem.modal or not problem.parts:
+        return None
+    try:
+        local = _with_errors(problem, fit.x, residual)
+    except SolverError:
+        return None
+    n, weight = problem.n, problem.coordinates.prior[1]
+    within = scipy.linalg.null_space(undetermined.T) if undetermined.size else np.eye(n)
+    if fit.pull is not None:
+        weight = weight + fit.pull.weight
+        within = within if fit.pull.within is None else fit.pull.within
+    J = np.vstack([local.R[:, :n], np.diag(weight)]) @ within
+    norms = np.linalg.norm(local.R[:, n:], axis=0)
+    seen = norms > _UNSEEN * norms.max(initial=0.0)
+    B = np.vstack([local.R[:, n:][:, seen] / norms[seen], np.zeros((n, np.count_nonzero(seen)))])
+    rest = max(2.0 * local.cost - float(local.q @ local.q), 0.0)
+    numbers = 2 * problem.n_values - within.shape[1]
+    found = _Components.of(J, B, np.append(local.q, np.zeros(n)), rest, numbers)
+    if found is None:
+        return None
+    estimated = found.estimate(1.0 if size_known else 0.0)
+    if estimated.gain < least_gain or estimated.share <= 0.0:
+        return None
+    return replace(
+        estimated,
+        shift=within @ estimated.shift,
+        covariance=within @ estimated.covariance @ within.T,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Components:
+    """The residual in the coordinates of its two variances.
+
+    Attributes
+    ----------
+    effect : ndarray of float, shape (k, m)
+        Shift of the unknowns by each change, T of d = T z.
+    V : ndarray of float, shape (r, m)
+        Right singular vectors of the effects beyond the unknowns.
+    s, h : ndarray of float, shape (r,)
+        Their singular values, and the residual along the left ones.
+    rest : float
+        Sum of squares of the residual beyond.
+    numbers : int
+        Numbers of the residual that the unknowns leave.
+    """
+
+    effect: _Real
+    V: _Real
+    s: _Real
+    h: _Real
+    rest: float
+    numbers: int
+
+    @classmethod
+    def of(cls, J: _Real, B: _Real, r: _Real, rest: float, numbers: int) -> _Components | None:
+        """Reduce the stacked problem; None where J has no full rank, or nothing is left of r."""
+        k, norms = J.shape[1], np.linalg.norm(J, axis=0)
+        if k == 0 or B.shape[1] == 0 or numbers <= 0 or not norms.all():
+            return None
+        R = np.linalg.qr(np.column_stack([J / norms, B, r]), mode="r")
+        head, effects, below = R[:k, :k], R[:k, k:-1], R[k:, k:-1]
+        if np.abs(np.diag(head)).min() < _UNSEEN:
+            return None
+        U, s, V = np.linalg.svd(below, full_matrices=False)
+        h = U.T @ R[k:, -1]
+        rest += max(float(R[k:, -1] @ R[k:, -1] - h @ h), 0.0)
+        if s.max(initial=0.0) == 0.0 or rest + float(h @ h) == 0.0:
+            return None
+        effect = scipy.linalg.solve_triangular(head, -effects) / norms[:, None]
+        return cls(effect, V, s, h, rest, numbers)
+
+    def estimate(self, least: float) -> Discrepancy:
+        """Return the discrepancy of the greatest restricted likelihood.
+
+        Parameters
+        ----------
+        least : float
+            Least variance of the noise.
+        """
+        from scipy.optimize import minimize_scalar
+
+        grid = _RATIOS - 2.0 * np.log(self.s.max())
+        costs = [self._cost(ratio, least) for ratio in grid]
+        best = int(np.argmin(costs))
+        between = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        options = {"xatol": 1e-3}
+        ratio = float(
+            minimize_scalar(
+                self._cost, bounds=between, args=(least,), method="bounded", options=options
+            ).x
+        )
+        noise, share = self._noise(ratio, least), np.exp(ratio) * self.s**2
+        z = -self.V.T @ (np.exp(ratio) * self.s * self.h / (1.0 + share))
+        shift = self.effect @ z
+        along = self.effect @ self.V.T
+        known = (along * (share / (1.0 + share))) @ along.T
+        spread = noise * np.exp(ratio) * (self.effect @ self.effect.T - known)
+        total = self.rest + float(self.h @ self.h)
+        left = self.rest + float(np.sum((self.h / (1.0 + share)) ** 2))
+        gain = float(self._cost(-np.inf, least) - self._cost(ratio, least))
+        covariance = spread + np.outer(shift, shift)
+        return Discrepancy(covariance, shift, max(1.0 - left / total, 0.0), gain)
+
+    def _power(self, ratio: float) -> float:
+        """Return the sum of squares of the residual over its variance, noise of variance 1."""
+        return self.rest + float(np.sum(self.h**2 / (1.0 + np.exp(ratio) * self.s**2)))
+
+    def _noise(self, ratio: float, least: float) -> float:
+        return max(self._power(ratio) / self.numbers, least, np.finfo(float).tiny)
+
+    def _cost(self, ratio: float, least: float) -> float:
+        """Return minus the restricted log-likelihood at a ratio of the variances, in logarithm."""
+        noise = self._noise(ratio, least)
+        spread = float(np.sum(np.log1p(np.exp(ratio) * self.s**2)))
+        return 0.5 * (spread + self.numbers * np.log(noise) + self._power(ratio) / noise)
+
+
+def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
+    """Return the reduced problem with the unknowns first, and then the local changes.
+
+    Raises
+    ------
+    SolverError
+        If the model cannot be solved.
+    """
+    places = _places(problem)
+    n = problem.n + _KINDS * len(places[0])
+    found = []
+    for i, (part, index) in enumerate(zip(problem.parts, places, strict=True)):
+        wide = _LocalErrors(residual.of(i).weight, index)
+        found.append(reduced(wide, part, x, n))
+    return joined(found, n)
+
+
+def _places(problem: Problem) -> list[NDArray[np.intp]]:
+    """Return for each part the degrees of freedom of local changes; -1 where it lacks one.
+
+    They are evenly spread over all that can be read. Tests of one structure share them by label.
+    """
+    most = max(_PLACES // len(problem.parts), 1)
+    chosen: dict[str, None] = {}
+    every = [part.solver.system.dofs.labels for part in problem.parts]
+    for part, labels in zip(problem.parts, every, strict=True):
+        seen = np.union1d(part.rows, part.columns)
+        dofs = np.union1d(seen, part.solver.others(seen))
+        chosen |= dict.fromkeys(labels[i] for i in dofs[:: -(-len(dofs) // most)])
+    found = []
+    for labels in every:
+        at = dict(zip(labels, range(len(labels)), strict=True))
+        found.append(np.array([at.get(label, -1) for label in chosen]))
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LocalErrors(LineResidual):
+    """The output error, with the derivatives by local changes after those by the unknowns.
+
+    Parameters
+    ----------
+    weight : ndarray of float, shape (n_f, n_i, n_j)
+        As for `OutputError`.
+    places : ndarray of int, shape (m,)
+        Degrees of freedom of the changes; -1 where the model lacks one.
+    name : str
+        For messages.
+    """
+
+    weight: _Real
+    places: NDArray[np.intp]
+    name: str = "local errors"
+
+    def on(self, part: Part, lines: slice) -> _LocalErrors:
+        """Return the residual with the weights of a block of lines."""
+        return replace(self, weight=self.weight[lines])
+
+    def partition(self, part: Part) -> list[slice]:
+        """Return the blocks of lines."""
+        more = _KINDS * len(self.places) * part.sign.size // max(part.solver.system.n, 1)
+        return part.partition(len(part.rows) + len(part.columns) + more)
+
+    def block(self, part: Part, x: _Real, lines: slice) -> tuple[_Complex, _Complex]:
+        """Return residual, and derivatives by the unknowns and by the changes."""
+        block = part.block(x, lines)
+        assert block.dH is not None
+        errors = _effects(part, x, lines, self.places)
+        J = np.concatenate([block.dH, errors]) * self.weight
+        return self.weight * (block.H - block.measured), J
+
+
+def _effects(part: Part, x: _Real, lines: slice, places: NDArray[np.intp]) -> _Complex:
+    """Return dH by a unit stiffness, loss, dashpot and mass at places, shape (4 m, n_f, n_i, n_j).
+
+    A change a of the dynamic stiffness at degree of freedom p changes H_ij by -a H_ip H_pj.
+    """
+    freq, s = part.frf.freq[lines], part.frf.s[lines]
+    coefficients = part.solver.system.coefficients(part.state(x), 2.0 * np.pi * freq)
+    loads, order = np.unique(np.append(part.rows, part.columns), return_inverse=True)
+    there = places >= 0
+    fields = part.solver.at(part.solver.solve(coefficients, loads, freq), places[there])
+    rows, columns = order[: len(part.rows)], order[len(part.rows) :]
+    H = np.zeros((len(places), len(freq), *part.sign.shape), dtype=np.complex128)
+    H[there] = -fields[:, :, rows, None] * fields[:, :, None, columns]
+    H *= part.gains(x) * part.sign * (s ** QUANTITIES[part.frf.quantity])[:, None, None]
+    # A loss is an imaginary stiffness; where it is absolute, its size is that of the column.
+    by_kind = (np.ones_like(s), 1j * np.ones_like(s), s, s**2)
+    return np.concatenate([H * kind[:, None, None] for kind in by_kind])

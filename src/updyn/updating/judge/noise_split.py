@@ -1,0 +1,103 @@
+"""Covariance from few data, which do not tell relative noise and a floor apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from updyn.updating.problem.noise import level_by_unit
+from updyn.updating.problem.noise.estimated import ratio_range
+from updyn.updating.problem.noise.known import SMALLEST
+from updyn.updating.problem.problem import Part, Problem
+
+__all__ = ["covariance_over_ratios"]
+
+_Real = NDArray[np.float64]
+
+#: Number of ratios, and how far the last ones are from where the two are alike, in logarithm: a
+#: part below a tenth of the other adds less than 1 % to the variance.
+_RATIOS, _FAR = 41, float(np.log(10.0))
+
+
+def covariance_over_ratios(
+    problem: Problem, x: _Real, floors: Sequence[float], within: _Real
+) -> _Real | None:
+    """Return the covariance of the unknowns over all ratios of relative noise and floor.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was fitted, with few data.
+    x : ndarray of float, shape (n,)
+        The estimate.
+    floors : sequence of float
+        Of each part, the floor that was estimated: it sets the parts' noises against each other.
+    within : ndarray of float, shape (n, k)
+        Orthonormal basis of the directions that are determined.
+
+    Returns
+    -------
+    ndarray of float, shape (n, n), or None
+        Mean square error of the optimiser's coordinates; None without spare numbers.
+
+    Notes
+    -----
+    At each ratio the data have a best fit, a step d from x in the linear model, of covariance
+    s^2 (J^T W J)^-1, and a restricted likelihood |W|^(1/2) |J^T W J|^(-1/2) S^(-nu/2), with S the
+    weighted sum of squares, nu the spare numbers and s^2 = S / nu (Harville, Biometrika 61 (1974)
+    383). With a uniform prior of the logarithm of the ratio, the likelihoods are the weights of
+    d d^T + s^2 (J^T W J)^-1.
+    """
+    found = [_numbers(part, x, floor) for part, floor in zip(problem.parts, floors, strict=True)]
+    J, r, size, level = (np.concatenate(rows) for rows in zip(*found, strict=True))
+    J, k = J @ within, within.shape[1]
+    centre, weight = problem.coordinates.prior
+    spare = len(r) - k
+    if spare <= 0 or k == 0:
+        return None
+    low, high = ratio_range(size, level)
+    logs, errors = [], []
+    for ratio in np.exp(np.linspace(low - _FAR, high + _FAR, _RATIOS)):
+        root = 1.0 / np.hypot(ratio * size, level)
+        Q, R = np.linalg.qr(root[:, None] * J)
+        along = Q.T @ (root * r)
+        square = max(float(np.sum((root * r) ** 2) - along @ along), SMALLEST**2)
+        diagonal, std = np.abs(np.diag(R)), np.sqrt(square / spare)
+        if not diagonal.min() > SMALLEST * diagonal.max():
+            return None
+        prior = std * weight
+        stacked = np.column_stack([R, along])
+        stacked = np.vstack(
+            [stacked, np.column_stack([prior[:, None] * within, prior * (centre - x)])]
+        )
+        triangle = np.linalg.qr(stacked, mode="r")[:k]
+        step = scipy.linalg.solve_triangular(triangle[:, :k], triangle[:, k])
+        spread = scipy.linalg.solve_triangular(triangle[:, :k], np.eye(k))
+        errors.append(std**2 * spread @ spread.T + np.outer(step, step))
+        logs.append(np.log(root).sum() - np.log(diagonal).sum() - 0.5 * spare * np.log(square))
+    shares = np.exp(np.array(logs) - max(logs))
+    mean = np.tensordot(shares / shares.sum(), np.array(errors), axes=1)
+    return np.asarray(within @ mean @ within.T)
+
+
+def _numbers(part: Part, x: _Real, floor: float) -> tuple[_Real, _Real, _Real, _Real]:
+    """Return derivatives, residual, |H| and level times the floor, of values that are seen.
+
+    Real numbers: real parts first, then imaginary parts.
+    """
+    blocks = list(part.blocks(x))
+    H = np.concatenate([block.H for block in blocks])
+    dH = np.concatenate([block.dH for block in blocks if block.dH is not None], axis=1)
+    level = np.broadcast_to(level_by_unit(part.frf), H.shape)
+    seen = np.maximum(np.abs(H), np.abs(part.frf.values)) > SMALLEST * level
+    J, r = dH[:, seen].T, (part.frf.values - H)[seen]
+    size, level = floor * np.abs(H[seen]), floor * level[seen]
+    return (
+        np.concatenate([J.real, J.imag]),
+        np.concatenate([r.real, r.imag]),
+        np.concatenate([size, size]),
+        np.concatenate([level, level]),
+    )
