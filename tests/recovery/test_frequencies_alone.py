@@ -77,6 +77,21 @@ def test_all_answers_that_frequencies_allow_are_reported(start: tuple[float, ...
     assert "4 answers" in result.trust["determined"].why
 
 
+def test_shapes_that_are_stated_to_say_nothing_determine_nothing() -> None:
+    """Nor do they pair modes: their errors are as large as they are."""
+    model = chain(4)
+    measured = updyn.modes(model, 4)
+    modes = ModeSet(
+        measured.frequency, measured.shapes.real, model.dofs, std_frequency=np.full(4, 1e-3)
+    )
+    unknowns = updyn.parameters(model, stiffness="spring*", bounds={"*": (0.1, 10.0)})
+    noise = {"frequency": 1e-3, "shape": 1.0}
+    result = updyn.update(model, modes, unknowns, noise=noise)
+    assert result.trust is not None
+    assert result.trust["determined"].holds is False
+    assert 1 + len(result.alternatives) == len(isospectral(np.asarray(measured.frequency)))
+
+
 def test_frequencies_are_paired_in_their_order() -> None:
     """The model is a third too soft, so that each of its frequencies is nearest to another's."""
     true = np.array([1.5, 1.5, 1.5, 1.5, 1.5, 1.5])

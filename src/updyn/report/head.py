@@ -315,7 +315,7 @@ def verdict(result: UpdateResult) -> Verdict:
 
 
 def _judged(result: UpdateResult, trust: Trust) -> tuple[tuple[Part, ...], str]:
-    """Return the four parts, and what the message says beyond them."""
+    """Return the parts, and what the message says beyond them."""
     steps = f" After {counted(result.iterations, 'iteration')}."
     parts = []
     for name, belief in trust.items():
@@ -329,8 +329,8 @@ def _determined(result: UpdateResult) -> Part:
     n, rank = result.identifiability.n_parameters, result.identifiability.rank
     if result.is_ambiguous:
         said = (
-            f"{1 + len(result.alternatives)} answers fit the data equally well: the values below"
-            " are those of one of them."
+            f"At least {1 + len(result.alternatives)} answers fit the data equally well: the values"
+            " below are those of one of them."
         )
         return Part("Determined", False, said)
     if rank >= n == 1:

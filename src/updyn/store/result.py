@@ -351,7 +351,7 @@ class _Records:
 
 
 class _Trust:
-    """The verdict in four parts, as JSON text; an old record has none."""
+    """The verdict in parts, as JSON text; an old record has none."""
 
     def put(self, data: xr.Dataset, name: str, value: Trust | None) -> None:
         if value is not None:
@@ -362,7 +362,9 @@ class _Trust:
             return None
         found = Mixed().take(data, name, path)
         try:
-            return Trust(**{part: _claim(found[part]) for part in PARTS})
+            # Old records do not compare modes.
+            known = [part for part in PARTS if part in found or part != "resembles"]
+            return Trust(**{part: _claim(found[part]) for part in known})
         except (KeyError, TypeError) as error:
             raise FormatError(f"{name}: not what a run records ({error})", path) from error
 

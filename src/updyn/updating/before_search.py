@@ -102,7 +102,7 @@ class BeforeSearch:
         return without_counterparts
 
     def concluded(self, common: Mapping[str, Any], models: Sequence[Model]) -> dict[str, Any]:
-        """Return the entries of a result that change if its modes have few counterparts, too.
+        """Return the entries of a result that change by what is known of the modes.
 
         Parameters
         ----------
@@ -112,26 +112,35 @@ class BeforeSearch:
             The updated model of each test.
         """
         status, trust = common["status"], common["trust"]
+        claim = _resembles(self.found)
+        changed: dict[str, Any] = {"trust": trust and replace(trust, resembles=claim)}
         if not self.few or status in ("stopped", "failed"):
-            return {}
+            return changed
         after = [
             find_counterparts(model, test.data, own)
             for model, test, own in zip(models, self.tests, self.modes, strict=True)
         ]
         if not all(one.few for one in after):
-            return {}
+            updated = Claim(True, f"Of the updated model: {after[0].statement}")
+            return {"trust": trust and replace(trust, resembles=updated)}
         after_it = f"{after[0].n_paired} of {after[0].n_measured} have one"
         said = (
             f"{self.found[0].statement} The search ended after its first tries, none of which"
             f" explains the data; in the updated model {after_it}."
         )
         if any(finding.grave for finding in common["findings"]):
-            return {"message": f"{common['message']} {said}"}
+            return changed | {"message": f"{common['message']} {said}"}
         ended = common["message"].partition(". ")[0].removesuffix(".")
-        changed = {"message": f"{ended}. {said}", "remedy": REMEDY}
+        changed |= {"message": f"{ended}. {said}", "remedy": REMEDY}
         if status == "converged":
             ended = "The fit converged, but its answer is not to be believed"
             changed |= {"status": "not-credible", "message": f"{ended}. {said}"}
-        if trust is not None:
-            changed["trust"] = replace(trust, plausible=Claim(False, self.found[0].statement))
         return changed
+
+
+def _resembles(found: Sequence[Counterparts]) -> Claim:
+    """Return whether the models have modes of their tests, before the search."""
+    said = " ".join(dict.fromkeys(one.statement for one in found))
+    if not all(one.known for one in found):
+        return Claim(None, said, asked=False)
+    return Claim(not all(one.few for one in found), said)

@@ -290,7 +290,7 @@ class UpdateResult:
         )
 
     def _verdict_lines(self) -> list[str]:
-        """Return the verdict in four parts, what else there is to say, and what to do next."""
+        """Return the verdict in its parts, what else there is to say, and what to do next."""
         if self.trust is None:
             return [f"{self.message} {self.remedy}".removesuffix(" ")]
         lines = []
@@ -478,7 +478,7 @@ class JointResult:
 
     @property
     def trust(self) -> Trust | None:
-        """The verdict in four parts, over all tests."""
+        """The verdict in five parts, over all tests."""
         return self.first.trust
 
     @property

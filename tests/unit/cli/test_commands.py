@@ -80,7 +80,7 @@ def test_run_recovers_the_truth_and_says_0(
     assert {p.name for p in folder.iterdir()} == {*written, "manifest.json"}
     assert set(Manifest.read(folder).entries) == written
     assert out.startswith("Chain: converged after ")
-    for part in ("converged", "determined", "validated", "plausible"):
+    for part in ("resembles", "converged", "determined", "validated", "plausible"):
         assert f"\n  {part:<10}  yes        " in out
     assert "The fit converged and" not in out  # the four parts say it
     assert str(folder / "result.json") in out

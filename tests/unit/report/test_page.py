@@ -211,7 +211,7 @@ def test_answers_that_fit_equally_well_are_a_table():
     assert "Several answers fit" in page.words
     assert "Not all unknowns determined" not in page.words
     assert (
-        "Determined no 3 answers fit the data equally well: the values below are those of one of"
+        "Determined no At least 3 answers fit the data equally well: the values below are those of one of"
         " them." in page.words
     )
     assert (

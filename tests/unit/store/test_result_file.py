@@ -293,7 +293,7 @@ def test_no_field_is_forgotten():
         ),
         Pair: "measured computed mac",
         Finding: "kind channels value odds explains statement remedy written also test of_misfit",
-        Trust: "converged determined validated plausible",
+        Trust: "converged determined validated plausible resembles",
         Claim: "holds why asked",
         ModalTable: "test start updated cross_orthogonality own_orthogonality notes correlations",
         Adequacy: (

@@ -73,9 +73,10 @@ def test_the_search_ends_after_its_first_tries(alien):
 
 def test_its_answer_is_not_called_usable(alien):
     assert alien.status != "converged"
-    assert alien.trust["plausible"] == False  # noqa: E712
+    assert alien.trust["resembles"] == False  # noqa: E712
+    assert alien.badge.phrase == "Does not resemble the test"
     assert alien.counterparts.statement in alien.message
-    assert alien.counterparts.statement == alien.trust["plausible"].why
+    assert alien.counterparts.statement == alien.trust["resembles"].why
     assert "The search ended after its first tries" in alien.message
     assert alien.remedy.startswith("Compare model and test first")
 
@@ -96,5 +97,6 @@ def test_a_model_that_is_off_is_searched_and_updated():
     assert isinstance(found, Counterparts)
     assert found.n_paired == found.n_measured >= 5
     assert result.status == "converged"
+    assert result.trust["resembles"].holds is True
     assert result.values["a.stiffness"] == pytest.approx(1 / 1.4, rel=0.01)
     assert "first tries" not in result.message

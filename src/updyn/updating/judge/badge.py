@@ -57,6 +57,8 @@ def badge_of(status: str, trust: Trust | None, *, ambiguous: bool = False) -> Ba
         ended = Badge("Several answers fit", "warn")
     if trust is None or status == "failed":
         return ended
+    if trust.resembles.holds is False:
+        return Badge("Does not resemble the test", "bad")
     if trust.plausible.holds is False:
         return Badge("Not credible", "bad")
     if trust.validated.holds is False:

@@ -14,7 +14,7 @@ from updyn.correlation.shapes import moving
 from updyn.errors import DataError, SolverError
 from updyn.modal import ModeSet
 from updyn.updating.problem.data import ModalSplit
-from updyn.updating.problem.modal import ModalPart, Target
+from updyn.updating.problem.modal import ModalPart, Target, informative
 
 __all__ = ["modal_correlation"]
 
@@ -48,6 +48,7 @@ def modal_correlation(part: ModalPart, x: NDArray[np.float64], split: ModalSplit
 
 def _figures(part: ModalPart, modes: ModeSet, x: NDArray[np.float64]) -> dict[str, float]:
     """Return the figures of some modes; of frequencies and damping over those that are paired."""
+    modes = informative(modes, part.noise)
     own = replace(part, target=Target.of(part.system, modes))
     try:
         rows = own.rows(x, derivatives=False)

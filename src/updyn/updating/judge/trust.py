@@ -1,4 +1,4 @@
-"""Trust: whether an answer is converged, determined, validated and plausible, each in a sentence.
+"""Trust: whether to believe an answer, in five parts, each with a sentence.
 
 The rules, and why they are as they are, stand in docs/verdict.md.
 """
@@ -23,7 +23,9 @@ __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 #: How a message begins where not all unknowns are determined.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
-PARTS = ("converged", "determined", "validated", "plausible")
+PARTS = ("resembles", "converged", "determined", "validated", "plausible")
+#: What is said where the modes of model and test were not compared.
+NOT_COMPARED = Claim(None, "The modes of model and test were not compared.", asked=False)
 
 #: Typical misfit from which no noise model makes an answer plausible: half of the values are off by
 #: more than this share.
@@ -69,7 +71,7 @@ HARM, SMALL = 1.1, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Trust(Mapping[str, Claim]):
-    """The verdict in four parts, by their names.
+    """The verdict in five parts, by their names.
 
     Attributes
     ----------
@@ -81,12 +83,15 @@ class Trust(Mapping[str, Claim]):
         Of data that were held out: whether the updated model predicts them.
     plausible : Claim
         Of model and data: whether the residual, the values and the causes found allow the answer.
+    resembles : Claim
+        Of the model at its start, and updated: whether it has modes of the test.
     """
 
     converged: Claim
     determined: Claim
     validated: Claim
     plausible: Claim
+    resembles: Claim = NOT_COMPARED
 
     def __getitem__(self, part: str) -> Claim:
         if part not in PARTS:
@@ -109,10 +114,11 @@ class Trust(Mapping[str, Claim]):
     @property
     def credible(self) -> bool:
         """Whether nothing speaks against the answer but undetermined unknowns."""
-        return self.validated.holds is not False and self.plausible.holds is not False
+        against = (self.resembles, self.validated, self.plausible)
+        return all(claim.holds is not False for claim in against)
 
     def beyond(self, status: str, message: str) -> str:
-        """Return what the message of a result says beyond the four parts.
+        """Return what the message of a result says beyond the parts.
 
         Parameters
         ----------
@@ -143,7 +149,7 @@ def trust(
     structural: bool = False,
     strays: Sequence[Strayed] = (),
 ) -> Trust:
-    """Return the verdict in four parts.
+    """Return the verdict, without that on resemblance.
 
     Parameters
     ----------
@@ -203,7 +209,7 @@ def _determined(status: str, rank: tuple[int, int], answers: int) -> Claim:
         return Claim(None, f"The fit {status}; what the data determine there is not known.")
     found, all_ = rank
     if answers > 1:
-        return Claim(False, f"{answers} answers fit the data equally well.")
+        return Claim(False, f"At least {answers} answers fit the data equally well.")
     if found < all_:
         return Claim(False, f"The data determine {found} of {counted(all_, 'unknown')}.")
     which = "the one unknown" if all_ == 1 else f"all {all_} unknowns"

@@ -325,7 +325,9 @@ def cleared(remedy: str) -> str:
 def disbelieved(judged: Trust, message: str, remedy: str) -> tuple[str, str]:
     """Return message and remedy of a fit that converged to an answer that is not to be believed."""
     against = [
-        belief.why for belief in (judged.plausible, judged.validated) if belief.holds is False
+        claim.why
+        for claim in (judged.resembles, judged.plausible, judged.validated)
+        if claim.holds is False
     ]
     said = " ".join(why for why in against if why not in message)
     message = message.replace("The fit converged and the data", "The data")
@@ -356,7 +358,7 @@ def ambiguous(
     more = f" and {len(different) - _SHOWN} more" if len(different) > _SHOWN else ""
     odds = max(other.odds for other in others)
     message = (
-        f"But {1 + len(others)} answers fit the data equally well (odds within"
+        f"But at least {1 + len(others)} answers fit the data equally well (odds within"
         f" {max(odds, 1.0):.2g} to 1); they differ in {', '.join(shown)}{more}."
     )
     sensors = list(dict.fromkeys(other.sensor for other in others if other.sensor))

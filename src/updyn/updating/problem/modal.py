@@ -159,6 +159,20 @@ class Target:
         return np.asarray(np.sqrt(self.value) / (2.0 * np.pi))
 
 
+def informative(modes: ModeSet, noise: ModalNoise) -> ModeSet:
+    """Return modes without shapes that are stated to say nothing: these must not pair them."""
+    if not (noise.hides_shapes and modes.has_shapes):
+        return modes
+    return ModeSet(
+        modes.frequency,
+        loss_factor=modes.loss_factor,
+        quality=modes.quality,
+        source=modes.source,
+        std_frequency=modes.std_frequency,
+        std_loss_factor=modes.std_loss_factor,
+    )
+
+
 def _share_of_rms(modes: ModeSet, level: _Real, length: _Real) -> _Real:
     """Return the standard deviations of weighted shapes as shares of their rms; 0: not known."""
     if modes.std_shapes is None:
@@ -283,7 +297,7 @@ class ModalPart:
             If a measured mode has the frequency 0.
         """
         system = AffineSystem.compile(model)
-        target = Target.of(system, modes)
+        target = Target.of(system, informative(modes, noise))
         middle = 2.0 * np.pi * float(np.exp(np.mean(np.log(target.frequency))))
         return cls(
             system,

@@ -142,7 +142,7 @@ def test_answers_that_fit_equally_well_are_named_with_the_sensor_that_tells_them
     different = [("a.stiffness", [1.5, 0.7, 1.5]), ("b.stiffness", [0.7, 1.5, 1.0])]
     message, remedy = ambiguous(different, others)
     assert message == (
-        "But 3 answers fit the data equally well (odds within 1.8 to 1); they differ in"
+        "But at least 3 answers fit the data equally well (odds within 1.8 to 1); they differ in"
         " a.stiffness (1.5, 0.7 or 1.5), b.stiffness (0.7, 1.5 or 1)."
     )
     assert remedy == (

@@ -84,6 +84,11 @@ class ModalNoise:
         """Whether the user states all of it."""
         return self.stated >= ASSUMED_OF_MODES.keys()
 
+    @property
+    def hides_shapes(self) -> bool:
+        """Whether shapes are stated to be uncertain by as much as they are: they say nothing."""
+        return "shape" in self.stated and self.added["shape"] >= 1.0
+
     def levelled(self) -> ModalNoise:
         """Return it in units of a frequency's, as assumed; what is stated does not count."""
         unit = ASSUMED_OF_MODES["frequency"]
