@@ -158,8 +158,10 @@ class Backbone:
         Of the runs.
     fits : list of Solved
         Of the channels of each run.
-    normal, gradient : ndarray of float, shapes (4, 4) and (4,)
+    normal : ndarray of float, shape (4, 4)
         Of the cost by real and imaginary parts of pole and shift, in units of the width.
+    gradients : ndarray of float, shape (p, 4)
+        Of the cost of each channel by these.
     follow : ndarray of complex, shape (p, 4)
         Derivatives of the residues by these.
     """
@@ -169,7 +171,7 @@ class Backbone:
     level: Level
     fits: list[Solved]
     normal: _Real
-    gradient: _Real
+    gradients: _Real
     follow: _Complex
 
     @property
@@ -181,6 +183,17 @@ class Backbone:
     def residues(self) -> _Complex:
         """Of each channel, shape (p,)."""
         return self.level.join([fit.residues[0] for fit in self.fits])
+
+    def agreement(self, width: float) -> float:
+        """Return the squared shift in units of its variance from channel to channel.
+
+        Of p channels that would shift alike by chance only, it has the distribution of Hotelling's
+        T^2 with p - 1 degrees of freedom; of residuals that are no noise as well (H. White,
+        Econometrica 50 (1982) 1-25).
+        """
+        follow = np.linalg.lstsq(self.normal, self.gradients.T, rcond=None)[0][2:]
+        shift = np.array([self.shift.real, self.shift.imag]) / width
+        return float(shift @ np.linalg.lstsq(follow @ follow.T, shift, rcond=None)[0])
 
     def motion(self, window: Window) -> _Real:
         """Return the largest squared motion of the runs at the lines of a window."""
@@ -255,16 +268,32 @@ def fit_backbone(
     return here
 
 
-def promised_gain(window: Window, pole: complex, weights: Weights, level: Level) -> float:
-    """Return the decrease of the cost that the first step of `fit_backbone` promises."""
-    return _step(_at(window, pole, 0.0, weights, level), 0.0)[1]
+def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> float:
+    """Return the decrease of the cost that a first step from a linear fit promises.
+
+    Parameters
+    ----------
+    window : Window
+        Of the fit.
+    linear : Solved
+        The linear fit.
+    at : int
+        Which of its poles may depend on the motion.
+    level : Level
+        Of the runs.
+    """
+    every = np.ones(len(level.runs), dtype=np.bool_)
+    equations = _Equations.of(_leaning(window, every, 0.0), linear, at, level.of_runs[level.runs])
+    gradient = np.sum(equations.gradients, axis=0)
+    return float(gradient @ np.linalg.lstsq(equations.normal, gradient, rcond=None)[0])
 
 
 def _step(here: Backbone, damping: float) -> tuple[_Complex, float]:
     """Return a step of pole and shift in units of the width, and the decrease it promises."""
     loaded = here.normal + damping * np.diag(np.diag(here.normal))
-    step = np.linalg.lstsq(loaded, here.gradient, rcond=None)[0]
-    return np.asarray(step[::2] + 1j * step[1::2]), float(here.gradient @ step)
+    gradient = np.sum(here.gradients, axis=0)
+    step = np.linalg.lstsq(loaded, gradient, rcond=None)[0]
+    return np.asarray(step[::2] + 1j * step[1::2]), float(gradient @ step)
 
 
 def _leaning(window: Window, own: NDArray[np.bool_], shift: complex) -> _Leaning:
@@ -276,20 +305,19 @@ def _leaning(window: Window, own: NDArray[np.bool_], shift: complex) -> _Leaning
 
 def _at(window: Window, pole: complex, shift: complex, weights: Weights, level: Level) -> Backbone:
     """Return the fit for a pole and its shift, with the Gauss-Newton equations of these."""
-    normal, gradient = np.zeros((4, 4)), np.zeros(4)
-    fits, follow = [], []
+    normal = np.zeros((4, 4))
+    fits, gradients, follow = [], [], []
     for run, share in enumerate(level.of_runs.tolist()):
         own = level.runs == run
         leaning = _leaning(window, own, share * shift)
         found = solved(leaning, np.array([pole]), weights.of_channels(own))
-        equations = _Equations.of(leaning, found, pole, share)
+        equations = _Equations.of(leaning, found, 0, np.full(np.count_nonzero(own), share))
         normal += equations.normal
-        gradient += equations.gradient
+        gradients.append(equations.gradients)
         follow.append(equations.follow)
         fits.append(found)
-    return Backbone(
-        complex(pole), complex(shift), level, fits, normal, gradient, level.join(follow)
-    )
+    ends = complex(pole), complex(shift)
+    return Backbone(*ends, level, fits, normal, level.join(gradients), level.join(follow))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -298,18 +326,20 @@ class _Equations:
 
     Attributes
     ----------
-    normal, gradient : ndarray of float, shapes (4, 4) and (4,)
+    normal : ndarray of float, shape (4, 4)
         Of the cost.
+    gradients : ndarray of float, shape (p, 4)
+        Of the cost of each channel.
     follow : ndarray of complex, shape (p, 4)
         Derivatives of the residues.
     """
 
     normal: _Real
-    gradient: _Real
+    gradients: _Real
     follow: _Complex
 
     @classmethod
-    def of(cls, window: _Leaning, found: Solved, pole: complex, share: float) -> _Equations:
+    def of(cls, window: _Leaning, found: Solved, at: int, share: _Real) -> _Equations:
         """Return the equations at a fit, in the approximation of Kaufman (`refine`).
 
         Parameters
@@ -318,27 +348,27 @@ class _Equations:
             Of the run.
         found : Solved
             Its fit.
-        pole : complex
-            Of small motion.
-        share : float
-            Of the shift, in this run.
+        at : int
+            Which of its poles depends on the motion.
+        share : ndarray of float, shape (p,)
+            Of the shift, in each channel.
         """
-        slopes = window.slopes(pole) * np.array([1.0, 1.0, share, share])
+        slopes = window.slopes(complex(found.poles[at]))
         m, flat = slopes.shape[1], slopes.reshape(len(slopes), -1)
-        residues, error = found.residues[0] / found.level[:, 0], found.error / found.level
+        residues, error = found.residues[at] / found.level[:, 0], found.error / found.level
         mix: NDArray[Any] = residues[:, None]
         if window.basis.mirrored:
             mix = np.stack([residues.real, residues.imag], axis=1)
             error = np.hstack([error.real, error.imag])
+        one = np.ones_like(share)
+        mix = mix[:, :, None] * np.stack([one, one, share, share], axis=1)[:, None]  # (p, m, 4)
         back = found.columns.weighted(error) @ flat.conj()
         left, along = found.columns.beyond(flat)
-        left, along = (
-            left.reshape(-1, m, 4, m, 4),
-            along[:, found.own[0]].reshape(len(along), m, m, 4),
-        )
+        left = left.reshape(-1, m, 4, m, 4)
+        along = along[:, found.own[at]].reshape(len(along), m, m, 4)
         left, along = (np.broadcast_to(a, (len(mix), *a.shape[1:])) for a in (left, along))
-        normal = np.einsum("pm,pmtnu,pn->tu", mix.conj(), left, mix).real
-        gradient = np.einsum("pm,pmt->t", mix.conj(), back.reshape(-1, m, 4)).real
-        change = -np.einsum("pkmt,pm->pkt", along, mix)
+        normal = np.einsum("pmt,pmtnu,pnu->tu", mix.conj(), left, mix).real
+        gradients = np.sum(mix.conj() * back.reshape(-1, m, 4), axis=1).real
+        change = -np.einsum("pkmt,pmt->pkt", along, mix)
         of_residue = change[:, 0] + 1j * change[:, 1] if m == 2 else change[:, 0]
-        return cls(normal, gradient, of_residue * found.level)
+        return cls(normal, gradients, of_residue * found.level)

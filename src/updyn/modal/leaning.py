@@ -11,13 +11,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.special
 from numpy.typing import NDArray
 
 from updyn.modal.backbone import Backbone, Level, fit_backbone, promised_gain
 from updyn.modal.envelope import Envelope
 from updyn.modal.fits import Mode, Weighted, make_mode, take_means
 from updyn.modal.measured import Measured
-from updyn.modal.refine import ROUGH, Noise, Weights, Window, deviance, moved, solved
+from updyn.modal.refine import ROUGH, Noise, Solved, Weights, Window, deviance, moved, solved
 from updyn.modal.settle import estimate_envelope
 
 __all__ = ["Bundle", "Claim", "Leaning", "find_leaning"]
@@ -29,8 +30,6 @@ _Real = NDArray[np.float64]
 _ROUNDS = 2
 #: Most poles into which a linear fit splits one leaning peak.
 _MOST = 3
-#: A single pole is fitted as a leaning peak if a first step promises this share of the least gain.
-_PROMISED = 0.25
 #: Probability that noise makes any peak of the band lean, as of `unexplained`.
 _ALPHA = 0.01
 #: Largest shift in widths: above 8 / (3 sqrt 3) a motion is not unique (A. H. Nayfeh & D. T. Mook,
@@ -262,21 +261,39 @@ def _compare(
     at = 0 if more else part[0]
     pole, level = complex(one.poles[at]), Level.of(one.residues[at], measured.runs[1])
     needed = one.cost - common.cost + 0.5 * least if claim is None else one.cost - claim.cost
-    if promised_gain(alone, pole, weights, level) < _PROMISED * max(needed, 0.5 * one_more):
+    if promised_gain(alone, one, at, level) < max(needed, 0.5 * one_more):  # score test
         return None
+    rival = max(0.0, claim.gain) if claim is not None else 0.0
     found = fit_backbone(alone, pole, weights, level)
+    if not _is_better(found, common, one, least + rival, one_more):
+        return None
     weights = _weights(found)
     found = fit_backbone(alone, found.pole, weights, level, found.shift)
-    fitted = sum(deviance(fit) for fit in found.fits)
-    gain = deviance(common) - fitted - least
-    least_gain = max(0.0, 0.0 if claim is None else claim.gain)
     end = np.array([found.pole])
-    weak = abs(found.shift) < _LARGEST * float(window.width(end)[0])
-    if gain <= least_gain or deviance(one) - fitted <= one_more:
+    width = float(window.width(end)[0])
+    if abs(found.shift) > _LARGEST * width or not measured.inside(end)[0]:
         return None
-    if not weak or not measured.inside(end)[0]:
+    if found.agreement(width) < _disagreement(p, count):
         return None
+    gain = deviance(common) - sum(deviance(fit) for fit in found.fits) - least
     return replace(fit, window=alone, weights=weights), found, gain
+
+
+def _is_better(found: Backbone, common: Solved, one: Solved, least: float, one_more: float) -> bool:
+    """Return whether a leaning peak gains enough over several poles, and over one of them."""
+    fitted = sum(deviance(fit) for fit in found.fits)
+    return deviance(common) - fitted > least and deviance(one) - fitted > one_more
+
+
+def _disagreement(p: int, count: int) -> float:
+    """Return Hotelling's T^2 that shifts of p channels exceed by chance at any of several peaks.
+
+    Of two channels the variance of a shift of two parts is not known.
+    """
+    if p < 3:
+        return 0.0
+    ratio = scipy.special.fdtri(2, p - 2, 1.0 - _ALPHA / count)
+    return float(2.0 * (p - 1) / (p - 2) * ratio)
 
 
 def _weights(found: Backbone) -> Weights:
