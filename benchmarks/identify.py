@@ -75,8 +75,9 @@ class Real:
     turn : float
         Standard deviation of the direction of hits, in degrees: a share of another direction.
     leaning : float
-        Shift of a frequency at the largest motion of its mode, in half-power bandwidths: cubic
-        softening, by harmonic balance of the first order, at one level of the force.
+        Shift of a frequency at the largest motion of its mode, in halves of its half-power
+        bandwidth: cubic softening, by harmonic balance of the first order, at one level of the
+        force.
     """
 
     tilt: float = 0.0
@@ -229,16 +230,17 @@ def leaning(below: np.ndarray, width: np.ndarray, shift: float) -> np.ndarray:
     """Return omega_r^2 (1 + i eta) - omega^2, lowered by the square of the motion of the mode.
 
     The motion q of the unit force 1 has (below - s |q|^2) q = 1; s is such that the peak is shifted
-    by `shift` half-power bandwidths. Of several motions the smallest, as on a sweep upwards.
+    by `shift` halves of the half-power bandwidth. Of several motions the smallest, as on a sweep
+    upwards.
 
     Parameters
     ----------
     below : ndarray of complex, shape (lines, modes)
         Without softening.
     width : ndarray of float, shape (modes,)
-        omega_r^2 eta: the half-power bandwidth in omega^2.
+        omega_r^2 eta: half of the half-power bandwidth in omega^2.
     shift : float
-        In half-power bandwidths; below 0.77 (cubic: 4 / (3 sqrt 3)) the motion is unique.
+        In these; below 1.54 (cubic: 8 / (3 sqrt 3)) the motion is unique.
     """
     # With a = |q|^2 width^2 and x = below / width: a |x - shift a|^2 = 1, a cubic equation in a.
     x = below / width

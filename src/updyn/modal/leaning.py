@@ -77,15 +77,11 @@ class Bundle:
     positions: list[int]
     claims: list[Claim]
 
-    def parts(self) -> Iterator[tuple[frozenset[tuple[int, int]], Claim | None]]:
-        """Yield poles that may be one leaning peak: those of a claim, and others in a row."""
-        for claim in self.claims:
-            yield claim.members, claim
+    def rows(self, count: int, taken: set[tuple[int, int]]) -> list[frozenset[tuple[int, int]]]:
+        """Return neighbours, so many in a row, without those that are claimed or taken."""
         claimed = {member for claim in self.claims for member in claim.members}
-        free = [member for member in self.members if member not in claimed]
-        for count in range(1, min(_MOST, len(free)) + 1):
-            for first in range(len(free) - count + 1):
-                yield frozenset(free[first : first + count]), None
+        free = [member for member in self.members if member not in claimed | taken]
+        return [frozenset(free[k : k + count]) for k in range(len(free) - count + 1)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,13 +176,16 @@ def _of_bundle(
     envelope: Envelope,
     count: int,
 ) -> Iterator[Leaning]:
-    """Yield the leaning peaks of a bundle, without poles in common, those that gain most."""
+    """Yield the leaning peaks of a bundle, without poles in common.
+
+    Of the largest number of poles first, and of these those that gain most.
+    """
     fit = bundle.fit
     if (fit.added[bundle.positions] >= 0).any():
         return
     where = dict(zip(bundle.members, bundle.positions, strict=True))
-    tried = []
-    for own, claim in bundle.parts():
+
+    def compare(own: frozenset[tuple[int, int]], claim: Claim | None) -> Leaning | None:
         others = [peak for peak in found if not peak.members & own]
         window = _linear(fit.window, fits, others)
         common = fit.solved
@@ -195,13 +194,16 @@ def _of_bundle(
         linear = replace(fit, window=replace(window, envelope=envelope), solved=common)
         part = sorted(where[member] for member in own)
         compared = _compare(measured, linear, part, claim, count)
-        if compared is not None:
-            tried.append(Leaning(own, *compared))
+        return None if compared is None else Leaning(own, *compared)
+
+    yield from filter(None, (compare(claim.members, claim) for claim in bundle.claims))
     taken: set[tuple[int, int]] = set()
-    for peak in sorted(tried, key=lambda peak: -peak.gain):
-        if not peak.members & taken:
-            taken |= peak.members
-            yield peak
+    for length in range(min(_MOST, len(bundle.members)), 0, -1):  # the fewest modes
+        tried = [compare(own, None) for own in bundle.rows(length, taken)]
+        for peak in sorted(filter(None, tried), key=lambda peak: -peak.gain):
+            if not peak.members & taken:
+                taken |= peak.members
+                yield peak
 
 
 def _linear(window: Window, fits: Sequence[Weighted], found: Sequence[Leaning]) -> Window:
