@@ -8,6 +8,7 @@ import updyn
 from updyn.updating.judge.counterparts import (
     COMMON,
     RANGE,
+    TOO_FEW,
     Counterparts,
     find_counterparts,
 )
@@ -196,7 +197,7 @@ def test_pairs_by_chance_are_those_of_random_directions():
 
 def test_no_pair_is_known_from_four_modes_on():
     # With a share of 0.6 in common, four modes of the structure have none with probability 0.026.
-    assert COMMON == 0.6
+    assert (COMMON, TOO_FEW) == (0.6, 0.03)
     K, M = parts(np.random.default_rng(0))
     frequency, shapes = modes(K, M)
     labels = [f"{i + 1}:Z" for i in range(N)]
