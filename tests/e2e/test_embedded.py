@@ -6,6 +6,7 @@ import tomllib
 
 import pytest
 
+from page_waits import wait_for
 from updyn.demos import find_demo
 from window import browsing, serving
 
@@ -44,7 +45,7 @@ def embedded(page, ready):
     """The page within the page, once it has drawn."""
     handle = page.wait_for_selector("iframe")
     frame = handle.content_frame()
-    frame.wait_for_function(ready)
+    wait_for(frame, ready)
     return frame
 
 

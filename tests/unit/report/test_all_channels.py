@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import updyn
+from page_waits import wait_for
 from pages_read import overheard, settled, told
 from programs import program
 from report_case import realistic
@@ -123,7 +124,7 @@ def test_on_paper_the_picture_is_as_wide_as_the_sheet(tmp_path):
         page.evaluate(
             "() => document.getElementById('all-channels-plot').scrollIntoView({ behavior: 'instant' })"
         )
-        page.wait_for_function("() => document.getElementById('all-channels-plot').updynChannels")
+        wait_for(page, "() => document.getElementById('all-channels-plot').updynChannels")
         page.emulate_media(media="print")
         page.set_viewport_size({"width": 700, "height": 900})  # the plot hears of it a frame later
         over, drawn, room = page.evaluate(

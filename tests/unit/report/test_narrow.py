@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import updyn
+from page_waits import wait_for
 from programs import program
 from report_case import chain, measured
 from updyn.model import Model
@@ -44,9 +45,10 @@ def found(result, tmp_path_factory):
             page.set_default_timeout(60_000)
             page.goto(path.as_uri())
             page.evaluate("() => document.getElementById('viewer').scrollIntoView()")
-            page.wait_for_function(
+            wait_for(
+                page,
                 "() => document.querySelector('[data-figure=changes] .main-svg')"
-                " && document.querySelector('.v-bar select')"
+                " && document.querySelector('.v-bar select')",
             )
             out[width] = page.evaluate(
                 """() => {

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import updyn
+from page_waits import wait_for
 from programs import program
 from updyn.correlation import frac
 from updyn.modal import synthesise
@@ -246,9 +247,7 @@ def test_a_drag_zooms_all_panels_and_picks_nothing(opened, frf):
     assert picked(page) == {}
 
     page.mouse.dblclick(x[0] + 20.0, y)  # back to all, and nothing is picked
-    page.wait_for_function(
-        "document.getElementById('picker-plot')._fullLayout.xaxis.range[1] > 300"
-    )
+    wait_for(page, "() => document.getElementById('picker-plot')._fullLayout.xaxis.range[1] > 300")
     assert picked(page) == {}
 
 
