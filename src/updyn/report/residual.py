@@ -285,6 +285,8 @@ _NOISE_WORDS = {
     "degrees_of_freedom": "degrees of freedom of the estimate",
     "correlation_length": "lines over which the residual is correlated",
     "inflation": "factor on the standard deviations",
+    "model_error": "share of the residual that local errors of the model explain",
+    "not_known": "unknowns without an interval, for errors of the model",
     "robust": "outliers",
     "down_weighted": "share of values with less than a tenth of their weight",
     "down_weighted_lines": "lines half of whose values do, Hz",

@@ -128,7 +128,7 @@ def _parameter_notes(result: UpdateResult, parameter: Parameter) -> list[str]:
     if p.name in result.at_bound:
         notes.append(f"at its {result.at_bound[p.name]} bound")
     if not math.isfinite(std):
-        notes.append("not determined by the data")
+        notes.append(result.why_open(p.name))
     if p.drives:
         notes.append(f"acts on {p.law}")
     if p.prior_std is not None:

@@ -221,6 +221,18 @@ class UpdateResult:
         """Number of accepted steps, those of all tries of the search for a start included."""
         return sum(h.counts for h in self.history)
 
+    def why_open(self, name: str) -> str:
+        """Return why an unknown has no interval, in a phrase.
+
+        Parameters
+        ----------
+        name : str
+            The unknown.
+        """
+        if name in self.noise.get("not_known", ()):
+            return "not known: error of the model"
+        return "not determined by the data"
+
     def intervals(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return the confidence interval of each unknown that the data determine, in its unit.
 
@@ -327,7 +339,7 @@ class UpdateResult:
                 notes.append(f"at its {self.at_bound[p.name]} bound")
             shown = f"{std:.3g}"
             if np.isinf(std):
-                notes.append("not determined by the data")
+                notes.append(self.why_open(p.name))
                 shown = "-"
             row = f"{p.name:<{width}}{p.start:>12.6g}{value:>14.6g}{shown:>12}  {'; '.join(notes)}"
             lines.append(row.rstrip())
@@ -522,7 +534,7 @@ def _shown(result: UpdateResult, title: str, tests: int = 1) -> str:
         if math.isfinite(low):
             span = f"{_rounded(low, std)} to {_rounded(high, std)}"
         else:
-            notes.append("not determined by the data")
+            notes.append(result.why_open(p.name))
         if p.name in result.at_bound:
             notes.append(f"at its {result.at_bound[p.name]} bound")
         if p.value_unit:

@@ -417,6 +417,7 @@ def _common(
         unseen=causes.unseen,
         structural=any(one is not None and one.outcome == "structure" for one in found.adequacy),
         strays=strayed(selection.parameters, values),
+        unsure=fit.noise[0].get("not_known", ()) if fit.noise else (),
     )
     if causes.findings:
         message, remedy = caused(causes.findings, message, remedy)

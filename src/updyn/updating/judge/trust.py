@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from updyn.errors import in_all
 from updyn.text_table import counted, percent
 from updyn.updating.judge.causes.finding import Finding
 from updyn.updating.judge.claim import Claim
@@ -23,6 +24,8 @@ __all__ = ["PARTS", "Claim", "Trust", "trust", "validated"]
 _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 #: How a message begins where not all unknowns are determined.
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
+#: Unknowns that a sentence names.
+_NAMED = 4
 PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 #: What is said where the modes of model and test were not compared.
 NOT_COMPARED = Claim(None, "The modes of model and test were not compared.", asked=False)
@@ -148,6 +151,7 @@ def trust(
     unseen: str = "",
     structural: bool = False,
     strays: Sequence[Strayed] = (),
+    unsure: Sequence[str] = (),
 ) -> Trust:
     """Return the verdict, without that on resemblance.
 
@@ -175,6 +179,8 @@ def trust(
         Whether the residual of FRFs is not noise.
     strays : sequence of Strayed
         Stiffnesses and masses that ended far from their start.
+    unsure : sequence of str
+        Unknowns without an interval, as the error of the model may have moved them far.
     """
     predicts = validated(correlation)
     plausible = _plausible(
@@ -185,6 +191,13 @@ def trust(
             None,
             f"The residual is not noise, and half of the values are off by {percent(misfit)} or"
             " more: the model lacks something.",
+        )
+    if plausible and unsure:
+        verb = "is" if len(unsure) == 1 else "are"
+        plausible = Claim(
+            None,
+            f"With the error that the residual shows of the model, {', '.join(unsure[:_NAMED])}"
+            f"{in_all(len(unsure)) if len(unsure) > _NAMED else ''} {verb} not known.",
         )
     if plausible and strays:
         plausible = Claim(True, f"{plausible.why} {strays[0].statement}.")

@@ -185,8 +185,8 @@ def _few(fit: Fit) -> str:
             " intervals are those of Student's distribution."
         )
     return (
-        f" The data leave {spare} numbers to estimate the noise from: its level alone was, with the"
-        " usual share of a floor, and intervals are those of Student's distribution."
+        f" The data leave {spare} numbers to estimate the noise from: its level alone was, over all"
+        " ratios of relative noise and floor, and intervals are those of Student's distribution."
     )
 
 

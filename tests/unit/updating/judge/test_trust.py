@@ -167,6 +167,14 @@ def test_a_rough_fit_of_a_model_that_lacks_something_is_believed_by_what_it_pred
     assert judged(misfit=0.17).plausible.holds is True
 
 
+def test_values_that_the_error_of_the_model_hides_are_not_known():
+    found = judged(unsure=("a.stiffness", "b.mass"))
+    assert found.plausible.holds is None
+    assert "a.stiffness, b.mass are not known" in found.plausible.why
+    many = judged(unsure=[f"a{i}.mass" for i in range(9)])
+    assert "a3.mass (9 such) are not known" in many.plausible.why
+
+
 def test_what_was_not_asked_for_counts_neither_way():
     assert judged().validated == Claim(None, "No data were held out.", asked=False)
     assert judged().validated.answer == "not asked"
