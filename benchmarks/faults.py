@@ -163,6 +163,23 @@ def moved(bench, frf, rng):
     )
 
 
+def force_moved(bench, frf, rng):
+    """A force acts at a sensor, at a neighbouring node, or in another direction than stated."""
+    from updyn.updating.judge.causes.places import mistaken_forces
+
+    part = Part.build(bench.case.true, frf, bench.sought(bench.case.true))
+    pairs = list(mistaken_forces(part))
+    if not pairs:
+        return None
+    here, there = pairs[int(rng.integers(len(pairs)))]
+    clean = bench.case.clean
+    names = [there if str(abs(d)) == str(abs(here)) else d for d in clean.references]
+    elsewhere = updyn.response(bench.case.true, clean.freq, clean.responses, names, clean.quantity)
+    drawn = NOISE.added(elsewhere, rng)
+    channels = (f"force {abs(here)}", f"force {there}")
+    return Seeded(replace(drawn, references=frf.references), drawn, "moved", channels)
+
+
 def turned(bench, frf, rng):
     """A sensor with two directions or more is turned by 10 to 45 degrees, or by 90."""
     from updyn.updating.judge.causes.turned import Turned, axes_across
@@ -495,10 +512,12 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "held losses": held_losses,
     "quantity of one": quantity_of_one,
     "turned": turned,
+    "force moved": force_moved,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
 COMPUTED = (
     "moved",
+    "force moved",
     "window",
     "mass loading",
     "reciprocity",

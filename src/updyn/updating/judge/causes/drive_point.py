@@ -11,7 +11,8 @@ import numpy as np
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.conjugate import NonCausal
 from updyn.updating.judge.causes.delay import Delay
-from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.fault import FORCE, Fault
+from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.judge.causes.quantity import Quantity
 from updyn.updating.judge.causes.shown import LIKELY, Shown, ShownFault
 from updyn.updating.judge.causes.sign import Sign
@@ -104,6 +105,8 @@ def _explained_by(frf: FRF, channels: Sequence[str]) -> Iterator[str]:
             yield f"data that are {name}"
     if _passive(NonCausal(), frf, channels):
         yield "conjugated data"
+    for label in channels:
+        yield from _acting_elsewhere(frf, label)
     for periods in _PERIODS:
         for late in (periods / frf.freq[-1], -periods / frf.freq[-1]):
             if _passive(Delay(tuple(channels), float(late)), frf, channels):
@@ -119,6 +122,31 @@ def _passive(fault: Fault, frf: FRF, channels: Sequence[str]) -> bool:
         if active > _BY_CHANCE * clear:
             return False
     return True
+
+
+def _acting_elsewhere(frf: FRF, here: str) -> Iterator[str]:
+    """Yield the only other sensor at which a force would put energy into the structure.
+
+    A response that only follows the drive point for a few lines does not show it: at so many lines
+    the sign has to be beyond doubt that with the share of the stated place it would not be right at
+    all of them by chance, whichever sensor is looked at.
+    """
+    square = Square.of(frf)
+    _, sure, active = _counted(square, square.labels.index(here))
+    share = min(active / max(sure, 1), 0.5)
+    taken = {str(abs(dof)) for dof in frf.references}
+    others = [str(abs(dof)) for dof in frf.responses if str(abs(dof)) not in taken]
+    found = []
+    for there in others:
+        moved = Moved((f"{FORCE}{here}", f"{FORCE}{there}")).repair(frf)
+        for fault, sign in ((None, ""), (Sign((f"{FORCE}{there}",)), " with the opposite sign")):
+            tried = Square.of(moved if fault is None else fault.repair(moved))
+            clear, sure, active = _counted(tried, tried.labels.index(there))
+            certain = -min(sure, _MOST) * float(np.log1p(-share))
+            if active <= _BY_CHANCE * clear and certain > LIKELY + float(np.log(len(others))):
+                found.append(f"a force at {there}, not at {here},{sign}".rstrip(","))
+    if len(found) == 1:
+        yield found[0]
 
 
 def _gained(share: float) -> float:

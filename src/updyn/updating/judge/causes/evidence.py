@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,12 +13,13 @@ from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
 from updyn.updating.judge.causes.misfit import log_misfit
-from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.judge.causes.places import mistaken, mistaken_forces
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
 
 __all__ = [
+    "FEWEST",
     "SMALLEST",
     "Evidence",
     "Held",
@@ -36,6 +36,8 @@ _Complex = NDArray[np.complex128]
 
 #: A log misfit (rms) below this is that of a perfect fit, with or without a fault.
 SMALLEST = 1e-3
+#: Fewer lines say nothing.
+FEWEST = 8
 #: Standard deviation of the unknowns about their start: a factor of 1.5; a loss factor.
 _FACTOR, _LOSS = 0.4, 0.2
 #: Share of the frequency by which its derivative is taken.
@@ -89,11 +91,18 @@ def loosened(part: Part, x: _Real, group: str, log_factor: float) -> State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Answers:
-    """Labels of responses; H there, (n_f, n_i, n_j); d ln H by x, (n, n_f, n_i, n_j)."""
+    """Labels of channels; H there, (n_f, n_i, n_j); d ln H by x, (n, n_f, n_i, n_j)."""
 
     labels: list[str]
+    references: list[str]
     H: _Complex
     slopes: _Complex
+
+    def places(self, frf: FRF) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return where the responses and the references of some data are in the answers."""
+        rows = [self.labels.index(label) for label in labels_of(frf)]
+        columns = [self.references.index(label) for label in plain_labels(frf.references)]
+        return np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +126,15 @@ class Evidence:
         """The data."""
         return self.part.frf
 
-    def _answers(self, labels: list[str]) -> _Answers:
-        """Return the model's answer at responses."""
+    def _answers(self, labels: list[str], references: list[str]) -> _Answers:
+        """Return the model's answer at responses to references."""
         part = self.part
-        shape = (part.n_lines, len(labels), len(part.frf.references))
+        shape = (part.n_lines, len(labels), len(references))
         blank = FRF(
             part.frf.freq,
             np.ones(shape),
             labels,
-            part.frf.references,
+            references,
             part.frf.quantity,
             decay=part.frf.decay,
         )
@@ -138,47 +147,70 @@ class Evidence:
             )
 
         H, dH = there.recall("derivatives", self.x, compute)
-        return _Answers(labels, H, np.asarray(dH / np.where(H == 0, 1.0, H)))
+        return _Answers(labels, references, H, np.asarray(dH / np.where(H == 0, 1.0, H)))
 
     @cached_property
     def _measured(self) -> _Answers:
-        return self._answers(labels_of(self.frf))
+        return self._answers(labels_of(self.frf), plain_labels(self.frf.references))
 
     @cached_property
-    def _everywhere(self) -> _Answers:
+    def _elsewhere(self) -> _Answers:
         """The model's answer at the measured responses, and where they may stand instead."""
         further = list(dict.fromkeys(str(place) for _, place in mistaken(self.part)))
-        own, more = self._measured, self._answers(further)
+        own = self._measured
+        more = self._answers(further, own.references)
         return _Answers(
             own.labels + more.labels,
+            own.references,
             np.concatenate([own.H, more.H], axis=1),
             np.concatenate([own.slopes, more.slopes], axis=2),
         )
 
+    @cached_property
+    def _forced_elsewhere(self) -> _Answers:
+        """The model's answer to the references, and where these may act instead."""
+        further = list(dict.fromkeys(str(place) for _, place in mistaken_forces(self.part)))
+        own = self._measured
+        more = self._answers(own.labels, further)
+        return _Answers(
+            own.labels,
+            own.references + more.references,
+            np.concatenate([own.H, more.H], axis=2),
+            np.concatenate([own.slopes, more.slopes], axis=3),
+        )
+
     def answer(self, frf: FRF) -> _Complex:
-        """Return the model's answer at the responses of some data, shape (n_f, n_i, n_j)."""
-        return self._own if frf.responses == self.frf.responses else self._answer(frf)
+        """Return the model's answer at the channels of some data, shape (n_f, n_i, n_j)."""
+        return self._own if self._has_channels_of(frf) else self._answer(frf)
 
     @cached_property
     def _own(self) -> _Complex:
-        """The model's answer at the responses of the data."""
+        """The model's answer at the channels of the data."""
         return self._answer(self.frf)
 
     def _answer(self, frf: FRF) -> _Complex:
-        known, at = self._of(labels_of(frf))
-        return np.asarray(known.H[:, at] * frf.responses.signs[:, None].astype(float))
+        known = self._answers_for(frf)
+        rows, columns = known.places(frf)
+        sign = frf.responses.signs[:, None].astype(float) * frf.references.signs
+        return np.asarray(known.H[:, rows][:, :, columns] * sign)
 
     def slopes(self, frf: FRF) -> _Complex:
-        """Return d H by x at the responses of some data, shape (n, n_f, n_i, n_j)."""
-        known, at = self._of(labels_of(frf))
-        return np.asarray(known.slopes[:, :, at] * self.answer(frf))
+        """Return d H by x at the channels of some data, shape (n, n_f, n_i, n_j)."""
+        known = self._answers_for(frf)
+        rows, columns = known.places(frf)
+        return np.asarray(known.slopes[:, :, rows][:, :, :, columns] * self.answer(frf))
 
-    def _of(self, labels: Sequence[str]) -> tuple[_Answers, list[int]]:
-        """Return the answers that hold some responses, and where these stand in them."""
+    def _has_channels_of(self, frf: FRF) -> bool:
+        return frf.responses == self.frf.responses and frf.references == self.frf.references
+
+    def _answers_for(self, frf: FRF) -> _Answers:
+        """Return the answers that hold those to some data, which may be measured elsewhere."""
         known = self._measured
-        if not set(labels) <= set(known.labels):
-            known = self._everywhere
-        return known, [known.labels.index(label) for label in labels]
+        if not set(labels_of(frf)) <= set(known.labels):
+            known = self._elsewhere
+        elif not set(plain_labels(frf.references)) <= set(known.references):
+            known = self._forced_elsewhere
+        return known
 
     @cached_property
     def by_frequency(self) -> _Complex:
@@ -271,6 +303,16 @@ class Evidence:
         """What counts of each value, from 0 to 1, shape (n_f, n_i, n_j)."""
         return log_misfit(self.answer(self.frf), self.frf)[1]
 
+    @cached_property
+    def silent(self) -> frozenset[str]:
+        """Labels of the responses that are noise, in the data as in the model, at nearly all lines.
+
+        What is done to them changes nothing but the level to which other channels are compared.
+        """
+        clear = (self.weight > 0.0).any(axis=2).sum(axis=0)
+        labels = labels_of(self.frf)
+        return frozenset(one for one, n in zip(labels, clear, strict=True) if n < FEWEST)
+
     def misfit(self, frf: FRF) -> _Real:
         """Return the misfit of data on the same lines, real over imaginary parts."""
         return stacked(log_misfit(self.answer(frf), frf)[0])
@@ -287,20 +329,25 @@ class Evidence:
         Parameters
         ----------
         frf : FRF
-            Data of the same references on the same lines; sensors may stand elsewhere.
+            Data on the same lines; sensors, or forces, may be elsewhere.
         b : ndarray of float, shape (2 m + n,)
             A change of the misfit in `unit`, above one of the unknowns in their spread.
         """
-        if frf.responses == self.frf.responses:
+        if self._has_channels_of(frf):
             Q = self._span
             return np.asarray(b - Q @ (Q.T @ b))
         # Few of the rows differ: their part of the normal equations is exchanged.
-        own, other = self.frf.responses, frf.responses
-        moved = (own.nodes != other.nodes) | (own.axes != other.axes) | (own.signs != other.signs)
-        there = np.broadcast_to(moved[:, None], self.frf.values.shape).ravel()
-        rows = np.flatnonzero(np.concatenate([there, there]))
+        moved = _differ(self.frf.responses, frf.responses)[:, None]
+        moved = moved | _differ(self.frf.references, frf.references)
+        there = np.broadcast_to(moved, self.frf.values.shape)
+        rows = np.flatnonzero(np.concatenate([there.ravel(), there.ravel()]))
         A = self._columns
-        old, new = A[rows], self._changes(labels_of(frf), np.flatnonzero(moved)) / self.unit
+        known, (i, j) = self._answers_for(frf), np.nonzero(moved)
+        at = known.places(frf)
+        slopes = known.slopes[:, :, at[0][i], at[1][j]]
+        weight = self.weight[:, moved]
+        new = np.stack([stacked(weight * one) for one in slopes], axis=1) / self.unit
+        old = A[rows]
         curved = self._normal - old.T @ old + new.T @ new
         spread = self.spread  # in which the matrix is 1 and what the data add
         scaled = spread[:, None] * curved * spread
@@ -317,8 +364,8 @@ class Evidence:
     @cached_property
     def changes(self) -> _Real:
         """What the unknowns change in the misfit, to first order, shape (2 m, n)."""
-        labels = labels_of(self.frf)
-        return self._changes(labels, np.arange(len(labels)))
+        slopes = self._measured.slopes
+        return np.stack([stacked(self.weight * one) for one in slopes], axis=1)
 
     def imitating(self, change: _Complex) -> _Real:
         """Return the point at which the unknowns do most nearly the same to the model.
@@ -347,12 +394,6 @@ class Evidence:
         """What the unknowns change, above their spread, shape (2 m + n, n)."""
         return np.vstack([self.changes / self.unit, np.diag(1.0 / self.spread)])
 
-    def _changes(self, labels: Sequence[str], rows: NDArray[np.intp]) -> _Real:
-        """Return what the unknowns change at some of the rows of data."""
-        known, at = self._of([labels[i] for i in rows])
-        weight = self.weight[:, rows]
-        return np.stack([stacked(weight * slope[:, at]) for slope in known.slopes], axis=1)
-
     @cached_property
     def _span(self) -> _Real:
         # The prior on every unknown makes the columns independent.
@@ -361,6 +402,13 @@ class Evidence:
     @cached_property
     def _normal(self) -> _Real:
         return np.asarray(self._columns.T @ self._columns)
+
+
+def _differ(own: DofSet, other: DofSet) -> NDArray[np.bool_]:
+    """Return which DOFs of two sets of the same length differ, shape (n,)."""
+    return np.asarray(
+        (own.nodes != other.nodes) | (own.axes != other.axes) | (own.signs != other.signs)
+    )
 
 
 def _outside(A: _Real, b: _Real) -> _Real:

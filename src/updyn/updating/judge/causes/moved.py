@@ -1,4 +1,4 @@
-"""A sensor that stands at a neighbouring node, or points in another direction, than its label."""
+"""A sensor or a force at another node, or in another direction, than its label says."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import ClassVar, Self
 from updyn.dofs import Dof, DofSet
 from updyn.errors import OptionError, suggest
 from updyn.frf import FRF
-from updyn.updating.judge.causes.evidence import Evidence, labels_of
-from updyn.updating.judge.causes.fault import Fault
-from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.judge.causes.evidence import Evidence, plain_labels
+from updyn.updating.judge.causes.fault import FORCE, Fault
+from updyn.updating.judge.causes.places import mistaken, mistaken_forces
 
 __all__ = ["Moved"]
 
 
 class Moved(Fault):
-    """The response that is called the first of the channels stands at the second."""
+    """The response, or the reference, that is called the first of the channels is at the second."""
 
     __slots__ = ()
 
@@ -26,31 +26,63 @@ class Moved(Fault):
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
-        """Yield for each response the other directions of its node, and the neighbouring nodes."""
+        """Yield other directions of a node and neighbouring nodes; of a force all sensors."""
         for dof, place in mistaken(evidence.part):
             yield cls((str(abs(dof)), str(place)))
+        for dof, place in mistaken_forces(evidence.part):
+            yield cls((f"{FORCE}{abs(dof)}", f"{FORCE}{place}"))
 
     def repair(self, frf: FRF) -> FRF:
-        """Return the data with the sensor called what it is.
+        """Return the data with the sensor, or the force, called what it is.
 
         Raises
         ------
         OptionError
-            If it is not in the data, or another sensor has its place.
+            If it is not in the data, or another one has its place.
         """
-        labels = labels_of(frf)
-        here, there = self.channels
-        if here not in labels:
-            raise OptionError(f"{here!r} is no response of the data; {suggest(here, labels)}")
-        if there in labels:
-            raise OptionError(f"{there!r} is a response of the data already")
-        sign = {label: dof.sign for label, dof in zip(labels, frf.responses, strict=True)}
-        moved = [
-            replace(Dof.parse(there), sign=sign[label]) if label == here else dof
-            for label, dof in zip(labels, frf.responses, strict=True)
-        ]
-        return replace(frf, responses=DofSet(moved))
+        here, there = (name.removeprefix(FORCE) for name in self.channels)
+        if self._is_force:
+            return replace(frf, references=_renamed(frf.references, here, there, "reference"))
+        return replace(frf, responses=_renamed(frf.responses, here, there, "response"))
+
+    @property
+    def _is_force(self) -> bool:
+        return self.channels[0].startswith(FORCE)
 
     def statement(self) -> str:
-        """Return where it stands."""
-        return f"The sensor called {self.channels[0]} stands at {self.channels[1]}."
+        """Return where it is."""
+        here, there = (name.removeprefix(FORCE) for name in self.channels)
+        if self._is_force:
+            return f"The force that is called {here} acts at {there}."
+        return f"The sensor called {here} stands at {there}."
+
+    @classmethod
+    def read(cls, channels: str, value: str) -> Self:
+        """Return the fault that is written down.
+
+        Raises
+        ------
+        OptionError
+            If it does not name two places of sensors, or of forces.
+        """
+        found = super().read(channels, value)
+        if len({name.startswith(FORCE) for name in found.channels}) > 1:
+            raise OptionError(
+                f"repair {cls.kind!r}: expected two places of a sensor, or of a force as in"
+                f" 'moved:force 1:Z,force 10:Z', found {channels!r}"
+            )
+        return found
+
+
+def _renamed(dofs: DofSet, here: str, there: str, role: str) -> DofSet:
+    """Return DOFs of which one is called another one."""
+    labels = plain_labels(dofs)
+    if here not in labels:
+        raise OptionError(f"{here!r} is no {role} of the data; {suggest(here, labels)}")
+    if there in labels:
+        raise OptionError(f"{there!r} is a {role} of the data already")
+    renamed = [
+        replace(Dof.parse(there), sign=dof.sign) if label == here else dof
+        for label, dof in zip(labels, dofs, strict=True)
+    ]
+    return DofSet(renamed)

@@ -1,38 +1,85 @@
-"""Where a sensor may stand instead of where its label says."""
+"""Where a sensor, or a force, may be instead of where its label says."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from updyn.dofs import Dof
 from updyn.updating.problem.problem import Part
 
-__all__ = ["mistaken"]
+__all__ = ["mistaken", "mistaken_forces", "places_of"]
 
-#: Most places for one sensor.
+#: Most places for one sensor, or one force.
 _MOST = 40
 
 
 def mistaken(part: Part) -> Iterator[tuple[Dof, Dof]]:
     """Yield each response with the places that it may be mistaken for."""
-    dofs = part.solver.system.dofs
+    known = _Known.of(part)
     measured = {str(abs(dof)) for dof in part.frf.responses}
-    of_node: dict[int, list[int]] = {}
-    # A reduced model answers at some DOFs only.
-    for i in part.solver.others(part.rows[:0]).tolist():
-        of_node.setdefault(dofs[i].node, []).append(i)
-    known = {i for one in of_node.values() for i in one}
     for dof in part.frf.responses:
-        own, turns = of_node[dof.node], dof.direction.startswith("R")
-        near = [i for i in own if dofs[i].direction.startswith("R") == turns]
-        beside = [i for i in _beside(part, own) if i in known]
-        near += [i for i in beside if dofs[i].direction == dof.direction]
-        for i in near[:_MOST]:
-            place = abs(dofs[i])
+        for place in known.near(dof)[:_MOST]:
             if str(place) not in measured:
                 yield dof, place
+
+
+def mistaken_forces(part: Part) -> Iterator[tuple[Dof, Dof]]:
+    """Yield each reference with the places at which the force may act instead.
+
+    These are near ones, as of sensors, and the measured ones: of two labels of a test one is easily
+    taken for the other.
+    """
+    known = _Known.of(part)
+    taken = {str(abs(dof)) for dof in part.frf.references}
+    measured = [abs(dof) for dof in part.frf.responses]
+    for dof in part.frf.references:
+        alike = [one for one in measured if _turns(one) == _turns(dof)]
+        places = dict.fromkeys([*known.near(dof)[:_MOST], *alike[:_MOST]])
+        for place in places:
+            if str(place) not in taken:
+                yield dof, place
+
+
+def places_of(part: Part) -> list[str]:
+    """Return all places at which a sensor or a force may be instead of at its own."""
+    pairs = [*mistaken(part), *mistaken_forces(part)]
+    return list(dict.fromkeys(str(place) for _, place in pairs))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """The DOFs of a part at which its model can be asked, by node.
+
+    A reduced model answers at some DOFs only.
+    """
+
+    part: Part
+    of_node: dict[int, list[int]]
+    every: frozenset[int]
+
+    @classmethod
+    def of(cls, part: Part) -> _Known:
+        dofs = part.solver.system.dofs
+        of_node: dict[int, list[int]] = {}
+        every = part.solver.others(part.rows[:0]).tolist()
+        for i in every:
+            of_node.setdefault(dofs[i].node, []).append(i)
+        return cls(part, of_node, frozenset(every))
+
+    def near(self, dof: Dof) -> list[Dof]:
+        """Return the other directions of a node, then the same direction of those coupled to it."""
+        dofs, own = self.part.solver.system.dofs, self.of_node[dof.node]
+        near = [i for i in own if _turns(dofs[i]) == _turns(dof)]
+        beside = [i for i in _beside(self.part, own) if i in self.every]
+        near += [i for i in beside if dofs[i].direction == dof.direction]
+        return [abs(dofs[i]) for i in near]
+
+
+def _turns(dof: Dof) -> bool:
+    return dof.direction.startswith("R")
 
 
 def _beside(part: Part, own: list[int]) -> list[int]:

@@ -21,7 +21,7 @@ from updyn.frf import QUANTITIES
 from updyn.updating.fit.search import scattered
 from updyn.updating.judge.causes.evidence import loosened, spread_of
 from updyn.updating.judge.causes.holding import HeldSolver, Holding, ground_springs
-from updyn.updating.judge.causes.places import mistaken
+from updyn.updating.judge.causes.places import places_of
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Exact", "Reduced", "Stage", "stage_of"]
@@ -81,10 +81,10 @@ class Reduced:
 
     def __post_init__(self) -> None:
         part, freq = self.part, self.part.frf.freq
-        places = [str(place) for _, place in mistaken(part)]
+        places = places_of(part)
         near = np.zeros(0, dtype=np.intp)
         if places:
-            near = np.unique(part.solver.system.dofs.match(list(dict.fromkeys(places))).index)
+            near = np.unique(part.solver.system.dofs.match(places).index)
         self._reduction = Reduction(
             part.solver.system,
             part.rows,

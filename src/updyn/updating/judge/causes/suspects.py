@@ -79,6 +79,8 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
     for kind in CAUSES:
         for fault in CAUSES[kind].suspected(evidence):
             part.session.check(often=True)
+            if fault.channels and evidence.silent.issuperset(fault.channels):
+                continue
             try:
                 cost, tuned = fitted(evidence, fault)
             except SolverError:  # a resonance without damping, under that hypothesis
