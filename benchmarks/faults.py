@@ -52,6 +52,14 @@ from updyn.frf import FRF, QUANTITIES
 from updyn.model import Group, Model
 from updyn.updating.judge.causes.catalogue import CAUSES
 from updyn.updating.judge.causes.data_alone import with_variance
+from updyn.updating.judge.causes.element import Element
+from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.fault import Fault
+from updyn.updating.judge.causes.missing_mass import MissingMass
+from updyn.updating.judge.causes.missing_spring import MissingSpring
+from updyn.updating.judge.causes.missing_viscous import MissingViscous
+from updyn.updating.judge.causes.proportional import ProportionalDamping
+from updyn.updating.judge.causes.rates import Rates, rates_not_sought
 from updyn.updating.judge.causes.reduced import stage_of
 from updyn.updating.judge.causes.trial import damped, tried, widened
 from updyn.updating.problem.noise import choose_noise
@@ -65,6 +73,8 @@ OFF = 0.3 / 0.7
 ROUNDING = 1e-9
 #: Lines on which the search looks at faults, and the logarithm of the odds from which one is found.
 LINES, FOUND = 60, 2.0
+#: Least part of a change of the model (rms), in units of the noise, that unknowns do not imitate.
+SEEN_CHANGE = 2.0
 Finding = tuple[str, tuple[str, ...]]
 Bench = structures.Bench | Measured
 
@@ -80,6 +90,7 @@ class Seeded:
     changed: Callable[[Model], Model] = lambda model: model  # what is wrong with the model instead
     decay: float = 0.0  # of a window, in 1/s
     value: float = 0.0  # of the fault, where `--odds` is to know it
+    fault: Fault | None = None  # itself, where kind, channels and value do not say it all
 
 
 def bench_of(name: str) -> Bench:
@@ -485,6 +496,98 @@ def held_losses(bench, frf, rng):
     return Seeded(frf, frf, "", changed=changed)
 
 
+def missing_element(bench, frf, rng, cause):
+    """The structure has an element that the model lacks, at a place that unknowns do not imitate.
+
+    Its dynamic stiffness is 0.1 to 0.4 of that of the structure there, the median over the lines.
+    """
+    evidence = at_truth(bench, frf)
+    places = list(cause.places_in(frf))
+    for i in rng.permutation(len(places)):
+        element = Element(cause.quantity, *places[i], 1.0, cause.loss)
+        size = rng.uniform(0.1, 0.4) / evidence.receptances.flexibility(element)
+        sized = replace(element, value=size)
+        if is_imitated(evidence, size * evidence.receptances.slope(replace(element, value=0.0))):
+            continue
+        faulty = measured_on(bench, with_element(bench.case.true, sized), rng)
+        fault = cause(element.labels, size, element.between, len(places))
+        return Seeded(faulty, frf, cause.kind, element.labels, fault=fault)
+    return None
+
+
+def at_truth(bench, frf) -> Evidence:
+    """Model and data at the true unknowns, what is held of the model being loose, too."""
+    data = with_variance(bench.case.clean, choose_noise(None, frf))
+    part = widened(Part.build(bench.case.true, data, bench.sought(bench.case.true)))[0]
+    return Evidence(part, part.coordinates.home)
+
+
+def is_imitated(evidence: Evidence, change: np.ndarray) -> bool:
+    """Whether the unknowns and held values do the same to first order, but for noise."""
+    b = np.append(stacked(evidence.weight * change), np.zeros(evidence.part.n))
+    b[: -evidence.part.n] /= NOISE.relative
+    n = len(b) - evidence.part.n
+    A = np.vstack([evidence.changes / NOISE.relative, np.diag(1.0 / evidence.spread)])
+    Q = np.linalg.qr(A)[0]
+    left = b - Q @ (Q.T @ b)
+    return bool(2.0 * left @ left / n < SEEN_CHANGE**2)
+
+
+def with_element(model: Model, element: Element) -> Model:
+    """Return a model with an element; a mass acts in all translations of its node."""
+    labels = list(element.labels)
+    if element.quantity == "mass" and "R" not in labels[0]:
+        node = labels[0].partition(":")[0]
+        labels = [one for one in plain(model.dofs) if one.startswith(f"{node}:") and "R" not in one]
+        element = replace(element, labels=tuple(labels))
+    at = [plain(model.dofs).index(label) for label in labels]
+    u = np.zeros((model.n_dofs, len(at)))
+    u[at, np.arange(len(at))] = 1.0
+    u = u @ element.incidence
+    matrix = {element.quantity: element.value * (u @ u.T)}
+    return Model.from_groups(
+        {**model.groups, "lacking": Group(loss_factor=element.loss, **matrix)}, model.dofs
+    )
+
+
+def measured_on(bench, true: Model, rng) -> FRF:
+    clean = bench.case.clean
+    where = (clean.freq, clean.responses, clean.references, clean.quantity)
+    return NOISE.added(updyn.response(true, *where), rng)
+
+
+def missing_spring(bench, frf, rng):
+    return missing_element(bench, frf, rng, MissingSpring)
+
+
+def missing_mass(bench, frf, rng):
+    return missing_element(bench, frf, rng, MissingMass)
+
+
+def missing_dashpot(bench, frf, rng):
+    return missing_element(bench, frf, rng, MissingViscous)
+
+
+def missing_proportional(bench, frf, rng):
+    """Viscous damping of a group or of all, a loss factor of 0.02 to 0.1 amid the band."""
+    evidence = at_truth(bench, frf)
+    part, omega = evidence.part, 2 * np.pi * np.median(frf.freq)
+    for name in rng.permutation(rates_not_sought(part)):
+        loss = rng.uniform(0.02, 0.1)
+        rates = Rates.named(str(name), loss * omega if "mass" in name else loss / omega)
+        if is_imitated(evidence, rates.value * evidence.by_rate[str(name)]):
+            continue
+        true = bench.case.true
+        more = {
+            group: {rates.quantity: getattr(true.group(group), rates.quantity) + rates.value}
+            for group in rates.groups(part.solver.system)
+        }
+        faulty = measured_on(bench, true.with_damping(more), rng)
+        fault = ProportionalDamping((str(name),), rates.value)
+        return Seeded(faulty, frf, fault.kind, fault.channels, fault=fault)
+    return None
+
+
 FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "none": none,
     "quantity": quantity,
@@ -512,6 +615,10 @@ FAULTS: dict[str, Callable[..., Seeded | None]] = {
     "held losses": held_losses,
     "quantity of one": quantity_of_one,
     "turned": turned,
+    "missing dashpot": missing_dashpot,
+    "missing proportional damping": missing_proportional,
+    "missing spring": missing_spring,
+    "missing mass": missing_mass,
     "force moved": force_moved,
 }
 #: Those whose data are computed from the true structure, which is not known of a measured one.
@@ -527,6 +634,10 @@ COMPUTED = (
     "support",
     "no support",
     "held losses",
+    "missing dashpot",
+    "missing proportional damping",
+    "missing spring",
+    "missing mass",
 )
 #: What all unknowns together can imitate, unless masses are known.
 IMITATED = ("unit", "common calibration", "frequency scale", "held off")
@@ -714,12 +825,12 @@ def odds(task: Draw) -> float | None:
     part, held = widened(whole)
     stage, x = stage_of(part), np.concatenate([truth, held])
     here = stage.near(part, [x])
-    fault = replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
+    fault = seeded.fault or replace(CAUSES[seeded.kind](seeded.channels), value=seeded.value)
     without = tried(here, None, [damped(here, here.coordinates.home), x])
     trial = tried(here, fault, [x])
     if without is None or trial is None:
         return None
-    return float((trial.gain(without) + np.log(fault.odds)) / np.log(10.0))
+    return float((trial.gain(without) + np.log(fault.prior)) / np.log(10.0))
 
 
 def told_odds(name: str, fault: str, seeds: Iterable[int], *, free: bool) -> str:

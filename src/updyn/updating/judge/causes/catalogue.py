@@ -15,7 +15,10 @@ from updyn.updating.judge.causes.leakage import Leakage
 from updyn.updating.judge.causes.low_pass import LowPass
 from updyn.updating.judge.causes.mains import Mains
 from updyn.updating.judge.causes.mass_loading import MassLoading
+from updyn.updating.judge.causes.missing_mass import MissingMass
 from updyn.updating.judge.causes.missing_mode import MissingMode
+from updyn.updating.judge.causes.missing_spring import MissingSpring
+from updyn.updating.judge.causes.missing_viscous import MissingViscous
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.moved import Moved
 from updyn.updating.judge.causes.no_support import NoSupport
@@ -49,6 +52,9 @@ _BUILT_IN: tuple[type[Fault], ...] = (
     Support,
     NoSupport,
     MissingMode,
+    MissingSpring,
+    MissingMass,
+    MissingViscous,
     ModelUnit,
     DeadChannel,
     Mains,

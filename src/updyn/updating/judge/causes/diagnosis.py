@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from updyn.updating.judge.causes.data_alone import (
     with_variance,
 )
 from updyn.updating.judge.causes.evidence import Evidence, spread_of
+from updyn.updating.judge.causes.fault import Fault
 from updyn.updating.judge.causes.finding import Finding
+from updyn.updating.judge.causes.halves import halves_apart
 from updyn.updating.judge.causes.misfit import SEEN, as_likely, log_misfit
 from updyn.updating.judge.causes.model_unit import ModelUnit
 from updyn.updating.judge.causes.ranking import (
@@ -35,7 +37,7 @@ from updyn.updating.judge.causes.ranking import (
 )
 from updyn.updating.judge.causes.reduced import Stage, stage_of
 from updyn.updating.judge.causes.shown import LIKELY
-from updyn.updating.judge.causes.trial import Trial, damped, tried, widened
+from updyn.updating.judge.causes.trial import MOST_ALIKE, Trial, damped, tried, widened
 from updyn.updating.problem.noise import NoiseModel
 from updyn.updating.problem.problem import Part
 
@@ -51,6 +53,11 @@ _NAMED = 2
 _SETTLED = 3
 #: Share of the misfit before it from which a fit has arrived.
 _ARRIVED = 0.9
+#: How often further places of a fault are tried, and how many from each point.
+_ROUNDS, _NEXT = 3, 3
+#: Difference between the sizes of a fault in both halves of the band, in standard deviations, from
+#: which they contradict each other: of normal errors 0.3 % are larger.
+_CONTRADICT = 3.0
 #: Most faults of one test.
 _MOST = 3
 #: Mean squares of the misfit that differ by less explain the data alike.
@@ -217,13 +224,24 @@ def _explained(
             break
         best = found[0]
         sized = _sized(part, whole, stage, best, noise)
-        if sized.fault.written:
-            whole = whole.with_data(sized.fault.repair(whole.frf))
         findings.append(_finding([sized, *found[1:]], part.name))
         end = best.trial.x
+        whole = _freed_whole(whole, stage, sized.fault, end)
         there = replace(stage.near(part, [end]), frf=part.frf)
-        part = replace(best.fault.accounted(there, end), solver=part.solver)
+        part = replace(best.fault.remaining(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
+
+
+def _freed_whole(whole: Part, stage: Stage, fault: Fault, x: _Real) -> Part:
+    """Return the part with all lines freed of a fault, as far as that can be done."""
+    if fault.written:
+        return whole.with_data(fault.repair(whole.frf))
+    if fault.is_of_model:
+        there = replace(stage.near(whole, [x]), frf=whole.frf)
+        with suppress(SolverError):
+            freed = fault.remaining(there, x[: len(whole.coordinates.home)])
+            return replace(freed, solver=whole.solver)
+    return whole
 
 
 def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseModel) -> Ranked:
@@ -236,7 +254,8 @@ def _sized(part: Part, whole: Part, stage: Stage, found: Ranked, noise: NoiseMod
         with suppress(SolverError):
             there = stage.near(whole, [found.trial.x])
             return replace(found, fault=fault.settled(there, x))
-    if not (fault.tunes and fault.written) or fault.adapts or fault.leaves_out:
+    sizes = fault.tunes and (fault.written or fault.is_of_model)
+    if not sizes or fault.adapts or fault.leaves_out:
         return found
     there = stage.near(whole, [found.trial.x])
     trial = tried(there, fault, [x])
@@ -341,21 +360,94 @@ def _settled(part: Part, here: Part, stage: Stage, trial: Trial) -> tuple[Part, 
 
 def _ranked(part: Part, fresh: Sequence[Begun], without: Trial) -> list[Ranked]:
     """Return the faults that are worth a word after a fit of each, the likeliest first."""
-    ends: dict[tuple[str, tuple[str, ...]], Trial] = {}
-    waiting = deque(fresh)
+    ends = _Ends(part)
+    ends.try_all(fresh)
+    best: Trial | None = None
+    for _ in range(_ROUNDS):
+        if ends.best is best:
+            break
+        best = ends.best
+        ends.try_all(ends.elsewhere(fresh))
+    return _consistent(part, compared(ends.found.values(), without))
+
+
+def _consistent(part: Part, found: Sequence[Ranked]) -> list[Ranked]:
+    """Return the faults worth a word without likely ones whose size depends on the band."""
+    left = list(filter(is_worth_a_word, found))
+    while _stands(left):
+        likely = [one for one in left if is_as_likely(one, left[0])]
+        wrong = [one for one in likely if _depends_on_band(part, one)]
+        if not wrong:
+            break
+        left = [one for one in left if not any(one is other for other in wrong)]
+    return left
+
+
+def _depends_on_band(part: Part, found: Ranked) -> bool:
+    """Return whether the halves of the band contradict each other on the size of a fault."""
+    fault, trial = found.fault, found.trial
+    if not fault.constant:
+        return False
+    with suppress(SolverError):
+        freed = Evidence(fault.accounted(part, trial.x), trial.x)
+        alike = min(max(trial.alike, 0.0), MOST_ALIKE)
+        return halves_apart(freed, fault, alike) > _CONTRADICT
+    return False
+
+
+@dataclass(slots=True, eq=False)
+class _Ends:
+    """The best end of a trial of each fault, and the last one that leaves only noise."""
+
+    part: Part
+    found: dict[tuple[str, tuple[str, ...]], Trial] = field(default_factory=dict)
     noise: Trial | None = None
-    while waiting:
-        fault, x = waiting.popleft()
-        key = (fault.kind, fault.channels)
-        trial = tried(part, fault, [x], rival=noise)
-        if trial is None or trial.fault is None:
-            continue
-        if key not in ends or trial.gain(ends[key]) > 0.0:
-            ends[key] = trial
-            waiting += [(other, trial.x) for other in trial.fault.relatives(part.frf)]
-            if trial.is_noise:
-                noise = trial
-    return list(filter(is_worth_a_word, compared(ends.values(), without)))
+
+    def try_all(self, begun: Sequence[Begun]) -> None:
+        """Try faults, and those that do nearly the same."""
+        waiting = deque(begun)
+        while waiting:
+            fault, x = waiting.popleft()
+            key = (fault.kind, fault.channels)
+            trial = tried(self.part, fault, [x], rival=self.noise)
+            if trial is None or trial.fault is None:
+                continue
+            if key not in self.found or trial.gain(self.found[key]) > 0.0:
+                self.found[key] = trial
+                waiting += [(other, trial.x) for other in trial.fault.relatives(self.part.frf)]
+                if trial.is_noise:
+                    self.noise = trial
+
+    @property
+    def best(self) -> Trial | None:
+        """The one that leaves least."""
+        return min(self.found.values(), key=lambda one: one.power, default=None)
+
+    def elsewhere(self, begun: Sequence[Begun]) -> list[Begun]:
+        """Return the best fault at other places, the likeliest at some points.
+
+        The points are its end and, if that does not leave only noise, the ends of the next best of
+        its kind and the points where the trials of its kind began.
+        """
+        best = self.best
+        if best is None or best.fault is None:
+            return []
+        kind = best.fault.kind
+        points = [best.x]
+        if not best.is_noise:
+            same = sorted((t.power, k[1]) for k, t in self.found.items() if k[0] == kind)
+            points += [self.found[kind, channels].x for _, channels in same[1:_NEXT]]
+            points += [x for fault, x in begun if fault.kind == kind]
+        chosen: dict[tuple[str, ...], Begun] = {}
+        for x in points:
+            others: list[Fault] = []
+            with suppress(SolverError):
+                others = list(best.fault.elsewhere(Evidence(self.part, x)))
+            if x is not best.x:
+                others = [one for one in others if (kind, one.channels) not in self.found]
+            new = [one for one in others if one.channels not in chosen]
+            chosen |= {one.channels: (one, x) for one in new[:_NEXT]}
+        return list(chosen.values())
 
 
 def _finding(found: Sequence[Ranked], test: str) -> Finding:
@@ -365,6 +457,8 @@ def _finding(found: Sequence[Ranked], test: str) -> Finding:
     if others:
         also = " or ".join(one.fault.statement().rstrip(".") for one in others[:_NAMED])
         statement += f" These data do not tell that from another cause: {also}."
+        tests = dict.fromkeys(one.fault.told_by for one in found[: _NAMED + 1])
+        statement += "".join(f" {test}" for test in tests if test)
     return Finding(
         fault.kind,
         fault.channels,
@@ -374,7 +468,7 @@ def _finding(found: Sequence[Ranked], test: str) -> Finding:
         statement,
         fault.remedy,
         fault.written,
-        tuple(one.fault.written for one in others),
+        tuple(one.fault.written or one.fault.named for one in others),
         test,
         best.of_misfit,
     )

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from updyn.dofs import DIRECTIONS, DofSet
 from updyn.dynamics.affine import State
 from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.element import Receptances
 from updyn.updating.judge.causes.misfit import log_misfit
 from updyn.updating.judge.causes.places import mistaken, mistaken_forces
+from updyn.updating.judge.causes.rates import rate_slopes, rates_not_sought
 from updyn.updating.problem.parameters import Parameter
 from updyn.updating.problem.problem import Part
 from updyn.updating.problem.session import Record
@@ -287,6 +289,16 @@ class Evidence:
         square = FRF(self.frf.freq, np.ones(shape), own, own, "accelerance", decay=decay)
         H = part.with_data(square).responses(self.x)
         return np.asarray(-np.diagonal(H, axis1=1, axis2=2))
+
+    @cached_property
+    def receptances(self) -> Receptances:
+        """The model's receptances between all measured DOFs."""
+        return Receptances.of(self.part, self.x)
+
+    @cached_property
+    def by_rate(self) -> dict[str, _Complex]:
+        """Slopes d ln H / d c by the Rayleigh coefficients that nobody seeks, by their names."""
+        return rate_slopes(self.part, self.x, rates_not_sought(self.part))
 
     @cached_property
     def spread(self) -> _Real:

@@ -25,12 +25,16 @@ __all__ = [
     "each_sensor",
     "multiplied",
     "place_of",
+    "shared_odds",
     "without",
 ]
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complexfloating[Any, Any]]
 
+#: Number of places that share the odds of a kind at least: with few sensors one place is no
+#: likelier than a fault of one sensor.
+_FEWEST = 10
 #: What stands before the label of a reference, where a fault is written down.
 FORCE = "force "
 
@@ -151,6 +155,13 @@ class Fault(ABC):
         Whether the repair leaves its channels out, so that nothing else is to be told of them.
     adapts : bool
         Whether what it takes away is found anew from model and data as the fit goes on: `refined`.
+    constant : bool
+        Whether its value has to be the same in both halves of the band: one that is not describes
+        something else.
+    is_of_model : bool
+        Whether the model lacks it, and the data are right.
+    told_by : str
+        What distinguishes it from others that these data do not tell from it: a sentence, or empty.
     """
 
     channels: tuple[str, ...] = ()
@@ -165,6 +176,14 @@ class Fault(ABC):
     blurs: ClassVar[tuple[str, ...]] = ()
     leaves_out: ClassVar[bool] = False
     adapts: ClassVar[bool] = False
+    constant: ClassVar[bool] = False
+    is_of_model: ClassVar[bool] = False
+    told_by: ClassVar[str] = ""
+
+    @property
+    def prior(self) -> float:
+        """How often a test has it on its place, before anything is looked at."""
+        return self.odds
 
     @property
     def changes_all(self) -> bool:
@@ -215,12 +234,22 @@ class Fault(ABC):
         """Return the part that takes account of the fault: on data that are freed of it at x."""
         return part.with_data(self.undo(Evidence(part, x)))
 
+    def remaining(self, part: Part, x: _Real) -> Part:
+        """Return the part in which further faults are searched, with the model of the given one."""
+        if self.is_of_model:
+            return part.with_data(self.undo(Evidence(part, x)))
+        return self.accounted(part, x)
+
     def begun(self, part: Part, x: _Real) -> _Real:
         """Return the point from which a fit that takes account of the fault begins."""
         return x
 
     def relatives(self, frf: FRF) -> Iterable[Fault]:
         """Return other faults that would do nearly the same to the data, to be tried beside it."""
+        return ()
+
+    def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:
+        """Return the same fault at other places, the likeliest at a point first."""
         return ()
 
     def plausible(self) -> bool:
@@ -300,6 +329,11 @@ class Irreparable(Fault):
             Always; the message says what to do.
         """
         raise DataError(f"{self.kind}: no change of the data undoes it. {self.remedy}")
+
+
+def shared_odds(odds: float, places: int) -> float:
+    """Return the odds of one of some places, which share those of the kind."""
+    return odds / max(places, _FEWEST)
 
 
 def without(fault: Fault, frf: FRF) -> FRF:

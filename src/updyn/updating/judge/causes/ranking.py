@@ -61,7 +61,7 @@ def compared(ends: Iterable[Trial], without: Trial) -> list[Ranked]:
     for end in every:
         assert end.fault is not None
         gain, explained = end.compared(without, alike)
-        log_odds = gain + float(np.log(end.fault.odds))
+        log_odds = gain + float(np.log(end.fault.prior))
         share = _share(end, without, explained)
         out.append(Ranked(end, end.fault, log_odds, share, explained))
     return sorted(out, key=lambda one: -one.log_odds)
@@ -73,7 +73,7 @@ def is_worth_a_word(found: Ranked) -> bool:
     Then the data by themselves have to make it likely, and not the residual against a model.
     """
     left = found.trial
-    by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.odds))
+    by_data = 0.5 * left.n_values * found.explains + float(np.log(found.fault.prior))
     return found.explains >= _WORTH or (left.is_noise and by_data >= LIKELY)
 
 

@@ -90,7 +90,7 @@ def suspects(part: Part, x: _Real, *, promising: bool = False) -> list[Suspect]:
             gain = 0.5 * (without - cost)
             if weighs and fault.tunes:
                 gain = max(gain, _log_evidence(evidence, tuned) - unheld)
-            gain += float(np.log(fault.odds))
+            gain += float(np.log(fault.prior))
             gain -= 0.5 * fault.numbers(part.frf) * float(np.log(2 * part.n_values))
             found.append(Suspect(tuned, x, gain, gain - 0.5 * without))
     return sorted(found, key=lambda one: -one.gain)

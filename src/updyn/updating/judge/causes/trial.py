@@ -22,7 +22,7 @@ from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import LogError
 
-__all__ = ["NOISY", "Trial", "damped", "robust_point", "tried", "widened"]
+__all__ = ["MOST_ALIKE", "NOISY", "Trial", "damped", "robust_point", "tried", "widened"]
 
 _Real = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ _TRUSTED = 0.5
 #: values; of 240, on 30 lines, white noise is above in 7 %.
 _WHITE, NOISY = 0.1, 0.05
 #: Largest correlation of neighbouring lines that is counted.
-_MOST_ALIKE = 0.95
+MOST_ALIKE = 0.95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ class Trial:
         them best, and the other's misfit with that being off as far as suits this one.
         """
         alike = min(self.alike, other.alike) if alike is None else alike
-        alike = min(max(alike, 0.0), _MOST_ALIKE)
+        alike = min(max(alike, 0.0), MOST_ALIKE)
         count = self.n_values * (1.0 - alike) / (1.0 + alike)
         cost = 0.5 * (self.numbers - other.numbers) * np.log(max(count, 2.0))
         if self.quadratic is None or other.quadratic is None:
@@ -237,7 +237,10 @@ def _about(freed: Part, fault: Fault | None, x: _Real) -> Quadratic | None:
     """Return the misfit about the end of a trial, the size of a fault being free, too."""
     try:
         evidence = Evidence(freed, x)
-        slope = fault.slope(evidence) if fault is not None and fault.tunes else None
+        slope = None
+        if fault is not None and fault.tunes:
+            # What the data are freed of counts from 0 where two such faults add up.
+            slope = (replace(fault, value=0.0) if fault.adds else fault).slope(evidence)
         return Quadratic.at(evidence, slope=slope)
     except SolverError:
         return None

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from updyn.frf import FRF
 from updyn.updating.judge.causes.evidence import Evidence
 from updyn.updating.judge.causes.fault import Fault, divided
+from updyn.updating.judge.causes.proportional import ProportionalDamping
+from updyn.updating.judge.causes.rates import ALL
 from updyn.updating.problem.problem import Part
 
 __all__ = ["Window"]
@@ -26,6 +28,10 @@ class Window(Fault):
     unit: ClassVar[str] = "1/s"
     tunes: ClassVar[bool] = True
     adds: ClassVar[bool] = True
+    constant: ClassVar[bool] = True
+    told_by: ClassVar[str] = (
+        "The settings of the analyser tell them apart, or a record without a window."
+    )
 
     @classmethod
     def suspected(cls, evidence: Evidence) -> Iterable[Self]:
@@ -47,6 +53,14 @@ class Window(Fault):
     def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
         """Return the part whose model is evaluated where the data are."""
         return part.with_data(self.repair(part.frf)) if self.plausible() else part
+
+    def relatives(self, frf: FRF) -> Iterable[Fault]:
+        """Return viscous damping in proportion to all mass, which is nearly the same.
+
+        (s + a)^2 M = s^2 M + 2 a s M + a^2 M: the stiffness a^2 M and the powers of s by which
+        quantities differ are all that distinguishes a window from it.
+        """
+        return (ProportionalDamping((f"{ALL}.mass_damping",), 2.0 * self.value),)
 
     def plausible(self) -> bool:
         """Return whether it adds damping."""

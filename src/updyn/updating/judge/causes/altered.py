@@ -1,0 +1,79 @@
+"""A test whose model has something more: an element between DOFs, or damping of groups."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.problem.problem import Block, Part
+
+__all__ = ["Alteration", "AlteredPart"]
+
+_Real = NDArray[np.float64]
+
+
+class Alteration(ABC):
+    """Something that a model has more, of a given size."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def cache_key(self) -> str:
+        """Text that distinguishes it from every other one."""
+
+    @abstractmethod
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+        """Return the altered model and the data of a part at a block of lines."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlteredPart(Part):
+    """A part whose model is altered; everything else follows from its blocks of lines.
+
+    Attributes
+    ----------
+    alteration : Alteration
+        What the model has more.
+    """
+
+    alteration: Alteration | None = None
+
+    @classmethod
+    def of(cls, part: Part, alteration: Alteration) -> AlteredPart:
+        """Return a part with an altered model; an earlier alteration is replaced."""
+        about: list[Any] = [*_fields(part), alteration]
+        return cls(*about)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuild, (self.plain, self.alteration)
+
+    @property
+    def plain(self) -> Part:
+        """The part with the model as it is."""
+        return Part(*_fields(self))
+
+    def block(self, x: _Real, lines: slice, *, derivatives: bool = True) -> Block:
+        """Return the altered model and the data at a block of lines."""
+        assert self.alteration is not None
+        return self.alteration.block(self.plain, x, lines, derivatives=derivatives)
+
+    def key(self, kind: str, x: _Real, *about: object) -> list[object]:
+        """Return what an evaluation at x follows from: the alteration, too."""
+        assert self.alteration is not None
+        # Not by super(): the class with slots is another one than that of the statement.
+        return [*Part.key(self, kind, x, *about), self.alteration.cache_key]
+
+
+def _fields(part: Part) -> tuple[Any, ...]:
+    about = (part.solver, part.unknowns, part.coordinates, part.frf)
+    where = (part.rows, part.columns, part.sign)
+    return (*about, *where, part.session, part.name, part.as_read)
+
+
+def _rebuild(part: Part, alteration: Alteration) -> AlteredPart:
+    return AlteredPart.of(part, alteration)

@@ -1,0 +1,228 @@
+"""An element between measured DOFs, or on them, and the FRFs of a model that has it as well.
+
+With D(s) the dynamic stiffness of the element (k, s c or s^2 m) and U its incidence vectors, the
+receptance H of the model becomes (Sherman & Morrison, Ann. Math. Stat. 21 (1950) 124; Woodbury)
+
+    H' = H - H U (1 / D + U^T H U)^-1 U^T H,
+
+exact for any model and any size of the element, from FRFs between the measured DOFs alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.dofs import DIRECTIONS, DofSet
+from updyn.frf import FRF, QUANTITIES
+from updyn.updating.judge.causes.altered import Alteration
+from updyn.updating.problem.channels import Gains
+from updyn.updating.problem.problem import Block, Part
+
+__all__ = ["Element", "MeasuredDofs", "Receptances"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Power of s in the dynamic stiffness of an element.
+_POWERS = {"stiffness": 0, "viscous": 1, "mass": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Element(Alteration):
+    """A spring, a dashpot or a mass of a given size.
+
+    Attributes
+    ----------
+    quantity : str
+        ``"stiffness"``, ``"viscous"`` or ``"mass"``.
+    labels : tuple of str
+        DOFs of the model.
+    between : bool
+        Whether it acts between two DOFs; else between each DOF and the ground.
+    value : float
+        In N/m, N s/m or kg; for rotations in N m/rad, N m s/rad or kg m^2.
+    loss : float
+        Loss factor of a spring.
+    """
+
+    quantity: str
+    labels: tuple[str, ...]
+    between: bool
+    value: float = 0.0
+    loss: float = 0.0
+
+    @property
+    def cache_key(self) -> str:
+        """Text that distinguishes it from every other one."""
+        return repr(self)
+
+    @property
+    def incidence(self) -> _Real:
+        """Incidence vectors over the labels, shape (len(labels), k)."""
+        return np.array([[1.0], [-1.0]]) if self.between else np.eye(len(self.labels))
+
+    def by_size(self, s: _Complex) -> _Complex:
+        """Return the dynamic stiffness of an element of size 1, shape (n_f,)."""
+        return np.asarray((1.0 + 1j * self.loss) * s ** _POWERS[self.quantity])
+
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+        """Return the model with the element and the data of a part at a block of lines."""
+        frf, s = part.frf, part.frf.s[lines]
+        own = part.solver.system.dofs.match(list(self.labels)).index
+        rate = s ** QUANTITIES[frf.quantity]
+        H, dH = sensitivity.receptance(
+            part.solver,
+            part.unknowns,
+            part.values(x),
+            frf.freq[lines],
+            np.concatenate([part.rows, own]),
+            np.concatenate([part.columns, own]),
+            derivatives=derivatives,
+            lines=frf.freq,
+            weights=part.coordinates.slope(x)[:, None] * rate,
+        )
+        n_i, n_j, U = len(part.rows), len(part.columns), self.incidence
+        left, right = H[:, :n_i, n_j:] @ U, U.T @ H[:, n_i:, :n_j]
+        G = self._stiffness_within(U.T @ H[:, n_i:, n_j:] @ U, s)
+        P, Q = left @ G, G @ right
+        altered = (H[:, :n_i, :n_j] - P @ right) * (part.sign * rate[:, None, None])
+        if dH is not None:  # d H' = (1, -P U^T) d H (1; -U Q)
+            rows = dH[..., :n_i, :] - (P @ U.T) @ dH[..., n_i:, :]
+            dH = (rows[..., :n_j] - rows[..., n_j:] @ (U @ Q)) * part.sign
+        gains = Gains.find(part.coordinates.parameters, frf) if part.as_read else None
+        if gains is not None:
+            gains.apply(x, altered, dH)
+        return Block(lines, altered, dH, frf.values[lines])
+
+    def _stiffness_within(self, within: _Complex, s: _Complex) -> _Complex:
+        """Return (1 / D + U^T H U)^-1, shape (n_f, k, k)."""
+        D = (self.value * self.by_size(s))[:, None, None]
+        return np.asarray(
+            np.linalg.solve(np.eye(within.shape[-1]) + D * within, D * np.eye(within.shape[-1]))
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredDofs:
+    """The DOFs of responses and references, each once.
+
+    Attributes
+    ----------
+    labels : list of str
+        Without signs.
+    rows, columns : ndarray of int
+        Positions of the responses and of the references.
+    """
+
+    labels: list[str]
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, frf: FRF) -> Self:
+        """Return those of some data."""
+        rows, columns = _plain(frf.responses), _plain(frf.references)
+        labels = list(dict.fromkeys(rows + columns))
+        at = {label: i for i, label in enumerate(labels)}
+        return cls(
+            labels,
+            np.array([at[one] for one in rows], dtype=np.intp),
+            np.array([at[one] for one in columns], dtype=np.intp),
+        )
+
+    def positions(self, labels: Sequence[str]) -> list[int]:
+        """Return the positions of some labels."""
+        return [self.labels.index(label) for label in labels]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Receptances:
+    """Receptances of a model between all measured DOFs.
+
+    Attributes
+    ----------
+    dofs : MeasuredDofs
+        Which.
+    H : ndarray of complex, shape (n_f, m, m)
+        In m/N.
+    s : ndarray of complex, shape (n_f,)
+        Where.
+    """
+
+    dofs: MeasuredDofs
+    H: _Complex
+    s: _Complex
+
+    @classmethod
+    def of(cls, part: Part, x: _Real) -> Self:
+        """Return those of the model of a part at x.
+
+        Raises
+        ------
+        SolverError
+            If the model is singular at a line.
+        """
+        dofs = MeasuredDofs.of(part.frf)
+        n = len(dofs.labels)
+        shape = (part.n_lines, n, n)
+        square = FRF(
+            part.frf.freq,
+            np.ones(shape),
+            dofs.labels,
+            dofs.labels,
+            "receptance",
+            decay=part.frf.decay,
+        )
+        there = part.with_data(square)
+        return cls(dofs, there.responses(x), there.frf.s)
+
+    def change(self, element: Element) -> _Complex:
+        """Return ln(H' / H) at the channels, shape (n_f, n_i, n_j); 0 where either is 0."""
+        H, added = self._parts(element)
+        usable = (H != 0.0) & (added != H)
+        return np.asarray(np.log1p(-np.where(usable, added, 0.0) / np.where(usable, H, 1.0)))
+
+    def slope(self, element: Element) -> _Complex:
+        """Return the derivative of ln H' by the size of the element, shape (n_f, n_i, n_j)."""
+        U, at = element.incidence, self.dofs.positions(element.labels)
+        left, right = self._sides(at, U)
+        unit = element.by_size(self.s)[:, None, None]
+        k = U.shape[1]
+        within = np.eye(k) + element.value * unit * (U.T @ self.H[:, at][:, :, at] @ U)
+        by_size = -unit * (
+            np.linalg.solve(within.swapaxes(1, 2), left.swapaxes(1, 2)).swapaxes(1, 2)
+            @ np.linalg.solve(within, right)
+        )
+        H, added = self._parts(element)
+        altered = H - added
+        return np.asarray(by_size / np.where(altered == 0.0, 1.0, altered))
+
+    def _sides(self, at: list[int], U: _Real) -> tuple[_Complex, _Complex]:
+        rows, columns = self.dofs.rows, self.dofs.columns
+        return self.H[:, rows][:, :, at] @ U, U.T @ self.H[:, at][:, :, columns]
+
+    def _parts(self, element: Element) -> tuple[_Complex, _Complex]:
+        """Return H and H - H' at the channels."""
+        U, at = element.incidence, self.dofs.positions(element.labels)
+        left, right = self._sides(at, U)
+        G = element._stiffness_within(U.T @ self.H[:, at][:, :, at] @ U, self.s)
+        H = self.H[:, self.dofs.rows][:, :, self.dofs.columns]
+        return H, left @ G @ right
+
+    def flexibility(self, element: Element) -> float:
+        """Return the median over the lines of the size of D(s) u^T H u for an element of size 1."""
+        U, at = element.incidence, self.dofs.positions(element.labels)
+        within = U.T @ self.H[:, at][:, :, at] @ U
+        own = np.abs(np.einsum("fkk->fk", within)).max(axis=1) * np.abs(element.by_size(self.s))
+        return float(np.median(own))
+
+
+def _plain(dofs: DofSet) -> list[str]:
+    pairs = zip(dofs.nodes.tolist(), dofs.axes.tolist(), strict=True)
+    return [f"{node}:{DIRECTIONS[axis]}" for node, axis in pairs]

@@ -1,0 +1,60 @@
+"""Whether the size of a fault is the same in both halves of the band."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.fault import Fault
+
+__all__ = ["halves_apart"]
+
+_Real = NDArray[np.float64]
+
+#: Sine of the angle between the effects of a fault in one half and of the unknowns, from which the
+#: half says anything of its size.
+_DISTINCT = 1e-6
+
+
+def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
+    """Return how far the sizes of a fault in the lower and the upper lines are from each other.
+
+    One size for each half is fitted, and all unknowns along with both, to first order.
+
+    Parameters
+    ----------
+    freed : Evidence
+        Model and data at the end of a fit that takes account of the fault.
+    fault : Fault
+        One whose sizes add up.
+    alike : float
+        Correlation of the residual of neighbouring lines, at least 0, below 1.
+
+    Returns
+    -------
+    float
+        In standard deviations of the difference; 0 if a half does not determine the size.
+    """
+    slope = replace(fault, value=0.0).slope(freed)
+    lower = np.arange(len(slope)) < len(slope) // 2
+    still = np.zeros_like(freed.home)
+    effects = [
+        np.append(stacked(freed.weight * half[:, None, None] * slope), still)
+        for half in (lower, ~lower)
+    ]
+    D = np.stack(effects, axis=1) / freed.unit
+    size = np.linalg.norm(D, axis=0)
+    b = np.append(freed.misfit(freed.frf) / freed.unit, freed.home)
+    D, b = freed.left(freed.frf, D), freed.left(freed.frf, b)
+    Q, R = np.linalg.qr(D)
+    if (np.abs(np.diag(R)) <= _DISTINCT * size).any():
+        return 0.0
+    sizes = np.linalg.solve(R, Q.T @ b)
+    residual = (b - Q @ (Q.T @ b))[: -len(still)]
+    variance = float(residual @ residual) / len(residual) * (1.0 + alike) / (1.0 - alike)
+    difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))
+    deviation = np.sqrt(variance * float(difference @ difference))
+    return float(abs(sizes[0] - sizes[1]) / max(deviation, np.finfo(np.float64).tiny))

@@ -1,0 +1,152 @@
+"""`MissingElement`: a spring, dashpot or mass at measured DOFs that the model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.altered import AlteredPart
+from updyn.updating.judge.causes.element import Element, MeasuredDofs
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Fault, Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.screening import best_elements
+from updyn.updating.problem.problem import Part
+
+__all__ = ["MissingElement", "directed_places"]
+
+#: Elements of a kind that are compared in full at a point.
+_MOST = 4
+#: Places that are compared after a fit of one, by which the unknowns are nearer to the structure.
+_NEXT = 8
+
+
+@dataclass(frozen=True, slots=True)
+class MissingElement(Irreparable):
+    """The structure has an element of size `value` at `channels` that the model lacks.
+
+    Attributes
+    ----------
+    between : bool
+        Whether it acts between two DOFs; else between each DOF and the ground.
+    places : int
+        Number of places where it was looked for; they share the odds of the kind.
+    """
+
+    between: bool = False
+    places: int = 1
+
+    tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
+    constant: ClassVar[bool] = True
+    is_of_model: ClassVar[bool] = True
+    odds: ClassVar[float] = 1e-2
+    #: Matrix of a group that it is part of.
+    quantity: ClassVar[str]
+    #: Its name in a sentence.
+    noun: ClassVar[str]
+    #: Units of its size: in a translation, in a rotation.
+    units: ClassVar[tuple[str, str]]
+    #: Its loss factor.
+    loss: ClassVar[float] = 0.0
+
+    @classmethod
+    def places_in(cls, frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+        """Yield the DOFs of each place where it is looked for, and whether it acts between them."""
+        yield from directed_places(frf)
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the elements that explain most, to first order."""
+        return cls._best(evidence, _MOST)
+
+    @classmethod
+    def _best(cls, evidence: Evidence, most: int) -> list[Self]:
+        every = [Element(cls.quantity, *at, 0.0, cls.loss) for at in cls.places_in(evidence.frf)]
+        best = best_elements(evidence, every, most)
+        return [cls(one.labels, one.value, one.between, len(every)) for one in best]
+
+    def elsewhere(self, evidence: Evidence) -> Iterable[Fault]:
+        """Return the elements at other places that explain most, to first order."""
+        found = (replace(one, places=self.places) for one in self._best(evidence, _NEXT))
+        return [one for one in found if one.channels != self.channels]
+
+    @property
+    def prior(self) -> float:
+        """How often a structure has it at this place and its model lacks it."""
+        return shared_odds(self.odds, self.places)
+
+    @property
+    def element(self) -> Element:
+        """The element that the model lacks."""
+        return Element(self.quantity, self.channels, self.between, self.value, self.loss)
+
+    def slope(self, evidence: Evidence) -> NDArray[np.complex128]:
+        """Return the derivative of the model's ln H by the size of the element."""
+        return evidence.receptances.slope(self.element)
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H with the element over its own."""
+        return divided(evidence.frf, evidence.receptances.change(self.element))
+
+    def accounted(self, part: Part, x: NDArray[np.float64]) -> Part:
+        """Return the part whose model has the element."""
+        return AlteredPart.of(part, self.element) if self.plausible() else part
+
+    def plausible(self) -> bool:
+        """Return whether its size is positive."""
+        return self.value > 0.0
+
+    @property
+    def size(self) -> str:
+        """Its size with its unit."""
+        return f"{self.value:.4g} {self.units[':R' in self.channels[0]]}"
+
+    @property
+    def place(self) -> str:
+        """Where it acts, in words."""
+        if self.between:
+            return f"between {self.channels[0]} and {self.channels[1]}"
+        return f"at {' and '.join(self.channels)}"
+
+    def statement(self) -> str:
+        """Return where it is missing, and how large it is."""
+        return f"The model lacks a {self.noun} of {self.size} {self.place}."
+
+    @property
+    def remedy(self) -> str:
+        """What to look at, and the Python that adds it to the model as an unknown."""
+        name = f"{self.noun} {' '.join(self.channels)}"
+        loss = f", loss_factor={self.loss:g}" if self.loss else ""
+        return (
+            f"Look for it there. If it exists, add it to the model: {self._incidence_code};"
+            f' model = dataclasses.replace(model, groups={{**model.groups, "{name}":'
+            f" updyn.Group({self.quantity}={self.value:.6g} * (u.T @ u){loss})}});"
+            f' unknowns += updyn.parameters(model, {self.quantity}="{name}")'
+        )
+
+    @property
+    def _incidence_code(self) -> str:
+        """The Python that makes its incidence vectors, one a row."""
+        if self.between:
+            first, second = self.channels
+            row = f'[(d == "{first}") - 1.0 * (d == "{second}") for d in model.dofs.labels]'
+        else:
+            at = ", ".join(f'"{label}"' for label in self.channels)
+            row = f"[1.0 * (d == at) for d in model.dofs.labels] for at in [{at}]"
+        return f"u = scipy.sparse.csr_array([{row}])"
+
+
+def directed_places(frf: FRF) -> Iterator[tuple[tuple[str, ...], bool]]:
+    """Yield each measured DOF, and each pair of one direction; the latter with True."""
+    labels = MeasuredDofs.of(frf).labels
+    for label in labels:
+        yield (label,), False
+    for a, b in combinations(labels, 2):
+        if a.partition(":")[2] == b.partition(":")[2]:
+            yield (a, b), True

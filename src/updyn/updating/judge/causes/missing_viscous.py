@@ -1,0 +1,37 @@
+"""Viscous damping that the model lacks: a dashpot, or in proportion to stiffness or mass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.missing_element import MissingElement
+from updyn.updating.judge.causes.proportional import ProportionalDamping
+
+__all__ = ["MissingViscous"]
+
+
+class MissingViscous(MissingElement):
+    """The structure has a dashpot of `value` N s/m at a DOF, or between two; the model lacks it.
+
+    Of the same kind is viscous damping in proportion to the stiffness or the mass of a group.
+    """
+
+    __slots__ = ()
+
+    kind: ClassVar[str] = "missing-viscous"
+    unit: ClassVar[str] = "N s/m"
+    quantity: ClassVar[str] = "viscous"
+    noun: ClassVar[str] = "dashpot"
+    units: ClassVar[tuple[str, str]] = ("N s/m", "N m s/rad")
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Any]:
+        """Yield the dashpots that explain most, to first order, and the damping of each group."""
+        groups = list(ProportionalDamping.suspected(evidence))
+        dashpots = list(super().suspected(evidence))
+        places = len(groups) + max((one.places for one in dashpots), default=0)
+        yield from (replace(one, places=places) for one in dashpots)
+        yield from (replace(one, places=places) for one in groups)

@@ -1,0 +1,107 @@
+"""Viscous damping in proportion to the stiffness or the mass of groups that the model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.frf import FRF
+from updyn.updating.judge.causes.altered import AlteredPart
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import Irreparable, divided, shared_odds
+from updyn.updating.judge.causes.rates import ALL, MATRICES, Rates, rate_slopes
+from updyn.updating.problem.problem import Part
+
+__all__ = ["ProportionalDamping"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Units of the Rayleigh coefficients.
+_UNITS = {"stiffness_damping": "s", "mass_damping": "1/s"}
+
+
+@dataclass(frozen=True, slots=True)
+class ProportionalDamping(Irreparable):
+    """A group, or all, has `value` times its stiffness or mass as viscous damping.
+
+    Its channel is the unknown that the model lacks: ``"floors.mass_damping"``.
+
+    Attributes
+    ----------
+    places : int
+        Number of groups and places of dashpots where such damping was looked for.
+    """
+
+    places: int = 1
+
+    kind: ClassVar[str] = "missing-viscous"
+    tunes: ClassVar[bool] = True
+    adds: ClassVar[bool] = True
+    constant: ClassVar[bool] = True
+    is_of_model: ClassVar[bool] = True
+    odds: ClassVar[float] = 1e-2
+
+    @classmethod
+    def suspected(cls, evidence: Evidence) -> Iterable[Self]:
+        """Yield the damping of each group, and of all, whose coefficient nobody seeks."""
+        for name in evidence.by_rate:
+            yield cls((name,))
+
+    def slope(self, evidence: Evidence) -> _Complex:
+        """Return the derivative of the model's ln H by the coefficient."""
+        (name,) = self.channels
+        if not self.value and name in evidence.by_rate:
+            return evidence.by_rate[name]
+        return rate_slopes(self._rates.on(evidence.part), evidence.x, [name])[name]
+
+    def undo(self, evidence: Evidence) -> FRF:
+        """Return the data over the model's H with the damping over its own."""
+        part = evidence.part
+        H = AlteredPart.of(part, self._rates).responses(evidence.x)
+        own = evidence.answer(part.frf)
+        usable = (H != 0.0) & (own != 0.0)
+        ratio = np.log(np.where(usable, H, 1.0) / np.where(usable, own, 1.0))
+        return divided(part.frf, ratio)
+
+    def accounted(self, part: Part, x: _Real) -> Part:
+        """Return the part whose model has the damping."""
+        return AlteredPart.of(part, self._rates) if self.plausible() else part
+
+    def plausible(self) -> bool:
+        """Return whether it takes energy out of the structure."""
+        return self.value > 0.0
+
+    @property
+    def prior(self) -> float:
+        """How often a structure has it in this group and its model lacks it."""
+        return shared_odds(self.odds, self.places)
+
+    @property
+    def _rates(self) -> Rates:
+        return Rates.named(self.channels[0], self.value)
+
+    def statement(self) -> str:
+        """Return which damping is missing, and how much."""
+        rates = self._rates
+        of = "all groups" if rates.group == ALL else f"the group {rates.group!r}"
+        times, share = MATRICES[rates.quantity], self.value / (2.0 * np.pi)
+        loss = f"{share:.3g} / f" if times == "mass" else f"{2.0 * np.pi * self.value:.3g} f"
+        return (
+            f"The model lacks viscous damping of {of}: {self.value:.4g} {_UNITS[rates.quantity]}"
+            f" times the {times}, a loss factor of {loss}, f in Hz."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        rates = self._rates
+        return (
+            f'Give the model an unknown for it: [[parameter]] with groups = "{rates.group}" and'
+            f' quantity = "{rates.quantity}" in the job, or unknowns +='
+            f' updyn.parameters(model, {rates.quantity}="{rates.group}").'
+        )

@@ -1,0 +1,138 @@
+"""Rayleigh coefficients that groups of a model have more, and derivatives by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn import sensitivity
+from updyn.dynamics.affine import AffineSystem
+from updyn.dynamics.fields import FieldSolver
+from updyn.sensitivity import Unknowns
+from updyn.updating.judge.causes.altered import Alteration, AlteredPart
+from updyn.updating.problem.parameters import Parameter
+from updyn.updating.problem.problem import Block, Part
+
+__all__ = ["ALL", "MATRICES", "Rates", "rate_slopes", "rates_not_sought"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Stands for all groups.
+ALL = "all"
+#: Matrix of a group by the Rayleigh coefficient that multiplies it.
+MATRICES = {"stiffness_damping": "stiffness", "mass_damping": "mass"}
+
+
+@dataclass(frozen=True, slots=True)
+class Rates(Alteration):
+    """A Rayleigh coefficient of some groups is larger by `value`.
+
+    Attributes
+    ----------
+    group : str
+        Its name, or `ALL`.
+    quantity : str
+        ``"stiffness_damping"`` in s, or ``"mass_damping"`` in 1/s.
+    value : float
+        By how much.
+    """
+
+    group: str
+    quantity: str
+    value: float = 0.0
+
+    @property
+    def cache_key(self) -> str:
+        """Text that distinguishes it from every other one."""
+        return repr(self)
+
+    @classmethod
+    def named(cls, name: str, value: float = 0.0) -> Self:
+        """Return the coefficient ``"GROUP.QUANTITY"``."""
+        group, _, quantity = name.rpartition(".")
+        return cls(group, quantity, value)
+
+    def groups(self, system: AffineSystem) -> list[str]:
+        """Return the groups of a model that it is about."""
+        if self.group != ALL:
+            return [self.group]
+        matrix = MATRICES[self.quantity]
+        return [term.group for term in system.terms if term.quantity == matrix and term.data.any()]
+
+    def unknowns(self, system: AffineSystem) -> list[Parameter]:
+        """Return the coefficient of each of the groups as an unknown."""
+        return [Parameter(group, self.quantity, 0.0, 0.0, 1.0) for group in self.groups(system)]
+
+    def on(self, part: Part) -> Part:
+        """Return a part with the larger coefficient."""
+        system = part.solver.system
+        rate = system.start.rate.copy()
+        rate[Unknowns.find(system, self.unknowns(system)).at] += self.value
+        larger = replace(system, start=replace(system.start, rate=rate))
+        return replace(part, solver=_solver_of(part, larger))
+
+    def block(self, part: Part, x: _Real, lines: slice, *, derivatives: bool) -> Block:
+        """Return the altered model and the data of a part at a block of lines."""
+        return self.on(part).block(x, lines, derivatives=derivatives)
+
+
+def _solver_of(part: Part, system: AffineSystem) -> FieldSolver:
+    """Return the solver of a part for the same terms in another state."""
+    solver: Any = part.solver
+    found: FieldSolver = replace(solver, system=system)
+    return found
+
+
+def rates_not_sought(part: Part) -> list[str]:
+    """Return the coefficients of each of several groups, and of all, that nobody seeks."""
+    system = part.solver.system
+    sought = {drive.name for p in part.coordinates.parameters for drive in p.acts_on}
+    found: list[str] = []
+    for quantity in MATRICES:
+        every = Rates(ALL, quantity).groups(system)
+        free = [group for group in every if f"{group}.{quantity}" not in sought]
+        if free == every:
+            free = [*(every if len(every) > 1 else []), ALL]
+        found += [f"{group}.{quantity}" for group in free]
+    return found
+
+
+def rate_slopes(part: Part, x: _Real, names: Sequence[str]) -> dict[str, _Complex]:
+    """Return the derivatives of the model's ln H by Rayleigh coefficients.
+
+    Parameters
+    ----------
+    part : Part
+        Model and lines.
+    x : ndarray of float, shape (n,)
+        The point.
+    names : sequence of str
+        ``"floors.mass_damping"``; ``"all.mass_damping"`` for the sum over all groups.
+
+    Returns
+    -------
+    dict of str to ndarray of complex, shape (n_f, n_i, n_j)
+        By name.
+
+    Raises
+    ------
+    SolverError
+        If the model is singular at a line.
+    """
+    if isinstance(part, AlteredPart) and isinstance(part.alteration, Rates):
+        part = part.alteration.on(part.plain)
+    system = replace(part.solver.system, start=part.state(x))
+    solver = _solver_of(part, system)
+    members = {name: Rates.named(name).unknowns(system) for name in names}
+    each = list(dict.fromkeys(one for own in members.values() for one in own))
+    unknowns = Unknowns.find(system, each)
+    where = (part.frf.freq, part.rows, part.columns)
+    H, dH = sensitivity.receptance(solver, unknowns, system.start.rate[unknowns.at], *where)
+    assert dH is not None
+    by_one = dict(zip(each, dH / np.where(H == 0.0, 1.0, H), strict=True))
+    return {name: np.asarray(sum(by_one[p] for p in own)) for name, own in members.items()}

@@ -1,0 +1,113 @@
+"""Which of many elements that a model may lack explain the data best, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from updyn.updating.judge.causes.element import Element
+from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.misfit import log_misfit
+
+__all__ = ["best_elements"]
+
+_Real = NDArray[np.float64]
+_Complex = NDArray[np.complex128]
+
+#: Elements whose slopes are held at a time; those that are tried by finite sizes.
+_CHUNK, _TRIED = 256, 24
+#: Sizes that are tried, as the median over the lines of |D(s) h|: the element's dynamic stiffness
+#: times the model's flexibility there. At 1 it changes the response there by its own size.
+_SIZES = (0.0, 0.1, 0.5, 2.5)
+#: Largest step from a size above 0, as shares of it: down and up.
+_DOWN, _UP = -0.9, 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Screened:
+    """An element by one of the sizes tried, and the sum of squares that it leaves."""
+
+    element: Element
+    left: float
+
+
+def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) -> list[Element]:
+    """Return the elements that explain the data best, each by the size to begin from.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Model and data at a point; all unknowns adapt, to first order.
+    elements : sequence of Element
+        Of any size.
+    most : int
+        How many.
+    """
+    misfit = _Misfit(evidence)
+    units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
+    gains = np.concatenate(
+        [
+            misfit.gains(elements[first : first + _CHUNK], units[first : first + _CHUNK])
+            for first in range(0, len(elements), _CHUNK)
+        ]
+        or [np.zeros(0)]
+    )
+    tried = np.argsort(-gains)[:_TRIED]
+    found = [misfit.best_of(elements[i], units[i]) for i in tried]
+    found.sort(key=lambda one: one.left)
+    return [one.element for one in found[:most]]
+
+
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Misfit:
+    """The misfit at a point, from which changes of the model are subtracted."""
+
+    evidence: Evidence
+    e: _Complex
+    b: _Real
+
+    def __init__(self, evidence: Evidence) -> None:
+        object.__setattr__(self, "evidence", evidence)
+        e = log_misfit(evidence.answer(evidence.frf), evidence.frf)[0]
+        object.__setattr__(self, "e", e)
+        object.__setattr__(self, "b", self._left([e], evidence.home))
+
+    def _left(self, changes: Sequence[_Complex], way: _Real) -> _Real:
+        """Return what the unknowns leave of weighted changes, shape (2 m + n, k)."""
+        columns = [np.concatenate([stacked(one) / self.evidence.unit, way]) for one in changes]
+        return self.evidence.left(self.evidence.frf, np.stack(columns, axis=1))
+
+    def _slopes(self, elements: Sequence[Element]) -> _Real:
+        weight, R = self.evidence.weight, self.evidence.receptances
+        still = np.zeros(len(self.evidence.home))
+        return self._left([weight * R.slope(one) for one in elements], still)
+
+    def gains(self, elements: Sequence[Element], units: Sequence[float]) -> _Real:
+        """Return by how much each would lower the sum of squares, to first order from size 0."""
+        D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
+        along = np.maximum(self.b[:, 0] @ D, 0.0)
+        return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
+
+    def best_of(self, element: Element, unit: float) -> _Screened:
+        """Return the element by the size from which one step leaves least."""
+        sized = [replace(element, value=size * unit) for size in _SIZES]
+        return min((self._stepped(one) for one in sized), key=lambda one: one.left)
+
+    def _stepped(self, element: Element) -> _Screened:
+        change = self.evidence.weight * self.evidence.receptances.change(element)
+        b = (
+            self._left([self.e - change], self.evidence.home)[:, 0]
+            if element.value
+            else self.b[:, 0]
+        )
+        d = self._slopes([element])[:, 0]
+        step = float(d @ b) / max(float(d @ d), _TINY)
+        low, high = (_DOWN * element.value, _UP * element.value) if element.value else (0.0, np.inf)
+        b = b - float(np.clip(step, low, high)) * d
+        return _Screened(element, float(b @ b))

@@ -1,0 +1,226 @@
+"""Springs, masses and viscous damping that a model lacks are named, and not blamed on the data."""
+
+import dataclasses
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+import updyn
+from updyn.updating.judge.causes import diagnosis
+from updyn.updating.judge.causes.altered import AlteredPart
+from updyn.updating.judge.causes.element import Element
+from updyn.updating.judge.causes.evidence import Evidence
+from updyn.updating.judge.causes.fault import shared_odds
+from updyn.updating.judge.causes.halves import halves_apart
+from updyn.updating.judge.causes.missing_mass import MissingMass
+from updyn.updating.judge.causes.missing_spring import MissingSpring
+from updyn.updating.judge.causes.missing_viscous import MissingViscous
+from updyn.updating.judge.causes.proportional import ProportionalDamping
+from updyn.updating.judge.causes.screening import best_elements
+from updyn.updating.judge.causes.window import Window
+from updyn.updating.problem.noise import choose_noise
+from updyn.updating.problem.problem import Part
+
+SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
+FORCES = ["5:X", "12:X"]
+LINES = np.linspace(0.6, 22.0, 100)
+ELEMENTS = [
+    Element("stiffness", ("2:X", "7:X"), True, 900.0, 0.02),
+    Element("viscous", ("10:X",), False, 6.0),
+    Element("mass", ("5:X", "12:X"), False, 0.2),
+]
+
+
+@pytest.fixture(scope="module")
+def unknowns(chain12):
+    return updyn.parameters(chain12, stiffness="all", mass="all", loss_factor="all")
+
+
+def with_element(model, element):
+    u = np.zeros((model.n_dofs, len(element.labels)))
+    for i, label in enumerate(element.labels):
+        u[model.dofs.labels.index(label), i] = 1.0
+    u = u @ element.incidence
+    group = updyn.Group(**{element.quantity: element.value * u @ u.T}, loss_factor=element.loss)
+    return updyn.Model.from_groups({**model.groups, "more": group}, model.dofs)
+
+
+def measured(model, add_noise, seed=3, **options):
+    frf = updyn.response(model, LINES, SENSORS, FORCES, **options)
+    return add_noise(frf, np.random.default_rng(seed), 0.01)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize(("quantity", "decay"), [("receptance", 0.0), ("accelerance", 0.4)])
+def test_a_part_with_an_element_is_that_of_a_model_with_it(
+    chain12, unknowns, element, quantity, decay
+):
+    where = (LINES[::9], ["2:X", "5:-X", "7:X"], ["5:X", "9:X"], quantity)
+    frf = updyn.response(chain12, *where, decay=decay)
+    part = Part.build(chain12, frf, unknowns)
+    true = Part.build(with_element(chain12, element), frf, unknowns)
+    x = part.coordinates.home + 0.05
+    altered = AlteredPart.of(part, element)
+    wanted = true.block(x, slice(None))
+    for one in (altered, pickle.loads(pickle.dumps(altered))):  # noqa: S301
+        found = one.block(x, slice(None))
+        np.testing.assert_allclose(found.H, wanted.H, rtol=1e-10)
+        np.testing.assert_allclose(found.dH, wanted.dH, atol=1e-10 * np.abs(wanted.dH).max())
+    there = Evidence(replace(part, frf=frf), x).receptances
+    if set(element.labels) <= set(there.dofs.labels):
+        ratio = np.exp(there.change(element))
+        np.testing.assert_allclose(ratio * part.responses(x), wanted.H, rtol=1e-10)
+        step = 1e-4 * element.value
+        low, high = (there.change(replace(element, value=element.value + h)) for h in (-step, step))
+        slope = there.slope(element)
+        level = np.abs(slope).max()
+        np.testing.assert_allclose(slope, (high - low) / (2.0 * step), atol=1e-6 * level)
+        # On the part that has it, the same change counts from 0.
+        beyond = Evidence(altered, x).receptances.slope(replace(element, value=0.0))
+        np.testing.assert_allclose(slope, beyond, atol=1e-10 * level)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("part2.stiffness_damping", 1e-3), ("all.mass_damping", 0.4), ("part1.mass_damping", 0.4)],
+)
+def test_slopes_by_rayleigh_coefficients(chain12, unknowns, name, value):
+    frf = updyn.response(chain12, LINES[::9], ["2:X", "5:-X"], ["5:X"], "mobility")
+    part = Part.build(chain12, frf, unknowns)
+    x = part.coordinates.home + 0.05
+    fault = ProportionalDamping((name,), value)
+    group, quantity = name.split(".")
+    groups = list(chain12.groups) if group == "all" else [group]
+
+    def log_response(amount):
+        damped = chain12.with_damping({one: {quantity: amount} for one in groups})
+        return np.log(Part.build(damped, frf, unknowns).responses(x))
+
+    altered = fault.accounted(part, x)
+    np.testing.assert_allclose(np.log(altered.responses(x)), log_response(value), rtol=1e-10)
+    step = 1e-4 * value
+    slope = (log_response(value + step) - log_response(value - step)) / (2.0 * step)
+    level = np.abs(slope).max()
+    np.testing.assert_allclose(fault.slope(Evidence(part, x)), slope, atol=1e-6 * level)
+    beyond = replace(fault, value=0.0).slope(Evidence(altered, x))
+    np.testing.assert_allclose(beyond, slope, atol=1e-6 * level)
+
+
+@pytest.mark.parametrize(
+    ("cause", "element"),
+    [
+        (MissingSpring, Element("stiffness", ("2:X", "7:X"), True, 900.0, 0.02)),
+        (MissingSpring, Element("stiffness", ("10:X",), False, 1500.0, 0.02)),
+        (MissingMass, Element("mass", ("7:X",), False, 0.4)),
+        (MissingViscous, Element("viscous", ("12:X",), False, 3.0)),
+    ],
+)
+def test_what_the_model_lacks_is_named_and_added(
+    chain12, chain12_true, unknowns, add_noise, cause, element
+):
+    frf = measured(with_element(chain12_true, element), add_noise)
+    (found,) = updyn.diagnose(chain12, frf, unknowns)
+    assert (found.kind, found.channels) == (cause.kind, element.labels)
+    assert found.value == pytest.approx(element.value, rel=0.05)
+    assert found.odds > 100.0
+    assert found.written == ""
+    with pytest.raises(updyn.UpdynError, match="Look for it there"):
+        found.repair(frf)
+    # The lines of the remedy give the model what it lacks.
+    line = found.remedy.partition("add it to the model: ")[2]
+    known = {"model": chain12_true, "unknowns": unknowns, "dataclasses": dataclasses}
+    known |= {"updyn": updyn, "scipy": scipy}
+    for statement in line.split("; "):
+        exec(statement, known)
+    there = updyn.response(known["model"], LINES, SENSORS, FORCES).values
+    wanted = updyn.response(with_element(chain12_true, element), LINES, SENSORS, FORCES).values
+    assert np.median(np.abs(there / wanted - 1.0)) < 0.01
+    assert known["unknowns"].names[-1].endswith(f".{element.quantity}")
+
+
+@pytest.mark.parametrize("name", ["all.mass_damping", "part3.stiffness_damping"])
+def test_viscous_damping_of_groups_is_no_window(chain12, chain12_true, unknowns, add_noise, name):
+    group, quantity = name.split(".")
+    groups = list(chain12_true.groups) if group == "all" else [group]
+    value = {"mass_damping": 0.8, "stiffness_damping": 1e-3}[quantity]
+    true = chain12_true.with_damping({one: {quantity: value} for one in groups})
+    (found,) = updyn.diagnose(chain12, measured(true, add_noise), unknowns)
+    assert found.kind == "missing-viscous"
+    assert found.channels == (name,) or f"missing-viscous:{name}" in found.also
+    assert found.value == pytest.approx(value, rel=0.05)
+
+
+def test_a_window_that_is_not_told_from_missing_damping_is_named_with_it(
+    chain12, chain12_true, unknowns, add_noise
+):
+    """Of receptances at some distance from 0 Hz both are the same but for a^2 M."""
+    frf = measured(chain12_true, add_noise, decay=0.15)
+    (found,) = updyn.diagnose(chain12, replace(frf, decay=0.0), unknowns)
+    named = {found.kind, *(other.partition(":")[0].partition("=")[0] for other in found.also)}
+    assert named == {"window-damping", "missing-viscous"}
+    assert "The settings of the analyser tell them apart" in found.statement
+
+
+def test_a_window_in_one_half_of_the_band_is_no_fact(chain12, chain12_true, unknowns, add_noise):
+    plain = updyn.response(chain12_true, LINES, SENSORS, FORCES)
+    damped = updyn.response(chain12_true, LINES, SENSORS, FORCES, decay=0.8)
+    values = np.where((LINES > 11.0)[:, None, None], damped.values, plain.values)
+    frf = add_noise(replace(plain, values=values), np.random.default_rng(3), 0.01)
+    found = updyn.diagnose(chain12, frf, unknowns)
+    assert "window-damping" not in [one.kind for one in found]
+
+
+@pytest.mark.parametrize(("apart", "kinds"), [(2.9, ["window-damping"]), (3.1, [])])
+def test_how_far_the_halves_of_the_band_may_be_apart(
+    chain12, chain12_true, unknowns, add_noise, monkeypatch, apart, kinds
+):
+    monkeypatch.setattr(diagnosis, "halves_apart", lambda *_: apart)
+    frf = measured(chain12_true, add_noise, quantity="accelerance", decay=0.5)
+    found = updyn.diagnose(chain12, replace(frf, decay=0.0), unknowns)
+    assert [one.kind for one in found if one.kind == "window-damping"] == kinds
+
+
+def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unknowns, add_noise):
+    """With one size everywhere it is a standard normal number; with two it is far beyond."""
+    frf = updyn.response(chain12, LINES, SENSORS, FORCES)
+    part = Part.build(chain12, frf, unknowns)
+    x = part.coordinates.home
+    lower = (np.arange(len(LINES)) < len(LINES) // 2)[:, None, None]
+    spread = []
+    for seed in range(60):
+        data = add_noise(frf, np.random.default_rng(seed), 0.01)
+        data = replace(data, variance=(0.01 * np.abs(frf.values)) ** 2)
+        spread.append(halves_apart(Evidence(part.with_data(data), x), Window(), 0.0))
+    assert np.sqrt(np.mean(np.square(spread))) == pytest.approx(1.0, abs=0.3)
+    slope = Window().slope(Evidence(part.with_data(data), x))
+    bent = replace(data, values=data.values * np.exp(np.where(lower, -0.05, 0.05) * slope))
+    assert halves_apart(Evidence(part.with_data(bent), x), Window(), 0.0) > 10.0
+
+
+def test_places_share_the_odds_of_a_kind():
+    """Ten places at least: one is no likelier than a fault of one sensor, 1e-3."""
+    assert shared_odds(1e-2, 4) == pytest.approx(1e-3)
+    assert shared_odds(1e-2, 50) == pytest.approx(2e-4)
+    assert MissingSpring(("2:X",), 1.0, places=50).prior == pytest.approx(2e-4)
+    assert ProportionalDamping(("a.mass_damping",), 1.0, places=50).prior == pytest.approx(2e-4)
+
+
+def test_the_likeliest_of_many_places_is_seen_to_first_order(chain12_true, unknowns, add_noise):
+    element = Element("stiffness", ("2:X", "10:X"), True, 900.0, 0.02)
+    frf = measured(with_element(chain12_true, element), add_noise)
+    frf = replace(frf, variance=choose_noise(None, frf).beforehand(frf))
+    part = Part.build(chain12_true, frf, unknowns)
+    every = [Element("stiffness", *at, 0.0, 0.02) for at in MissingSpring.places_in(part.frf)]
+    assert len(every) == 5 + 10
+    best = best_elements(Evidence(part, part.coordinates.home), every, 3)
+    assert best[0].labels == element.labels
+
+
+def test_a_mass_acts_in_all_measured_translations_of_a_node():
+    frf = updyn.FRF([1.0], np.ones((1, 4, 1)), ["1:X", "1:Y", "2:X", "2:RZ"], ["1:X"], "receptance")
+    found = [labels for labels, _ in MissingMass.places_in(frf)]
+    assert found == [("1:X", "1:Y"), ("2:X",), ("2:RZ",)]
+    assert MissingMass(("2:RZ",), 0.1).statement() == "The model lacks a mass of 0.1 kg m2 at 2:RZ."
