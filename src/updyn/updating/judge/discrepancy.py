@@ -228,7 +228,7 @@ class _Components:
         return self.rest + float(np.sum(self.h**2 / (1.0 + np.exp(ratio) * self.s**2)))
 
     def _noise(self, ratio: float, least: float) -> float:
-        return max(self._power(ratio) / self.numbers, least, np.finfo(float).tiny)
+        return max(self._power(ratio) / self.numbers, least, float(np.finfo(float).tiny))
 
     def _cost(self, ratio: float, least: float) -> float:
         """Return minus the restricted log-likelihood at a ratio of the variances, in logarithm."""
@@ -305,7 +305,7 @@ class _LocalErrors(LineResidual):
         block = part.block(x, lines)
         assert block.dH is not None
         errors = _effects(part, x, lines, self.places)
-        J = np.concatenate([block.dH, errors]) * self.weight
+        J = np.asarray(np.concatenate([block.dH, errors]) * self.weight, dtype=np.complex128)
         return self.weight * (block.H - block.measured), J
 
 

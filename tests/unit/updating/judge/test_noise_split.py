@@ -38,8 +38,8 @@ def unknowns() -> ParameterSet:
     return updyn.parameters(model(), stiffness=["spring"], loss_factor=["spring"])
 
 
-def test_it_is_the_mean_over_ratios_of_the_marginal_likelihood():
-    """At each ratio, the Gaussian integral over both unknowns on a grid about the estimate."""
+def test_it_is_the_largest_over_ratios_of_a_likelihood_of_at_least_1_over_e():
+    """By normal equations; the restricted likelihood is the integral over both unknowns."""
     frf = noisy(0.02, 0.01, 1)
     part = Part.build(model(), frf, unknowns())
     x = part.coordinates.home
@@ -60,8 +60,13 @@ def test_it_is_the_mean_over_ratios_of_the_marginal_likelihood():
         S = float(w @ (r - J @ step) ** 2)
         weights.append(np.sqrt(np.prod(w) / np.linalg.det(A)) * S ** (-5.0))
         errors.append(S / 10.0 * np.linalg.solve(A, np.eye(2)) + np.outer(step, step))
-    expected = np.average(errors, axis=0, weights=weights)
-    assert found == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    weights, errors = np.array(weights), np.array(errors)
+    admissible = errors[weights >= np.exp(-1.0) * weights.max()]
+    assert 3 < len(admissible) < 41
+    assert np.diag(found) == pytest.approx(admissible[:, [0, 1], [0, 1]].max(axis=0), rel=1e-6)
+    best = errors[np.argmax(weights)]
+    correlation = best[0, 1] / np.sqrt(best[0, 0] * best[1, 1])
+    assert found[0, 1] / np.sqrt(found[0, 0] * found[1, 1]) == pytest.approx(correlation)
 
 
 def test_it_is_none_without_spare_numbers():
@@ -72,8 +77,8 @@ def test_it_is_none_without_spare_numbers():
     )
 
 
-def test_intervals_from_six_lines_cover_on_average_over_noises():
-    """Two unknowns, noise that is all relative, mixed, or all floor, as the prior has it.
+def test_intervals_from_six_lines_cover_whatever_the_noise():
+    """Two unknowns, noise that is all relative, mixed, or all floor.
 
     50 draws of each: the standard error of a coverage of 95 % is 1.5 %.
     """
@@ -85,4 +90,4 @@ def test_intervals_from_six_lines_cover_on_average_over_noises():
             assert result.noise["degrees_of_freedom"] == 10
             spans = result.intervals()
             inside += [spans[k][0] <= v <= spans[k][1] for k, v in truth.items()]
-    assert 0.91 <= np.mean(inside) <= 0.99
+    assert 0.92 <= np.mean(inside) <= 0.995
