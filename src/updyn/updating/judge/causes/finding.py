@@ -32,7 +32,8 @@ class Finding:
         ``"sign"``, ``"swapped"``, ``"quantity"``, ...
     channels : tuple of str
         Labels of the sensors that it is about, ``"force 2:Z"`` for a reference; of ``"no-support"``
-        the group. Empty: all.
+        the group; of what the model lacks the DOFs, or the unknown: ``"floors.mass_damping"``.
+        Empty: all.
     value : float
         By how much, in the unit that the statement names; 0 where the kind says it all.
     odds : float
@@ -48,7 +49,8 @@ class Finding:
     written : str
         The fault as the job writes it; empty where no change of the data undoes it.
     also : tuple of str
-        Other faults that these data do not tell from it, as the job writes them.
+        Other faults that these data do not tell from it, as the job writes them; ``kind:channels``
+        where no change of the data undoes one.
     test : str
         Which test, where there are several.
     of_misfit : float
