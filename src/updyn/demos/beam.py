@@ -145,8 +145,8 @@ def write_inputs(folder: Path) -> Path:
             shutil.copyfile(source, folder / name)
     unknowns = [
         _unknown("beam", "stiffness", 0.7, 1.4),
-        _unknown("beam", "mass", 0.7, 1.4),
-        _unknown("beam", "loss_factor", 1e-4, 0.05),
+        _unknown("beam", "mass", 0.7, 1.4, 0.05),  # the density is that of steel
+        _unknown("beam", "loss_factor", 1e-4, 0.05, 0.005),
         *_unknown_supports(),
     ]
     text = _job(folder, title="Steel beam, whole", start={}, unknowns=unknowns)
@@ -154,11 +154,14 @@ def write_inputs(folder: Path) -> Path:
 
 
 def _unknown_supports() -> list[str]:
-    """Return the unknowns of pads and accelerometers."""
+    """Return the unknowns of pads and accelerometers.
+
+    Without priors these data, which the model follows to a sixth, would not tell them.
+    """
     return [
-        _unknown("pads", "stiffness", 0.1, 10.0),
-        _unknown("pads", "loss_factor", 0.0, 2.0),
-        _unknown("accelerometers", "mass", 0.05, 5.0),
+        _unknown("pads", "stiffness", 0.1, 10.0, 0.5),
+        _unknown("pads", "loss_factor", 0.0, 2.0, 0.2),
+        _unknown("accelerometers", "mass", 0.05, 5.0, 0.5),
     ]
 
 

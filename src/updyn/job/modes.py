@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from updyn.correlation import correlate
@@ -10,6 +10,7 @@ from updyn.errors import UpdynError
 from updyn.job.prepared import PreparedTest
 from updyn.job.start import start_model
 from updyn.modal import ModeSet
+from updyn.updating.judge.modal_table import ModalTable
 from updyn.updating.modes import LARGEST, judge_by_modes, modal_table, modes_like
 from updyn.updating.problem.parameters import ParameterSet
 from updyn.updating.result import JointResult, UpdateResult
@@ -25,17 +26,27 @@ def with_modes(result: UpdateResult | JointResult) -> UpdateResult | JointResult
     largest = 0 if result.status == "stopped" else LARGEST
     if isinstance(result, UpdateResult):
         table = modal_table(result, largest=largest)
-        return replace(judge_by_modes(result, [table]), modes=table)
+        return replace(judge_by_modes(result, _telling({"": table}, [result])), modes=table)
     given = result.first.options.get("modes")
     by_test = given if isinstance(given, Mapping) else {}
     tables = {
         name: modal_table(one, by_test.get(name), largest=largest)
         for name, one in result.results.items()
     }
+    telling = _telling(tables, list(result.results.values()))
     judged = {}
     for name, one in result.results.items():
-        judged[name] = replace(judge_by_modes(one, list(tables.values())), modes=tables[name])
+        judged[name] = replace(judge_by_modes(one, telling), modes=tables[name])
     return replace(result, results=judged)
+
+
+def _telling(tables: Mapping[str, ModalTable], results: Sequence[UpdateResult]) -> list[ModalTable]:
+    """Return the tables of tests whose residual is not noise."""
+    return [
+        table
+        for table, one in zip(tables.values(), results, strict=True)
+        if one.adequacy is None or not one.adequacy.adequate
+    ]
 
 
 def start_modes_text(test: PreparedTest, unknowns: ParameterSet) -> str:

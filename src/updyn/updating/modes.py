@@ -79,12 +79,15 @@ def modal_table(
 def judge_by_modes(result: UpdateResult, tables: Sequence[ModalTable]) -> UpdateResult:
     """Return a result whose verdict takes account of the modes that the update made worse.
 
+    Where the residual of FRFs is noise, the model reproduces them, resonances included; what the
+    modes that were identified from them say else is an error of their identification.
+
     Parameters
     ----------
     result : UpdateResult
         The result of one test.
     tables : sequence of ModalTable
-        Of all tests that were fitted together.
+        Of all tests that were fitted together and whose residual is not noise.
 
     Returns
     -------

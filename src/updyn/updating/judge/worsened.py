@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
 from updyn.updating.judge.trust import Trust
+from updyn.updating.problem.modal import LIKE
 
 __all__ = ["Worsened", "judge_modes", "worsened_modes"]
 
@@ -59,9 +60,13 @@ def _worsened(row: ModalRow) -> list[Worsened]:
     """Return what is worse of a mode that the start and the updated model have."""
     if row.test is None or row.start is None or row.updated is None:
         return []
+    # A shape of close modes is arbitrary, and a poor pair may be one by chance.
+    if row.start.in_subspace or row.updated.in_subspace:
+        return []
     hertz, found = row.test.frequency, []
     before, after = row.start.change, row.updated.change
-    if before is not None and after is not None:
+    likes = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
+    if before is not None and after is not None and min(likes, default=1.0) >= LIKE:
         was, now = abs(before), abs(after)
         if now > _SMALL and now > _HARM * was:
             said = f"the natural frequency {hertz:.4g} Hz was {was:.2g} % off and is {now:.2g} %"
