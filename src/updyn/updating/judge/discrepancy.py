@@ -234,7 +234,8 @@ class _Components:
         """Return minus the restricted log-likelihood at a ratio of the variances, in logarithm."""
         noise = self._noise(ratio, least)
         spread = float(np.sum(np.log1p(np.exp(ratio) * self.s**2)))
-        return 0.5 * (spread + self.numbers * np.log(noise) + self._power(ratio) / noise)
+        twice = spread + self.numbers * float(np.log(noise)) + self._power(ratio) / noise
+        return 0.5 * twice
 
 
 def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
