@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ _CHUNK, _TRIED = 256, 24
 _SIZES = (0.0, 0.1, 0.5, 2.5)
 #: Largest step from a size above 0, as shares of it: down and up.
 _DOWN, _UP = -0.9, 3.0
+_TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) ->
     most : int
         How many.
     """
-    misfit = _Misfit(evidence)
+    misfit = _Misfit.at(evidence)
     units = [1.0 / max(evidence.receptances.flexibility(one), _TINY) for one in elements]
     gains = np.concatenate(
         [
@@ -61,37 +63,36 @@ def best_elements(evidence: Evidence, elements: Sequence[Element], most: int) ->
     return [one.element for one in found[:most]]
 
 
-_TINY = float(np.finfo(np.float64).tiny)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Misfit:
-    """The misfit at a point, from which changes of the model are subtracted."""
+    """The weighted misfit at a point, from which changes of the model are subtracted."""
 
     evidence: Evidence
     e: _Complex
-    b: _Real
 
-    def __init__(self, evidence: Evidence) -> None:
-        object.__setattr__(self, "evidence", evidence)
-        e = log_misfit(evidence.answer(evidence.frf), evidence.frf)[0]
-        object.__setattr__(self, "e", e)
-        object.__setattr__(self, "b", self._left([e], evidence.home))
+    @classmethod
+    def at(cls, evidence: Evidence) -> Self:
+        """Return that of model and data."""
+        return cls(evidence, log_misfit(evidence.answer(evidence.frf), evidence.frf)[0])
 
-    def _left(self, changes: Sequence[_Complex], way: _Real) -> _Real:
-        """Return what the unknowns leave of weighted changes, shape (2 m + n, k)."""
+    def _outside(self, changes: Sequence[_Complex], way: _Real) -> _Real:
+        """Return the parts of weighted changes that unknowns do not imitate, shape (2 m + n, k)."""
         columns = [np.concatenate([stacked(one) / self.evidence.unit, way]) for one in changes]
         return self.evidence.left(self.evidence.frf, np.stack(columns, axis=1))
+
+    def residual(self, change: _Complex | float = 0.0) -> _Real:
+        """Return the residual with a weighted change of the model, all unknowns adapting."""
+        return self._outside([self.e - change], self.evidence.home)[:, 0]
 
     def _slopes(self, elements: Sequence[Element]) -> _Real:
         weight, R = self.evidence.weight, self.evidence.receptances
         still = np.zeros(len(self.evidence.home))
-        return self._left([weight * R.slope(one) for one in elements], still)
+        return self._outside([weight * R.slope(one) for one in elements], still)
 
     def gains(self, elements: Sequence[Element], units: Sequence[float]) -> _Real:
         """Return by how much each would lower the sum of squares, to first order from size 0."""
         D = self._slopes([replace(one, value=0.0) for one in elements]) * np.asarray(units)
-        along = np.maximum(self.b[:, 0] @ D, 0.0)
+        along = np.maximum(self.residual() @ D, 0.0)
         return np.asarray(along**2 / np.maximum(np.sum(D**2, axis=0), _TINY))
 
     def best_of(self, element: Element, unit: float) -> _Screened:
@@ -100,12 +101,8 @@ class _Misfit:
         return min((self._stepped(one) for one in sized), key=lambda one: one.left)
 
     def _stepped(self, element: Element) -> _Screened:
-        change = self.evidence.weight * self.evidence.receptances.change(element)
-        b = (
-            self._left([self.e - change], self.evidence.home)[:, 0]
-            if element.value
-            else self.b[:, 0]
-        )
+        weight, R = self.evidence.weight, self.evidence.receptances
+        b = self.residual(weight * R.change(element) if element.value else 0.0)
         d = self._slopes([element])[:, 0]
         step = float(d @ b) / max(float(d @ d), _TINY)
         low, high = (_DOWN * element.value, _UP * element.value) if element.value else (0.0, np.inf)
