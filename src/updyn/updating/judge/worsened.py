@@ -92,13 +92,14 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     -------
     Trust
         Not plausible where the frequency of a mode is worse than at the start and more than 3 %
-        off; else the largest change is named.
+        off, unless held-out data speak against the answer already; else the largest change is
+        named.
     """
     worse = [one for table in tables for one in worsened_modes(table)]
     if not worse or trust.plausible.holds is False:
         return trust
     worst = max(worse, key=lambda one: one.error)
-    if worst.error > _BAD:
+    if worst.error > _BAD and trust.validated.holds is not False:
         return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
     said = f"{trust.plausible.why} By the update, {worst.statement}."
     return replace(trust, plausible=Claim(trust.plausible.holds, said))

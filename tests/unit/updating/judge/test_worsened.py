@@ -1,5 +1,7 @@
 """Modes that an update moved away from the test."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,13 @@ def test_more_than_three_percent_is_not_plausible(off, holds):
     found = judge_modes(verdict(), [table([2.0, 0.0, 0.0], [off, 0.0, 0.0])])
     assert found.plausible.holds is holds
     assert f"the natural frequency 10 Hz was 2 % off and is {off:.2g} %" in found.plausible.why
+
+
+def test_where_held_out_data_speak_against_an_answer_the_mode_is_named_beside_that():
+    unpredicted = dataclasses.replace(verdict(), validated=Claim(False, "Not predicted."))
+    found = judge_modes(unpredicted, [table([2.0, 0.0, 0.0], [5.0, 0.0, 0.0])])
+    assert found.plausible.holds is True
+    assert "the natural frequency 10 Hz was 2 % off and is 5 %" in found.plausible.why
 
 
 def test_an_answer_that_is_not_plausible_stays_so():
