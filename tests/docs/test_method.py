@@ -76,7 +76,7 @@ def test_the_floor_of_lines_is_described() -> None:
     assert f"by a factor of {estimated._SHRUNK:.3f}, which is divided out" in text
     assert estimated._FEWEST_LINES == 20
     assert "fewer than twenty lines" in text
-    assert f"E|dH|^2 ~ sum over {neighbours._WINDOW} lines" in text
+    assert f"E|dH|^2 ~ sum over {neighbours.WINDOW} lines" in text
 
 
 def test_the_paper_determines_17_of_18() -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import updyn
-from updyn.updating.problem.noise.estimated import floor_of_lines
+from updyn.updating.problem.noise import Estimated, EstimatedByChannel, level_by_unit
+from updyn.updating.problem.noise.estimated import _CONTRADICTS, floor_of_lines, own_floors
 from updyn.updating.problem.noise.neighbours import scatter
 
 
@@ -108,3 +109,52 @@ def test_resonances_of_sparse_lines_are_no_floor():
     """Lines as far apart as resonances are wide scatter about any curve, but with the level."""
     f, values = smooth(60)
     assert floor_of_lines(frf(f, values)) < 3e-3
+
+
+# -- by sensor -------------------------------------------------------------------------------------
+def with_floors(floors, seed=0, n=600):
+    """Data of two sensors with a floor of each, as a share of the rms of all."""
+    f, values = smooth(n)
+    level = np.sqrt(np.mean(np.abs(values) ** 2))
+    noise = 0.01 * np.abs(values) * circular(seed, values.shape)
+    noise += level * np.array(floors)[:, None] * circular(seed + 100, values.shape)
+    return frf(f, values + noise)
+
+
+@pytest.mark.parametrize("floors", [(0.003, 0.03), (0.02, 0.001)])
+def test_a_sensor_with_a_floor_of_its_own_has_its_own(floors):
+    data = with_floors(floors)
+    found = Estimated.of_data(data).beforehand(data)[0, :, 0]
+    level = np.sqrt(np.mean(np.abs(data.values) ** 2))
+    assert np.sqrt(found) / level == pytest.approx(floors, rel=0.3)
+    by_channel = EstimatedByChannel.of_data(data).beforehand(data)
+    assert (by_channel[0, :, 0] == found).all()
+
+
+def test_sensors_with_one_floor_share_the_estimate_of_all():
+    for seed in range(10):
+        data = with_floors((0.01, 0.01), seed)
+        assert Estimated.of_data(data).own == ()
+
+
+def test_own_floors_are_those_of_the_sensors_by_name():
+    """Whatever other sensors are asked for along with them."""
+    data = with_floors((0.003, 0.03))
+    noise = Estimated.of_data(data)
+    one = data.select(responses=[data.responses[1]])
+    scale = (level_by_unit(one) / level_by_unit(data))[0, 0, 0]
+    assert noise.beforehand(one)[0, 0, 0] == pytest.approx(
+        scale**2 * noise.beforehand(data)[0, 1, 0]
+    )
+
+
+def test_the_odds_from_which_a_floor_is_a_sensors_own():
+    """100 to 1, a fifth of the values counting: ln(100) in all."""
+    unlike = [with_floors((0.01, 0.01 * factor)) for factor in (1.15, 3.0)]
+    assert [bool(own_floors(one, floor_of_lines(one))) for one in unlike] == [False, True]
+    assert np.log(100.0) == pytest.approx(_CONTRADICTS)
+
+
+def test_few_lines_have_no_floors_of_their_own():
+    data = with_floors((0.003, 0.03), n=19)
+    assert Estimated.of_data(data).own == ()

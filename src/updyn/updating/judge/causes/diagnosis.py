@@ -147,10 +147,10 @@ def diagnosed(part: Part, noise: NoiseModel, points: Sequence[_Real] = ()) -> li
         apart = by_itself.remaining(aside)
         if apart is not None and explained.left_of(aside) > _WORSE * apart.power:
             explained, remaining = by_itself, apart
-    if remaining is not None and remaining.power > _GROSS**2:
+    if remaining is not None and explained.power_of_seen(part.frf, remaining) > _GROSS**2:
         # What is least unlike such data says nothing of them.
         return stated + _in_other_units(part, remaining)
-    freed = replace(explained.part.frf, variance=part.frf.variance)
+    freed = _counted(explained.part.frf, part.frf)
     left = still_shown(seen, frf, explained.findings, (part.frf, freed))
     return [finding_of(one, part.name) for one in left] + list(explained.findings)
 
@@ -169,14 +169,38 @@ class _Explained:
 
     def remaining(self, frf: FRF) -> Trial | None:
         """Return what a fit leaves of the data that count in others; None without a solution."""
-        part = self.part.with_data(replace(self.part.frf, variance=frf.variance))
+        part = self.part.with_data(_counted(self.part.frf, frf))
         begin = damped(part, part.coordinates.home) if self.end is None else self.end
         return tried(self.stage.near(part, [begin]), None, [begin])
+
+    def power_of_seen(self, frf: FRF, trial: Trial) -> float:
+        """Return the mean square of what remains of the values that stand clear of the noise.
+
+        A fault that raises the noise of one sensor, or the level of all data, hides the others.
+        """
+        part = self.part.with_data(_counted(self.part.frf, frf))
+        part = self.stage.near(part, [trial.x])
+        misfit, weight = log_misfit(part.responses(trial.x), part.frf)
+        seen = max(float(np.sum(weight**2)), np.finfo(float).tiny)
+        return float(np.sum(np.abs(misfit) ** 2)) / seen
 
     def left_of(self, frf: FRF) -> float:
         """Return the mean square of what remains."""
         trial = self.remaining(frf)
         return np.inf if trial is None else trial.power
+
+
+def _counted(freed: FRF, frf: FRF) -> FRF:
+    """Return data that are freed of faults, of which those values count that count in others.
+
+    Their variance is that of the repaired values: a sensor of another quantity is scaled with its
+    noise.
+    """
+    assert freed.variance is not None
+    assert frf.variance is not None
+    # No noise is larger than all data: such a value was left out.
+    without, left_out = (v.variance > np.abs(v.values).max() ** 2 for v in (frf, freed))
+    return replace(freed, variance=np.where(without | left_out, frf.variance, freed.variance))
 
 
 def _in_other_units(part: Part, without: Trial) -> list[Finding]:

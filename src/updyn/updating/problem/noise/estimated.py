@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from updyn.updating.problem.noise.known import (
     level_by_unit,
     two_part,
 )
-from updyn.updating.problem.noise.neighbours import scatter
+from updyn.updating.problem.noise.neighbours import WINDOW, scatter
 
 __all__ = [
     "FEW",
@@ -29,6 +29,8 @@ __all__ = [
 ]
 
 _Real = NDArray[np.float64]
+#: Responses, by their labels, with the noise floor of each.
+Floors: TypeAlias = "tuple[tuple[str, float], ...]"
 
 _SAMPLES = 20_000
 #: From fewer spare numbers than this, one scale is estimated.
@@ -63,6 +65,8 @@ class Estimated(NoiseModel):
         Gaussian one; inf: that.
     lowest : float
         The floor that neighbouring lines show, known before any residual.
+    own : tuple of (str, float)
+        The same of the responses whose lines contradict it.
     spare : int, optional
         Spare numbers, where they were few.
     """
@@ -71,6 +75,7 @@ class Estimated(NoiseModel):
     floor: float = np.nan
     tails: float = np.inf
     lowest: float = 0.0
+    own: Floors = ()
     spare: int | None = None
     kind: ClassVar[str] = "estimated from the residual"
     source: ClassVar[str] = "estimated"
@@ -78,11 +83,12 @@ class Estimated(NoiseModel):
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> Estimated:
         """Return the model that has not seen a residual yet."""
-        return cls(tails=tails, lowest=floor_of_lines(frf))
+        lowest = floor_of_lines(frf)
+        return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
 
     def beforehand(self, frf: FRF) -> _Real:
         """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
-        return two_part(0.0, self.lowest, frf.values, level_by_unit(frf))
+        return _seen_beforehand(self.lowest, self.own, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> NDArray[np.float64]:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""
@@ -208,11 +214,8 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
     if np.isfinite(tails):
 
         def unlikely(logs: NDArray[Any]) -> float:
-            a, b = np.exp(np.clip(logs, *_RANGE))
-            v = (a * size) ** 2 + (b * level) ** 2
-            return float(
-                np.mean(np.log(v) + (0.5 * tails + 1.0) * np.log1p(2.0 / tails * squared / v))
-            )
+            v = _variance(logs, size, level)
+            return float(np.mean(_surprise(squared, v, tails)))
 
         # Outliers raise the Gaussian numbers; those of the smaller half of the residual they do
         # not.
@@ -226,6 +229,18 @@ def two_numbers(size: _Real, level: _Real, squared: _Real, tails: float) -> tupl
         found = np.exp(min(minima, key=lambda minimum: float(minimum.fun)).x)
     a, b = np.clip(found, *np.exp(_RANGE))
     return float(a), float(b)
+
+
+def _variance(logs: NDArray[Any], size: _Real, level: _Real) -> _Real:
+    """Return the variance by the logarithms of relative and floor."""
+    a, b = np.exp(np.clip(logs, *_RANGE))
+    return np.asarray((a * size) ** 2 + (b * level) ** 2)
+
+
+def _surprise(squared: _Real, variance: _Real, tails: float) -> _Real:
+    """Return minus the logarithm of Student's density of each value, but for a constant."""
+    far = np.log1p(2.0 / tails * squared / variance)
+    return np.asarray(np.log(variance) + (0.5 * tails + 1.0) * far)
 
 
 #: Degrees of freedom of Student's distribution for the scatter between lines, a third of which may
@@ -253,6 +268,56 @@ def floor_of_lines(frf: FRF) -> float:
     if not squared.any():
         return 0.0
     return two_numbers(np.abs(frf.values), level, squared, _WILD)[1] / _SHRUNK
+
+
+#: Values of a response that are looked at; odds from which its lines contradict the common floor.
+_SAMPLES_OF_ONE, _CONTRADICTS = 2_000, float(np.log(100.0))
+
+
+def own_floors(frf: FRF, common: float) -> Floors:
+    """Return the floors of the responses whose lines contradict the common one.
+
+    A sensor of another kind, or in another range, has a floor of its own. It counts where the lines
+    of the sensor are more likely by it than by the common floor, at odds of 100 to 1, each with the
+    relative noise that suits it. Only one in five lines counts, as windows overlap.
+    """
+    if len(frf.freq) < _FEWEST_LINES or len(frf.responses) < 2:
+        return ()
+    squared = scatter(frf)
+    level = np.broadcast_to(level_by_unit(frf), squared.shape)
+    found = []
+    for i, label in enumerate(frf.responses.labels):
+        n_values = squared[:, i].size
+        stride = max(1, n_values // _SAMPLES_OF_ONE)
+        size, share, own = (
+            one[:, i].ravel()[::stride] for one in (np.abs(frf.values), level, squared)
+        )
+        if not own.any():
+            continue
+        floor, gain = _own_floor(size, share, own, common * _SHRUNK)
+        if gain * n_values / WINDOW > _CONTRADICTS:
+            found.append((label, floor / _SHRUNK))
+    return tuple(found)
+
+
+def _own_floor(size: _Real, level: _Real, squared: _Real, common: float) -> tuple[float, float]:
+    """Return the floor of one response, and the gain in log likelihood a value over the common."""
+    from scipy.optimize import minimize_scalar
+
+    def unlikely(log_relative: float, floor: float) -> float:
+        logs = np.array([log_relative, np.log(max(floor, SMALLEST))])
+        return float(np.mean(_surprise(squared, _variance(logs, size, level), _WILD)))
+
+    relative, floor = two_numbers(size, level, squared, _WILD)
+    best = minimize_scalar(unlikely, bounds=_RANGE, method="bounded", args=(common,))
+    return floor, float(best.fun) - unlikely(np.log(relative), floor)
+
+
+def _seen_beforehand(lowest: float, own: Floors, frf: FRF) -> _Real:
+    """Return the squares of the floors of the responses, shape (n_f, n_i, n_j)."""
+    known = dict(own)
+    floors = np.array([known.get(label, lowest) for label in frf.responses.labels])
+    return two_part(0.0, floors[:, None], frf.values, level_by_unit(frf))
 
 
 def _gaussian(size: _Real, level: _Real, squared: _Real) -> _Real:
@@ -302,6 +367,8 @@ class EstimatedByChannel(NoiseModel):
         Whether the numbers stay as they are.
     lowest : float
         The floor of all that neighbouring lines show, known before any residual.
+    own : tuple of (str, float)
+        The same of the responses whose lines contradict it.
     """
 
     tails: float = np.inf
@@ -310,17 +377,19 @@ class EstimatedByChannel(NoiseModel):
     names: tuple[str, ...] = ()
     held: bool = False
     lowest: float = 0.0
+    own: Floors = ()
     kind: ClassVar[str] = "estimated from the residual, channel by channel"
     source: ClassVar[str] = "estimated"
 
     @classmethod
     def of_data(cls, frf: FRF, tails: float = np.inf) -> EstimatedByChannel:
         """Return the model that has not seen a residual yet."""
-        return cls(tails=tails, lowest=floor_of_lines(frf))
+        lowest = floor_of_lines(frf)
+        return cls(tails=tails, lowest=lowest, own=own_floors(frf, lowest))
 
     def beforehand(self, frf: FRF) -> _Real:
         """Return the square of the floor that neighbouring lines showed, shape (n_f, n_i, n_j)."""
-        return two_part(0.0, self.lowest, frf.values, level_by_unit(frf))
+        return _seen_beforehand(self.lowest, self.own, frf)
 
     def variance(self, H: NDArray[np.complex128], frf: FRF) -> _Real:
         """Return E|dH|^2, shape (n_f, n_i, n_j)."""

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from updyn.frf import FRF
 
-__all__ = ["scatter"]
+__all__ = ["WINDOW", "scatter"]
 
 #: Lines of a window, and degree of the polynomial through them.
-_WINDOW = 5
+WINDOW = 5
 _DEGREE = 2
 
 
@@ -33,14 +33,14 @@ def scatter(frf: FRF) -> NDArray[np.float64]:
         there are fewer than five lines. The shape of the FRF between the lines is in it, too.
     """
     values = frf.values.reshape(len(frf.freq), -1)
-    if len(values) < _WINDOW:
+    if len(values) < WINDOW:
         return np.zeros(frf.values.shape)
-    lines = sliding_window_view(frf.freq, _WINDOW)
-    at = lines - lines[:, _WINDOW // 2, None]
+    lines = sliding_window_view(frf.freq, WINDOW)
+    at = lines - lines[:, WINDOW // 2, None]
     at /= np.abs(at).max(axis=1, keepdims=True)
     basis = np.linalg.qr(at[:, :, None] ** np.arange(_DEGREE + 1))[0]
-    seen = sliding_window_view(values, _WINDOW, axis=0).transpose(0, 2, 1)
+    seen = sliding_window_view(values, WINDOW, axis=0).transpose(0, 2, 1)
     left = seen - basis @ (basis.transpose(0, 2, 1) @ seen)
-    squared = np.sum(np.abs(left) ** 2, axis=1) / (_WINDOW - _DEGREE - 1)
-    edge = _WINDOW // 2
+    squared = np.sum(np.abs(left) ** 2, axis=1) / (WINDOW - _DEGREE - 1)
+    edge = WINDOW // 2
     return np.pad(squared, ((edge, edge), (0, 0)), mode="edge").reshape(frf.values.shape)
