@@ -5,6 +5,7 @@ import pytest
 
 import updyn
 from cantilever import cantilever
+from updyn.errors import UpdynWarning
 from updyn.updating.judge.causes.model_unit import UNITS_OF_MODELS, ModelUnit
 
 SENSORS = ["2:X", "5:X", "7:X", "10:X", "12:X"]
@@ -49,7 +50,8 @@ def test_a_mistaken_unit_of_the_model_is_named(chain12, data, of, factor, mistak
 def test_an_update_is_not_to_be_believed_and_says_why(chain12, data):
     wrong = in_wrong_units(chain12, "stiffness", 1e3)
     unknowns = updyn.parameters(wrong, stiffness="all", loss_factor="all")
-    result = updyn.update(wrong, data, unknowns)
+    with pytest.warns(UpdynWarning, match="0 of 6 measured modes have a counterpart"):
+        result = updyn.update(wrong, data, unknowns)
     assert [one.kind for one in result.findings] == ["model-unit"]
     assert result.trust["plausible"].holds is False
     assert "stiffnesses in N/mm where N/m go with the masses" in result.message
