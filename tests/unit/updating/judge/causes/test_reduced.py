@@ -83,10 +83,14 @@ def test_it_gives_the_same_evidence(part, stage):
     x = np.clip(x, *part.coordinates.bounds)
     here = replace(stage.near(part, [x]), frf=part.frf)
     found, wanted = Evidence(here, x), Evidence(part, x)
-    everywhere = wanted._everywhere
-    assert found._everywhere.labels == everywhere.labels
-    level = np.abs(everywhere.H).max(axis=(1, 2), keepdims=True)
-    assert np.abs(found._everywhere.H - everywhere.H).max() < 2e-3 * level.max()
+    for own, whole in (
+        (found._elsewhere, wanted._elsewhere),
+        (found._forced_elsewhere, wanted._forced_elsewhere),
+    ):
+        assert (own.labels, own.references) == (whole.labels, whole.references)
+        level = np.abs(whole.H).max(axis=(1, 2), keepdims=True)
+        assert np.abs(own.H - whole.H).max() < 2e-3 * level.max()
+    level = np.abs(wanted._elsewhere.H).max(axis=(1, 2), keepdims=True)
     clear = np.abs(wanted.answer(part.frf)) > 0.01 * level
     for own, whole in (
         (found.answer(part.frf), wanted.answer(part.frf)),
