@@ -132,8 +132,14 @@ def _explains_all(end: Trial, without: Trial) -> bool:
 
 
 def _ahead(ends: Sequence[Trial], without: Trial) -> list[Begun]:
-    """Return the likeliest of some trials, the best first, with the points to go on from."""
-    return [(one.fault, one.trial.x) for one in compared(ends, without)[:KEPT]]
+    """Return the likeliest of some trials, the best first, with the points to go on from.
+
+    Of the trials of one fault that began at several points the likeliest is kept.
+    """
+    best: dict[tuple[str, tuple[str, ...]], Begun] = {}
+    for one in compared(ends, without):
+        best.setdefault((one.fault.kind, one.fault.channels), (one.fault, one.trial.x))
+    return list(best.values())[:KEPT]
 
 
 def _as_good(part: Part, end: Trial) -> list[Suspect]:

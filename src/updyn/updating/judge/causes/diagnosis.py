@@ -252,7 +252,9 @@ def _explained(
         end = best.trial.x
         whole = _freed_whole(whole, stage, sized.fault, end)
         there = replace(stage.near(part, [end]), frf=part.frf)
-        part = replace(best.fault.remaining(there, end), solver=part.solver)
+        # What adapts is taken away as all lines show it: others would imitate the error of a few.
+        fault = sized.fault if best.fault.adapts else best.fault
+        part = replace(fault.remaining(there, end), solver=part.solver)
     return _Explained(tuple(findings), part, stage, end)
 
 

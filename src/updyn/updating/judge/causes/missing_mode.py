@@ -112,8 +112,10 @@ class MissingMode(Fault):
         return replace(best, wide=best.loss * best.value / spacing, many=at.many(best))
 
     def undo(self, evidence: Evidence) -> FRF:
-        """Return the data less the mode, which is fitted to the residual about it."""
+        """Return the data less the mode; its shape, if not known, is fitted to the residual."""
         frf = evidence.frf
+        if self.shape:
+            return replace(frf, values=frf.values - self._pole(frf).term(frf))
         residues = _Residual.near(evidence, self.value).residues(self)
         u, s, vh = np.linalg.svd(residues)
         shape = s[0] * np.outer(u[:, 0], vh[0])
