@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from updyn.updating.judge.causes.evidence import Evidence, stacked
+from updyn.updating.judge.causes.evidence import SMALLEST, Evidence, stacked
 from updyn.updating.judge.causes.fault import Fault
 
 __all__ = ["halves_apart"]
@@ -22,7 +22,8 @@ _DISTINCT = 1e-6
 def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
     """Return how far the sizes of a fault in the lower and the upper lines are from each other.
 
-    One size for each half is fitted, and all unknowns along with both, to first order.
+    One size for each half is fitted, and all unknowns along with both, to first order. The residual
+    counts as that of a perfect fit (`SMALLEST`) at least: the last steps of a fit are no fact.
 
     Parameters
     ----------
@@ -54,7 +55,9 @@ def halves_apart(freed: Evidence, fault: Fault, alike: float) -> float:
         return 0.0
     sizes = np.linalg.solve(R, Q.T @ b)
     residual = (b - Q @ (Q.T @ b))[: -len(still)]
-    variance = float(residual @ residual) / len(residual) * (1.0 + alike) / (1.0 - alike)
+    least = 0.5 * (SMALLEST / freed.unit) ** 2
+    variance = max(float(residual @ residual) / len(residual), least)
+    variance *= (1.0 + alike) / (1.0 - alike)
     difference = np.linalg.solve(R.T, np.array([1.0, -1.0]))
     deviation = np.sqrt(variance * float(difference @ difference))
     return float(abs(sizes[0] - sizes[1]) / max(deviation, np.finfo(np.float64).tiny))

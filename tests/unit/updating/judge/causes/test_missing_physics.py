@@ -200,6 +200,15 @@ def test_the_difference_of_the_halves_is_counted_in_its_deviations(chain12, unkn
     assert halves_apart(Evidence(part.with_data(bent), x), Window(), 0.0) > 10.0
 
 
+def test_a_spring_is_named_in_data_without_noise(chain12, chain12_true, unknowns):
+    """The halves of the band contradict each other there by the last steps of the fit alone."""
+    element = Element("stiffness", ("7:X",), False, 200.0, 0.02)
+    frf = updyn.response(with_element(chain12_true, element), LINES, SENSORS, FORCES)
+    (found,) = updyn.diagnose(chain12, frf, unknowns)
+    assert (found.kind, found.channels) == ("missing-spring", ("7:X",))
+    assert found.value == pytest.approx(200.0, rel=1e-3)
+
+
 def test_places_share_the_odds_of_a_kind():
     """Ten places at least: one is no likelier than a fault of one sensor, 1e-3."""
     assert shared_odds(1e-2, 4) == pytest.approx(1e-3)
