@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.highlighter import RegexHighlighter
 from rich.theme import Theme
 
-from updyn.updating.judge.trust import PARTS
+from updyn.updating.judge.claim import PARTS
 
 __all__ = ["STATUS_STYLES", "THEME", "SummaryHighlighter"]
 

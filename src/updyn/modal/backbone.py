@@ -246,12 +246,18 @@ def fit_backbone(
     ----------
     window : Window
         Lines and all other modes.
-    pole, shift : complex
+    pole : complex
         To begin with.
     weights : Weights
         Of the values.
     level : Level
         Of the runs.
+    shift : complex
+        To begin with.
+
+    Returns
+    -------
+    Backbone
     """
     here, damping = _at(window, pole, shift, weights, level), 0.0
     for _ in range(_STEPS):
@@ -281,6 +287,10 @@ def promised_gain(window: Window, linear: Solved, at: int, level: Level) -> floa
         Which of its poles may depend on the motion.
     level : Level
         Of the runs.
+
+    Returns
+    -------
+    float
     """
     every = np.ones(len(level.runs), dtype=np.bool_)
     equations = _Equations.of(_leaning(window, every, 0.0), linear, at, level.of_runs[level.runs])

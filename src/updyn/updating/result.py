@@ -228,6 +228,10 @@ class UpdateResult:
         ----------
         name : str
             The unknown.
+
+        Returns
+        -------
+        str
         """
         if name in self.noise.get("not_known", ()):
             return "not known: error of the model"

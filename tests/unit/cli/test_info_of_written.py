@@ -71,7 +71,7 @@ def test_every_file_has_an_answer(written: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("name", "fragments"),
     [
-        ("run/result.json", ["Result of an update", "'Chain': converged (maximum-likelihood)"]),
+        ("run/result.json", ["Result of an update", "'Chain': not-credible (maximum-likelihood)"]),
         ("run/manifest.json", ["Files that updyn wrote", "result.json", "unchanged"]),
         ("run/control.json", ["Plant for control design, 'Chain'", "0.6 to 15 Hz", "order"]),
         ("run/report.html", ["Page of updyn", "Chain", "browser"]),

@@ -88,7 +88,7 @@ def test_it_draws_moves_and_picks(result, tmp_path):
     found = settled(path, tmp_path / "profile", "done")
     assert "errors" not in found, found["errors"]
     assert found["done"] == "true"
-    assert float(found["top"]) < 0.6
+    assert float(found["top"]) < 0.65
     assert found["animated"] == "true"
     assert told(found, "shows") == ["at rest", "modes", "operating shapes"]
     (first,) = updyn.modes(result.model, 1).frequency

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Claim"]
+__all__ = ["PARTS", "Claim"]
+
+#: The parts of a verdict, in their order.
+PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

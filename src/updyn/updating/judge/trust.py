@@ -14,7 +14,7 @@ from typing import Any
 from updyn.errors import in_all
 from updyn.text_table import counted, percent
 from updyn.updating.judge.causes.finding import Finding
-from updyn.updating.judge.claim import Claim
+from updyn.updating.judge.claim import PARTS, Claim
 from updyn.updating.judge.modal_trust import modes_plausible, modes_predicted, modes_said
 from updyn.updating.judge.strayed import Strayed
 
@@ -26,7 +26,6 @@ _SENTENCE = re.compile(r"(?<=\.) (?=[A-Z])")
 _OPEN = re.compile(r"^The fit ended, but the data determine only \d+ of \d+ unknowns: ")
 #: Unknowns that a sentence names.
 _NAMED = 4
-PARTS = ("resembles", "converged", "determined", "validated", "plausible")
 #: What is said where the modes of model and test were not compared.
 NOT_COMPARED = Claim(None, "The modes of model and test were not compared.", asked=False)
 
