@@ -257,7 +257,11 @@ def test_model_error_widens_error_bars(case, add_noise):
     found = updyn.update(start, data, unknowns)
     assert found.noise["correlation_length"] > 2
     assert found.noise["inflation"] >= np.sqrt(found.noise["correlation_length"]) * 0.99
-    assert "model error" in found.message
+    assert found.noise["model_error"] > 0.9
+    (lacks,) = found.findings
+    assert (lacks.kind, lacks.channels) == ("missing-spring", ("7:X",))
+    assert lacks.value == pytest.approx(200.0, rel=1e-3)
+    assert lacks.statement in found.message
 
 
 @pytest.mark.parametrize("seed", range(3))
