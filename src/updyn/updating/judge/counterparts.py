@@ -23,7 +23,7 @@ from updyn.correlation.clusters import CLOSE, PairingRule, pair_clusters, pair_f
 from updyn.correlation.modes import LEAST_MAC, undamped_modes
 from updyn.correlation.shapes import moving
 from updyn.dynamics.modes import Modes
-from updyn.errors import DataError, InputError, ModelError, SolverError
+from updyn.errors import DataError, InputError, SolverError
 from updyn.frf import FRF
 from updyn.modal import ModeSet, identify_modes
 from updyn.modal.peaks import resonance_peaks
@@ -169,6 +169,9 @@ def find_counterparts(
     Where few modes have a counterpart, one or two sensors are left out, and a common factor on all
     frequencies is tried: a sensor of the wrong sign, or a wrong unit, is no sign of another
     structure.
+
+    Modes that cannot be compared are no error here: the number is not known, and the statement says
+    why. A method that needs these modes checks them itself.
     """
     if model.n_dofs > largest:
         return _unknown(
@@ -185,7 +188,7 @@ def find_counterparts(
                 f" do not show resonances (at least {FEWEST_LINES} are needed)."
             )
         return _of_frfs(model, given)
-    except (ModelError, SolverError) as error:
+    except (InputError, SolverError, np.linalg.LinAlgError) as error:
         return _unknown(f"Whether model and test have modes in common is not known: {error}.")
 
 
@@ -265,7 +268,7 @@ class _Sets:
     def counterparts(self, n_measured: int) -> Counterparts:
         """Return the pairs, without a statement."""
         frequency = self.computed.frequency, self.measured.frequency
-        if not len(frequency[0]):
+        if not (len(frequency[0]) and len(frequency[1])):
             return Counterparts(n_measured, 0, (), "", known=True, n_sensors=self.n_sensors)
         if not self.n_sensors:
             pairs = pair_frequencies(frequency, RANGE - 1.0)

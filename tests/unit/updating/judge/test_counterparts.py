@@ -209,6 +209,17 @@ def test_no_pair_is_known_from_four_modes_on():
         assert found.statement.startswith(f"0 of {n} measured modes have a counterpart")
 
 
+def test_modes_that_cannot_be_compared_are_not_known_and_no_error():
+    """A sensor that the model lacks, and a mode that moves at a single sensor."""
+    start = model(*parts(np.random.default_rng(2)))
+    lacking = updyn.ModeSet([10.0], [[1.0]], ["99:Z"])
+    single = updyn.ModeSet([30.0], np.eye(6)[:, :1], [f"{i + 1}:Z" for i in SENSORS])
+    for modes_of_test, said in ((lacking, "99:Z is not among"), (single, "do not tell")):
+        found = find_counterparts(start, modes_of_test)
+        assert not found.known
+        assert said in found.statement
+
+
 def test_a_result_without_modes_is_not_known():
     nothing = Counterparts(0, 0, (), "why", known=False)
     assert not nothing.none
