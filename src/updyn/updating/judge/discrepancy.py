@@ -21,6 +21,7 @@ from updyn.updating.fit.null_space import WIDEST
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LineResidual, reduced
+from updyn.updating.problem.session import Record
 
 __all__ = ["Discrepancy", "estimate_discrepancy"]
 
@@ -279,9 +280,19 @@ def _with_errors(problem: Problem, x: _Real, residual: Each) -> Local:
     n = problem.n + _KINDS * len(places[0])
     found = []
     for i, (part, index) in enumerate(zip(problem.parts, places, strict=True)):
-        wide = _LocalErrors(residual.of(i).weight, index)
-        found.append(reduced(wide, part, x, n))
+        found.append(_solved(_LocalErrors(residual.of(i).weight, index), part, x, n))
     return joined(found, n)
+
+
+def _solved(wide: _LocalErrors, part: Part, x: _Real, n: int) -> Local:
+    """Return the reduced problem of a part, from memory where it is known."""
+
+    def compute() -> Record:
+        local = reduced(wide, part, x, n)
+        return np.array(local.cost), local.R, local.q
+
+    cost, R, q = part.recall(wide.name, x, compute, wide.weight, wide.places)
+    return Local(float(cost), R, q)
 
 
 def _places(problem: Problem) -> list[NDArray[np.intp]]:
