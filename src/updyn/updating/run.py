@@ -217,7 +217,14 @@ def run(
             firsts = reduced.firsts if reduced is not None else None
 
             def judged(fit: Fit, noises: Sequence[NoiseModel]) -> Judgement:
-                return judge(problem, (*splits, *modal_splits), fit, noises, firsts)
+                return judge(
+                    problem,
+                    (*splits, *modal_splits),
+                    fit,
+                    noises,
+                    firsts,
+                    is_likelihood=strategy.is_likelihood,
+                )
 
             found = judged(fit, noises)
         chosen = [test.noise for test in of_frfs]

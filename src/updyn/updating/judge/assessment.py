@@ -109,6 +109,8 @@ def judge(
     fit: Fit,
     noises: Sequence[NoiseModel],
     firsts: Sequence[FieldSolver] | None = None,
+    *,
+    is_likelihood: bool,
 ) -> Judgement:
     """Judge a fit.
 
@@ -124,6 +126,9 @@ def judge(
         How uncertain the data of each part are.
     firsts : sequence of FieldSolver, optional
         What solves each part at the start of the unknowns, where it is not the problem's own.
+    is_likelihood : bool
+        Whether the fit maximises a likelihood. Only then do errors of the model move the estimate
+        as they move the weighted output error, and are part of the covariance.
 
     Returns
     -------
@@ -186,7 +191,8 @@ def judge(
         over_ratios = partial(_over_ratios, problem, fit, noises, analysis.null_space, spread)
         spread = unless_stopped(over_ratios, spread)
     error: Discrepancy | None = None
-    if any(found is not None and found.outcome not in _UNTOLD for found in adequacy):
+    tested = any(found is not None and found.outcome not in _UNTOLD for found in adequacy)
+    if is_likelihood and tested:
         estimated = partial(_model_error, problem, fit, noises, adequacy, analysis.null_space)
         error = unless_stopped(estimated, None)
     if error is not None:
