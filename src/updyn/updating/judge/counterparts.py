@@ -202,6 +202,12 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
     found = None if peaks is None else _compared(model, peaks, "peaks")
     if found is not None and not _is_doubted(found):
         return found
+    longer = max(len(frf.responses), len(frf.references))
+    if longer < FEWEST_SENSORS:  # shapes cannot be compared, whatever the modes are
+        return found or _unknown(
+            "Whether model and test have modes in common is not known: the FRFs show no resonance"
+            " peaks, and shapes at one or two sensors cannot be compared."
+        )
     try:
         damping = "viscous" if model.viscous.nnz else "structural"
         identified = identify_modes(_smaller(frf), damping=damping)
