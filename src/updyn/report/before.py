@@ -89,10 +89,10 @@ def _determined(start: Start) -> Part:
 
 def _alike(start: Start) -> list[Part]:
     """Return whether model and test have modes in common, where that was asked."""
-    found = start.counterparts
-    if found is None:
+    if start.counterparts is None:
         return []
-    return [Part("Modes in common", not found.few if found.known else None, found.statement)]
+    claim = start.counterparts.claim
+    return [Part("Resembles", claim.holds, claim.why, claim.asked)]
 
 
 def _sound(start: Start, *, has_frfs: bool) -> Part:

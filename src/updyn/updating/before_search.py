@@ -140,7 +140,8 @@ class BeforeSearch:
 
 def _resembles(found: Sequence[Counterparts]) -> Claim:
     """Return whether the models have modes of their tests, before the search."""
-    said = " ".join(dict.fromkeys(one.statement for one in found))
-    if not all(one.known for one in found):
+    claims = [one.claim for one in found]
+    said = " ".join(dict.fromkeys(claim.why for claim in claims))
+    if not all(claim.asked for claim in claims):
         return Claim(None, said, asked=False)
-    return Claim(not all(one.few for one in found), said)
+    return Claim(any(claim.holds for claim in claims), said)

@@ -9,8 +9,9 @@ import numpy as np
 
 from updyn.errors import OptionError, UpdynError
 from updyn.frf import FRF
-from updyn.modal import ModeSet, identify_modes
+from updyn.modal import ModeSet
 from updyn.model import Model
+from updyn.updating.judge.counterparts import modes_like
 from updyn.updating.judge.modal_table import ModalTable, compare_modes
 from updyn.updating.judge.verdict import disbelieved
 from updyn.updating.judge.worsened import judge_modes
@@ -159,26 +160,3 @@ def _measured(result: UpdateResult) -> tuple[FRF, tuple[str, ...]]:
         return frf, ()
     note = "The modes of the test are those of its FRFs over the estimated calibration factors."
     return replace(frf, values=frf.values / gains), (note,)
-
-
-def modes_like(model: Model, frf: FRF) -> ModeSet:
-    """Identify the modes of FRFs, with damping of the form that a model has.
-
-    Parameters
-    ----------
-    model : Model
-        The model that they are to be compared with.
-    frf : FRF
-        The measurement.
-
-    Returns
-    -------
-    ModeSet
-
-    Raises
-    ------
-    DataError
-        As `updyn.identify_modes`.
-    """
-    damping = "viscous" if model.viscous.nnz else "structural"
-    return identify_modes(frf, damping=damping)

@@ -13,6 +13,7 @@ __all__ = [
     "VISIBLE",
     "WIDEST",
     "Resolution",
+    "complement",
     "covariance_within",
     "null_space",
     "resolve",
@@ -90,7 +91,7 @@ def resolve(R: _Matrix, inflation: float = 1.0, even: _Matrix | None = None) -> 
         # Of what is determined up to the open directions, the part that these do not change.
         spread -= unseen @ (unseen.T @ spread)
     else:
-        within = scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(scale))
+        within = complement(unseen)
         _, size, turn = np.linalg.svd(R @ within)
         spread = within @ (turn.T / np.maximum(size, _BLIND))
     spread = inflation * spread
@@ -112,6 +113,11 @@ def null_space(R: _Matrix) -> _Matrix:
     return _orthonormal(
         Vt[s <= RANK_TOLERANCE * max(s[0], np.finfo(float).tiny)].T / scale[:, None]
     )
+
+
+def complement(basis: _Matrix) -> _Matrix:
+    """Return an orthonormal basis of the directions beyond those of another, shape (n, n - k)."""
+    return np.asarray(scipy.linalg.null_space(basis.T)) if basis.size else np.eye(len(basis))
 
 
 def covariance_within(R: _Matrix, within: _Matrix) -> _Matrix:

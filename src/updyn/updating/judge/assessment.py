@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
@@ -20,7 +19,7 @@ from updyn.dynamics.fields import FieldSolver
 from updyn.errors import SolverError
 from updyn.frf import FRF
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.null_space import covariance_within, null_space
+from updyn.updating.fit.null_space import complement, covariance_within, null_space
 from updyn.updating.judge.adequacy import LEVEL, Adequacy, assess, blamed
 from updyn.updating.judge.advice import advise
 from updyn.updating.judge.alternatives import Alternative, alternatives
@@ -325,10 +324,7 @@ def _over_ratios(
         if not isinstance(known, Estimated) or known.spare is None:
             return spread
         floors.append(known.floor)
-    within = np.eye(problem.n)
-    if undetermined.size:
-        within = scipy.linalg.null_space(undetermined.T)
-    found = covariance_over_ratios(problem, fit.x, floors, within)
+    found = covariance_over_ratios(problem, fit.x, floors, complement(undetermined))
     return spread if found is None else np.where(np.isinf(spread), np.inf, found)
 
 

@@ -29,8 +29,9 @@ from updyn.modal import ModeSet, identify_modes
 from updyn.modal.peaks import resonance_peaks
 from updyn.model import Model
 from updyn.text_table import counted
+from updyn.updating.judge.claim import Claim
 
-__all__ = ["Counterparts", "Pair", "find_counterparts"]
+__all__ = ["Counterparts", "Pair", "find_counterparts", "modes_like"]
 
 _Real = NDArray[np.float64]
 
@@ -139,6 +140,11 @@ class Counterparts:
         """Whether it is known that no more have one than of a test of another structure."""
         return self.known and not _beyond_chance(self)
 
+    @property
+    def claim(self) -> Claim:
+        """Whether the model resembles the test; not asked of data that do not tell."""
+        return Claim(not self.few if self.known else None, self.statement, asked=self.known)
+
 
 def find_counterparts(
     model: Model, data: FRF | ModeSet, modes: ModeSet | None = None, *, largest: int = LARGEST
@@ -209,8 +215,7 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
             " peaks, and shapes at one or two sensors cannot be compared."
         )
     try:
-        damping = "viscous" if model.viscous.nnz else "structural"
-        identified = identify_modes(_smaller(frf), damping=damping)
+        identified = modes_like(model, _smaller(frf))
     except (InputError, np.linalg.LinAlgError):
         identified = None
     if identified is not None:
@@ -228,6 +233,29 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
 def _is_doubted(found: Counterparts) -> bool:
     """Return whether few peaks have a counterpart, so that modes are to be identified."""
     return found.n_sensors > 0 and found.n_paired < COMMON * found.n_measured
+
+
+def modes_like(model: Model, frf: FRF) -> ModeSet:
+    """Identify the modes of FRFs, with damping of the form that a model has.
+
+    Parameters
+    ----------
+    model : Model
+        The model that they are to be compared with.
+    frf : FRF
+        The measurement.
+
+    Returns
+    -------
+    ModeSet
+
+    Raises
+    ------
+    DataError
+        As `updyn.identify_modes`.
+    """
+    damping = "viscous" if model.viscous.nnz else "structural"
+    return identify_modes(frf, damping=damping)
 
 
 def _smaller(frf: FRF) -> FRF:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from updyn.errors import SolverError
 from updyn.frf import QUANTITIES
 from updyn.updating.fit.method import Fit
-from updyn.updating.fit.null_space import WIDEST
+from updyn.updating.fit.null_space import WIDEST, complement
 from updyn.updating.problem.local import Local, joined
 from updyn.updating.problem.problem import Part, Problem
 from updyn.updating.problem.residuals import Each, LineResidual, reduced
@@ -130,7 +130,7 @@ def estimate_discrepancy(
     except SolverError:
         return None
     n, weight = problem.n, problem.coordinates.prior[1]
-    within = scipy.linalg.null_space(undetermined.T) if undetermined.size else np.eye(n)
+    within = complement(undetermined)
     if fit.pull is not None:
         weight = weight + fit.pull.weight
         within = within if fit.pull.within is None else fit.pull.within

@@ -12,7 +12,7 @@ from updyn.correlation.figures import figure_text
 from updyn.text_table import counted
 from updyn.updating.judge.claim import Claim
 
-__all__ = ["modes_plausible", "modes_predicted", "modes_said"]
+__all__ = ["BAD", "HARM", "SMALL", "modes_plausible", "modes_predicted", "modes_said"]
 
 _Figures = Mapping[str, float]
 
@@ -23,10 +23,10 @@ _MOST = 0.5
 _GROSS = 10.0
 #: Error of frequencies after over error before from which an update did harm, unless it is small
 #: (in %) anyway.
-_HARM, _SMALL = 1.1, 1.0
+HARM, SMALL = 1.1, 1.0
 #: Error of held-out frequencies over that of the fitted ones that is far worse, and one that is bad
 #: by itself, in %.
-_FAR_WORSE, _BAD = 3.0, 3.0
+FAR_WORSE, BAD = 3.0, 3.0
 
 
 def modes_said(after: _Figures) -> str:
@@ -71,7 +71,7 @@ def modes_plausible(before: _Figures, after: _Figures) -> Claim:
     off = after["frequency_error_rms"]
     was = before.get("frequency_error_rms", off)
     alike = paired == before["modes_paired"]
-    if off > _GROSS or (alike and off > _HARM * was and off > _SMALL):
+    if off > _GROSS or (alike and off > HARM * was and off > SMALL):
         return Claim(False, f"{said.rstrip('.')}; before the fit it was {was:.2g} %.")
     return Claim(True, said)
 
@@ -89,7 +89,7 @@ def modes_predicted(one: Mapping[str, Any]) -> Claim:
     if held["modes_paired"] < held["modes_measured"]:
         return Claim(False, said)
     off = held["frequency_error_rms"]
-    if off > _BAD and off > _FAR_WORSE * fitted.get("frequency_error_rms", off):
+    if off > BAD and off > FAR_WORSE * fitted.get("frequency_error_rms", off):
         return Claim(
             False, f"{said.rstrip('.')}, of the fitted ones {fitted['frequency_error_rms']:.2g} %."
         )

@@ -185,24 +185,36 @@ def trust(
     plausible = _plausible(
         status, correlation, misfit, pressed, findings, unseen, strays if structural else ()
     )
-    if plausible and structural and misfit > ROUGH and not predicts:
-        plausible = Claim(
-            None,
-            f"The residual is not noise, and half of the values are off by {percent(misfit)} or"
-            " more: the model lacks something.",
-        )
-    if plausible and unsure:
-        verb = "is" if len(unsure) == 1 else "are"
-        plausible = Claim(
-            None,
-            f"With the error that the residual shows of the model, {', '.join(unsure[:_NAMED])}"
-            f"{in_all(len(unsure)) if len(unsure) > _NAMED else ''} {verb} not known.",
-        )
-    if plausible and strays:
-        plausible = Claim(True, f"{plausible.why} {strays[0].statement}.")
+    if plausible:
+        rough = structural and misfit > ROUGH and not predicts
+        plausible = _doubted(plausible, misfit if rough else None, unsure, strays)
     return Trust(
         _converged(status, left, misfit), _determined(status, rank, answers), predicts, plausible
     )
+
+
+def _doubted(
+    plausible: Claim, rough: float | None, unsure: Sequence[str], strays: Sequence[Strayed]
+) -> Claim:
+    """Return a claim that holds, as not known where the error of the model leaves it open.
+
+    `rough` is the typical misfit of a residual that is not noise, where no data were predicted.
+    """
+    if rough is not None:
+        return Claim(
+            None,
+            f"The residual is not noise, and half of the values are off by {percent(rough)} or"
+            " more: the model lacks something.",
+        )
+    if unsure:
+        verb = "is" if len(unsure) == 1 else "are"
+        more = in_all(len(unsure)) if len(unsure) > _NAMED else ""
+        return Claim(
+            None,
+            f"With the error that the residual shows of the model, {', '.join(unsure[:_NAMED])}"
+            f"{more} {verb} not known.",
+        )
+    return Claim(True, f"{plausible.why} {strays[0].statement}.") if strays else plausible
 
 
 def _converged(status: str, left: float | None, misfit: float) -> Claim:

@@ -7,18 +7,12 @@ from dataclasses import dataclass, replace
 
 from updyn.updating.judge.claim import Claim
 from updyn.updating.judge.modal_table import ModalRow, ModalTable
+from updyn.updating.judge.modal_trust import BAD, HARM, SMALL
 from updyn.updating.judge.trust import Trust
 from updyn.updating.problem.modal import LIKE
 
 __all__ = ["Worsened", "judge_modes", "worsened_modes"]
 
-#: Error of a frequency after over before, and in %, from which it is worse: as for the rms over all
-#: modes of an update to modes.
-_HARM, _SMALL = 1.1, 1.0
-#: Error of a frequency in % that is not accepted where it is worse than at the start: the limit for
-#: significant modes of NASA-STD-5002 (1996), 4.2.6, is 5 %, that for the fundamental mode of
-#: ECSS-E-ST-32-11C (2008) 3 %.
-_BAD = 3.0
 #: Loss of MAC that is worse, and the MAC below which shapes are said not to agree.
 _LOSS, _ALIKE = 0.05, 0.9
 
@@ -68,7 +62,7 @@ def _worsened(row: ModalRow) -> list[Worsened]:
     likes = [mac for mac in (row.start.mac, row.updated.mac) if mac is not None]
     if before is not None and after is not None and min(likes, default=1.0) >= LIKE:
         was, now = abs(before), abs(after)
-        if now > _SMALL and now > _HARM * was:
+        if now > SMALL and now > HARM * was:
             said = f"the natural frequency {hertz:.4g} Hz was {was:.2g} % off and is {now:.2g} %"
             found.append(Worsened(hertz, said, now))
     first, last = row.start.mac, row.updated.mac
@@ -99,7 +93,7 @@ def judge_modes(trust: Trust, tables: Sequence[ModalTable]) -> Trust:
     if not worse or trust.plausible.holds is False:
         return trust
     worst = max(worse, key=lambda one: one.error)
-    if worst.error > _BAD and trust.validated.holds is not False:
+    if worst.error > BAD and trust.validated.holds is not False:
         return replace(trust, plausible=Claim(False, f"By the update, {worst.statement}."))
     said = f"{trust.plausible.why} By the update, {worst.statement}."
     return replace(trust, plausible=Claim(trust.plausible.holds, said))
