@@ -62,6 +62,8 @@ _ALL_PAIRS = 12
 #: Values (lines times channels) from which modes are identified. Identification takes about 40 us
 #: for each; of larger data fewer channels are used.
 _VALUES = 60_000
+#: Values of one force beyond which none are identified: that would take more than 40 s.
+_TOO_MANY = 1_000_000
 #: Common factors between the frequencies of model and test that are tried, as powers of `RANGE`:
 #: up to 1000, that of N/m and kg with mm in their place.
 _POWERS = 17
@@ -214,6 +216,8 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
             "Whether model and test have modes in common is not known: the FRFs show no resonance"
             " peaks, and shapes at one or two sensors cannot be compared."
         )
+    if len(frf.freq) * longer > _TOO_MANY:
+        return _not_identified(found)
     try:
         identified = modes_like(model, _smaller(frf))
     except (InputError, np.linalg.LinAlgError):
@@ -228,6 +232,16 @@ def _of_frfs(model: Model, frf: FRF) -> Counterparts:
             " from the FRFs."
         )
     return found
+
+
+def _not_identified(found: Counterparts | None) -> Counterparts:
+    """Return what peaks alone tell of FRFs: not that the model has few of the modes."""
+    if found is not None:
+        return _stated(replace(found, known=False)) if found.few else found
+    return _unknown(
+        "Whether model and test have modes in common is not known: the FRFs show no resonance"
+        f" peaks, and more than {_TOO_MANY:,} values of one force are not searched for modes."
+    )
 
 
 def _is_doubted(found: Counterparts) -> bool:

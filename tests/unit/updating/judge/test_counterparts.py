@@ -220,6 +220,47 @@ def test_modes_that_cannot_be_compared_are_not_known_and_no_error():
         assert said in found.statement
 
 
+@pytest.fixture
+def no_identification(monkeypatch):
+    """Modes must not be identified."""
+
+    def refused(*about, **options):
+        raise AssertionError("modes are identified")
+
+    monkeypatch.setattr("updyn.updating.judge.counterparts.identify_modes", refused)
+
+
+@pytest.mark.usefixtures("no_identification")
+def test_no_modes_are_identified_at_two_sensors():
+    """Their shapes could not be compared: of a million lines that would take minutes."""
+    K, M = parts(np.random.default_rng(1))
+    frf = measured(K, M, sensors=SENSORS[:2])
+    found = find_counterparts(model(K, M), frf.select(references=frf.references.labels[:1]))
+    assert not found.known
+    assert found.n_paired == 0
+
+
+@pytest.mark.usefixtures("no_identification")
+def test_of_more_than_a_million_values_peaks_alone_are_compared():
+    """They do not say that the model has few of the modes, as a second look is not taken."""
+    K, M = parts(np.random.default_rng(4))
+    few = measured(K, M)
+    n_lines = 200_000
+    lines = np.linspace(few.freq[0], few.freq[-1], n_lines)
+    values = np.stack(
+        [
+            np.interp(lines, few.freq, few.values[:, i, j])
+            for i in range(len(SENSORS))
+            for j in range(2)
+        ],
+        axis=1,
+    ).reshape(n_lines, len(SENSORS), 2)
+    large = updyn.FRF(lines, values, few.responses, few.references, "accelerance")
+    found = find_counterparts(model(*parts(np.random.default_rng(5))), large)
+    assert found.n_measured > 0
+    assert not found.few
+
+
 def test_a_result_without_modes_is_not_known():
     nothing = Counterparts(0, 0, (), "why", known=False)
     assert not nothing.none
