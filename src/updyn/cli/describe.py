@@ -165,8 +165,7 @@ def describe_modes(found: ModeSet) -> str:
     if len(found.unexplained):
         peaks = peaks_without_modes(found.unexplained)
         texts.append(f"{peaks}; [modes] poles makes modes of them.")
-    if np.isfinite(found.lean).any():
-        texts.append(leaning_peaks(found))
+    texts += filter(None, [leaning_peaks(found)])
     return "\n".join(texts)
 
 

@@ -21,7 +21,7 @@ from updyn.modal.measured import Measured
 from updyn.modal.refine import ROUGH, Noise, Solved, Weights, Window, deviance, moved, solved
 from updyn.modal.settle import estimate_envelope
 
-__all__ = ["Bundle", "Claim", "Leaning", "find_leaning"]
+__all__ = ["Bundle", "Leaning", "PolesByRun", "find_leaning"]
 
 _Complex = NDArray[np.complex128]
 _Real = NDArray[np.float64]
@@ -38,7 +38,7 @@ _LARGEST = 8.0 / (3.0 * np.sqrt(3.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class PolesByRun:
     """Poles that are modes with a pole for each run, unless a leaning peak explains more.
 
     Attributes
@@ -68,14 +68,14 @@ class Bundle:
         That holds all of them.
     positions : list of int
         Where they are in it.
-    claims : list of Claim
+    claims : list of PolesByRun
         Of some of them.
     """
 
     members: list[tuple[int, int]]
     fit: Weighted
     positions: list[int]
-    claims: list[Claim]
+    claims: list[PolesByRun]
 
     def rows(self, count: int, taken: set[tuple[int, int]]) -> list[frozenset[tuple[int, int]]]:
         """Return neighbours, so many in a row, without those that are claimed or taken."""
@@ -185,7 +185,7 @@ def _of_bundle(
         return
     where = dict(zip(bundle.members, bundle.positions, strict=True))
 
-    def compare(own: frozenset[tuple[int, int]], claim: Claim | None) -> Leaning | None:
+    def compare(own: frozenset[tuple[int, int]], claim: PolesByRun | None) -> Leaning | None:
         others = [peak for peak in found if not peak.members & own]
         window = _linear(fit.window, fits, others)
         common = fit.solved
@@ -229,7 +229,7 @@ def _response(window: Window, pole: complex, residues: _Complex) -> _Complex:
 
 
 def _compare(
-    measured: Measured, fit: Weighted, part: list[int], claim: Claim | None, count: int
+    measured: Measured, fit: Weighted, part: list[int], claim: PolesByRun | None, count: int
 ) -> tuple[Weighted, Backbone, float] | None:
     """Return poles of a fit as one leaning peak, and what it gains; None if it is no better.
 
@@ -244,7 +244,7 @@ def _compare(
         With linear modes.
     part : list of int
         Poles of the fit.
-    claim : Claim, optional
+    claim : PolesByRun, optional
         Poles for each run in their place.
     count : int
         Peaks of the band.

@@ -24,7 +24,7 @@ from updyn.modal.fits import (
     position,
     take_means,
 )
-from updyn.modal.leaning import Bundle, Claim, find_leaning
+from updyn.modal.leaning import Bundle, PolesByRun, find_leaning
 from updyn.modal.measured import Measured
 from updyn.modal.refine import (
     Errors,
@@ -78,7 +78,7 @@ def modes_of(measured: Measured, fits: Sequence[Weighted]) -> list[Mode]:
             if each is not None:
                 own = frozenset(members[positions.index(r)] for r in alike)
                 by_run[own] = each
-                claims.append(Claim(own, each.cost, each.evidence))
+                claims.append(PolesByRun(own, each.cost, each.evidence))
         bundles.append(Bundle(members, fit, positions, claims))
     leaning = find_leaning(measured, fits, bundles) if fits else []
     taken = {member for peak in leaning for member in peak.members}

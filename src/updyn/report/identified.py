@@ -93,8 +93,7 @@ def _verdict(modes: ModeSet) -> str:
     missing = ""
     if len(modes.unexplained):
         missing = f" {peaks_without_modes(modes.unexplained)}."
-    if np.isfinite(modes.lean).any():
-        missing += f" {leaning_peaks(modes)}"
+    missing = f"{missing} {leaning_peaks(modes)}".rstrip()
     return (
         f"{count}; the least sure is the one at {number(float(modes.frequency[least]))} Hz, which"
         f" explains {100.0 * float(modes.quality[least]):.2f} % of what the others leave there."
