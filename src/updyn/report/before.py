@@ -98,9 +98,15 @@ def _alike(start: Start) -> list[Part]:
 def _sound(start: Start, *, has_frfs: bool) -> Part:
     if not has_frfs:
         return Part("Data sound", None, "Faults are looked for in FRFs only.")
-    if not start.findings:
-        return Part("Data sound", True, "No known fault was found before any fit.")
-    return Part("Data sound", False, start.findings[0].statement)
+    if start.findings:
+        return Part("Data sound", False, start.findings[0].statement)
+    if start.counterparts is not None and start.counterparts.few:
+        return Part(
+            "Data sound",
+            None,
+            "No fault was found; most faults show only against a model of the tested structure.",
+        )
+    return Part("Data sound", True, "No known fault was found before any fit.")
 
 
 def _tiles(start: Start, data: ReportData) -> list[tuple[str, str, str]]:

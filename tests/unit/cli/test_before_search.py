@@ -51,6 +51,7 @@ def test_few_counterparts_are_said_before_any_search(files, capsys):
     page = " ".join(Page((folder / "job-check" / "check.html").read_text("utf-8")).text)
     assert "Look at the model first" in page
     assert FEW in page
+    assert "most faults show only against a model of the tested structure" in page
     assert FEW in looking.counterparts(job, text)[0]
 
 
