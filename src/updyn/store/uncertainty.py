@@ -13,7 +13,7 @@ and of profiles, a row for each unknown that was profiled, padded with nan::
     others                                     (profile, point, parameter)
     estimate                                   (profile)
     attributes kind, level, threshold; intervals, ends, missing, better,
-    reduction: JSON texts
+    reduction, model_error: JSON texts
 """
 
 from __future__ import annotations
@@ -69,7 +69,8 @@ _PROFILES: dict[str, Kept] = {
     "level": Number(float),
     "threshold": Number(float),
     "better": Mixed(is_attribute=True),
-    "reduction": Mixed(is_attribute=True, absent={}),  # files of before have none
+    "reduction": Mixed(is_attribute=True, absent={}),  # older files have none
+    "model_error": Mixed(is_attribute=True, absent=0.0),  # older files have none
 }
 
 

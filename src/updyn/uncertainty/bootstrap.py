@@ -17,6 +17,7 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.counts import MOST_DRAWS, check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Point
+from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import WITH_NOISE, RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import excess, run_about
@@ -299,6 +300,8 @@ def _draws(
     if errs := excess(options, "the furthest draws"):
         messages.append(errs)
         reliable = False
+    if noise_only := model_error_remark(model_error_of(restored.first)):
+        messages.append(noise_only)
     spread = np.full(len(parameters), np.nan)
     if len(kept) > 1:
         spread = values.std(axis=0, ddof=1)

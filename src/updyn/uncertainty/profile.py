@@ -17,6 +17,7 @@ from updyn.errors import OptionError, SolverError, suggest
 from updyn.uncertainty.counts import check_count
 from updyn.uncertainty.likelihood import Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, positions_of, restore
 from updyn.uncertainty.surrogate import excess, run_about
@@ -133,7 +134,15 @@ def profile(
             profiles.append(_to_values(run.found[k], restored.whole.coordinates))
         else:
             missing.append(restored.names[k])
-    return Profiles(tuple(profiles), level, run.drop, tuple(missing), run.better, reduction)
+    return Profiles(
+        tuple(profiles),
+        level,
+        run.drop,
+        tuple(missing),
+        run.better,
+        reduction,
+        model_error_of(restored.first),
+    )
 
 
 @dataclass(slots=True, eq=False)
@@ -347,6 +356,9 @@ class Profiles(Mapping[str, Profile]):
         Of a reduced model: ``basis``, its size; ``error``, the largest error of a receptance at the
         furthest points, as a share of the largest of its line; ``accuracy``, the one wanted. Empty
         where the whole model was solved.
+    model_error : float
+        Share of the residual of the update that errors of the model explain; the intervals do not
+        include these.
     """
 
     items_: tuple[Profile, ...]
@@ -355,6 +367,7 @@ class Profiles(Mapping[str, Profile]):
     missing: tuple[str, ...] = ()
     better: Mapping[str, float] = field(default_factory=dict)
     reduction: Mapping[str, Any] = field(default_factory=dict)
+    model_error: float = 0.0
 
     def __getitem__(self, name: str) -> Profile:
         """Return the profile of an unknown.
@@ -398,6 +411,8 @@ class Profiles(Mapping[str, Profile]):
             remarks.append(f"Stopped before {', '.join(self.missing)}.")
         if errs := excess(self.reduction, "the furthest points"):
             remarks.append(errs)
+        if noise_only := model_error_remark(self.model_error):
+            remarks.append(noise_only)
         return " ".join(remarks)
 
     def summary(self) -> str:

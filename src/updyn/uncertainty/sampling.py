@@ -20,6 +20,7 @@ from updyn.uncertainty.counts import MOST_DRAWS, MOST_EVALUATIONS, check_count
 from updyn.uncertainty.draws import Draws
 from updyn.uncertainty.likelihood import Gaussian, Likelihood, Point
 from updyn.uncertainty.minima import STARTS, find_minima
+from updyn.uncertainty.model_error import model_error_of, model_error_remark
 from updyn.uncertainty.progress import Progress, WorkCounter
 from updyn.uncertainty.restored import RestoredFit, restore, std_of
 from updyn.uncertainty.surrogate import excess, run_about
@@ -301,12 +302,13 @@ class _Run:
                 f"{self.n_modes} separate ranges of values fit the data; both the draws and their"
                 " shares cover them."
             )
+        noise_only = model_error_remark(model_error_of(self.restored.first))
         return replace(
             none,
             chains=chains,
             diagnostics=diagnostics,
             converged=not problems,
-            message=message,
+            message=" ".join(filter(None, [message, noise_only])),
         )
 
     def _problems(self, diagnostics: dict[str, _Vector], names: list[str]) -> list[str]:
