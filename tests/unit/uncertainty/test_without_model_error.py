@@ -59,7 +59,7 @@ def test_bootstrap(wrong, kind) -> None:
 
 def test_sampling(wrong) -> None:
     pytest.importorskip("emcee")
-    assert REMARK in updyn.sample(wrong, n=10, seed=0, starts=0, max_evaluations=800).message
+    assert REMARK in updyn.sample(wrong, n=10, seed=0, starts=0, max_evaluations=4000).message
 
 
 def test_a_model_without_error_has_no_remark() -> None:
