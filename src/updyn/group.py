@@ -15,8 +15,8 @@ damping that comes from it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,6 +24,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from updyn.errors import ModelError, suggest
+from updyn.exchanged import Exchanged
 
 __all__ = [
     "DAMPING",
@@ -90,6 +91,13 @@ class Group:
         Lines in Hz and factors: the loss factor is `loss_factor` times the factor at each line,
         linear in between. The part answers at no line outside.
 
+    Attributes
+    ----------
+    exchanged : Exchanged or None
+        The same part with the section axes of its beams exchanged, where it was made of elements
+        that know them (`with_exchanged`); for the search for causes. A group of other matrices has
+        none, and it is not stored with a model.
+
     Raises
     ------
     ModelError
@@ -112,6 +120,7 @@ class Group:
     mass_damping: float
     stiffness_damping: float
     loss_table: LossTable | None
+    exchanged: Exchanged | None = field(init=False)
 
     def __init__(
         self,
@@ -124,6 +133,7 @@ class Group:
         stiffness_damping: float = 0.0,
         loss_table: LossTable | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> None:
+        object.__setattr__(self, "exchanged", None)
         sizes = {}
         for name, given in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
             matrix = None
@@ -157,10 +167,16 @@ class Group:
 
     @classmethod
     def _checked(
-        cls, stiffness: Matrix, mass: Matrix, viscous: Matrix, damping: Mapping[str, Any]
+        cls,
+        stiffness: Matrix,
+        mass: Matrix,
+        viscous: Matrix,
+        damping: Mapping[str, Any],
+        exchanged: Exchanged | None = None,
     ) -> Group:
         """Build from matrices that came out of a `Group` and need no second check."""
         out = cls.__new__(cls)
+        object.__setattr__(out, "exchanged", exchanged)
         for name, matrix in (("stiffness", stiffness), ("mass", mass), ("viscous", viscous)):
             if matrix is not None:
                 matrix = read_only(matrix)
@@ -170,16 +186,21 @@ class Group:
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Group._checked, (self.stiffness, self.mass, self.viscous, self.damping)
+        return Group._checked, (*self._matrices, self.damping, self.exchanged)
 
     def __repr__(self) -> str:
         has = [name for name in MATRICES if getattr(self, name) is not None]
         return f"Group({', '.join(has)}; {self.n_dofs} DOFs, {self.damping_words})"
 
     @property
+    def _matrices(self) -> tuple[Matrix | None, Matrix | None, Matrix | None]:
+        """Stiffness, mass and viscous damping."""
+        return self.stiffness, self.mass, self.viscous
+
+    @property
     def n_dofs(self) -> int:
         """Number of DOFs N of the matrices."""
-        given = next(m for m in (self.stiffness, self.mass, self.viscous) if m is not None)
+        given = next(m for m in self._matrices if m is not None)
         return int(given.shape[0])
 
     @property
@@ -308,6 +329,56 @@ class Group:
         """
         return Group(stiffness, mass, viscous=viscous, **self.damping)
 
+    def transformed(self, change: Callable[[Matrix], Matrix], T: Matrix) -> Group:
+        """Return a group in other DOFs, its variant with exchanged section axes included.
+
+        Parameters
+        ----------
+        change : callable
+            Returns a matrix in the new DOFs, T^T A T.
+        T : sparse, shape (N, n)
+            The DOFs of this group by the new ones.
+
+        Returns
+        -------
+        Group
+        """
+        K, M, C = (None if A is None else change(A) for A in self._matrices)
+        exchanged = None if self.exchanged is None else self.exchanged.transformed(T)
+        return self.with_matrices(K, M, C).with_exchanged(exchanged)
+
+    def with_exchanged(self, exchanged: Exchanged | None) -> Group:
+        """Return the group with what is known of it with exchanged section axes.
+
+        Parameters
+        ----------
+        exchanged : Exchanged or None
+            None: nothing is known.
+
+        Returns
+        -------
+        Group
+        """
+        return Group._checked(*self._matrices, self.damping, exchanged)
+
+    def with_exchanged_axes(self) -> Group:
+        """Return the group with the section axes of its beams exchanged.
+
+        Returns
+        -------
+        Group
+            Without a way back.
+
+        Raises
+        ------
+        ModelError
+            If nothing is known of sections, or the elements cannot be computed.
+        """
+        if self.exchanged is None:
+            raise ModelError("the group has no beams whose section axes are known")
+        found = self.exchanged.matrices()
+        return self.with_matrices(found.stiffness, found.mass, self.viscous)
+
     def with_damping(self, damping: Mapping[str, Any]) -> Group:
         """Return a group of the same matrices with other damping.
 
@@ -329,7 +400,8 @@ class Group:
         for name in damping:
             if name not in DAMPING:
                 raise ModelError(f"no damping {name!r}; {suggest(str(name), DAMPING)}", key=(name,))
-        return Group._checked(self.stiffness, self.mass, self.viscous, self.damping | dict(damping))
+        changed = self.damping | dict(damping)
+        return Group._checked(*self._matrices, changed, self.exchanged)
 
     def changed(self, change: Mapping[str, float]) -> Group:
         """Return a changed copy, without a check.
@@ -348,7 +420,11 @@ class Group:
         stiffness, mass, viscous = (
             _times(getattr(self, name), change.get(name, 1.0)) for name in MATRICES
         )
-        return Group._checked(stiffness, mass, viscous, self.damping | new)
+        exchanged = self.exchanged
+        if exchanged is not None:
+            factors = (change.get(name, 1.0) for name in ("stiffness", "mass"))
+            exchanged = exchanged.scaled(*factors)
+        return Group._checked(stiffness, mass, viscous, self.damping | new, exchanged)
 
 
 def is_number(value: object) -> bool:

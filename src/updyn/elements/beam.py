@@ -15,7 +15,7 @@ elements).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from updyn.elements.checks import (
     reals,
 )
 from updyn.errors import ModelError
+from updyn.exchanged import Exchanged, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.model import Group, Matrix, Model
 
@@ -299,13 +300,66 @@ def _segment_groups(
     loss_factor: float,
 ) -> dict[str, Group]:
     """Return the groups of the segments; `shear_ratio` is E / (kappa G)."""
+    every = list(segments)
     groups: dict[str, Group] = {}
-    for segment in segments:
-        group = _segment_group(x, segment, common, shear_ratio, loss_factor)
-        if segment.name in groups:
-            group = _united(segment.name, groups[segment.name], group)
-        groups[segment.name] = group
+    for name in dict.fromkeys(segment.name for segment in every):
+        recipe = _OfSegments(
+            x, tuple(s for s in every if s.name == name), common, shear_ratio, loss_factor
+        )
+        groups[name] = recipe.group().with_exchanged(_exchanged(recipe))
     return groups
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfSegments:
+    """The recipe of a group: the segments of one name, and what they share."""
+
+    x: NDArray[np.float64]
+    segments: tuple[Segment, ...]
+    common: Mapping[str, float]
+    shear_ratio: float
+    loss_factor: float
+
+    def group(self) -> Group:
+        """Return the group."""
+        shared = (self.common, self.shear_ratio, self.loss_factor)
+        first, *others = (_segment_group(self.x, one, *shared) for one in self.segments)
+        for other in others:
+            first = _united(self.segments[0].name, first, other)
+        return first
+
+    def section(self, segment: Segment) -> tuple[float, float]:
+        """Return width and height of a segment."""
+        width, height = (
+            own if (own := getattr(segment, key)) is not None else self.common[key]
+            for key in ("width", "height")
+        )
+        return width, height
+
+    def matrices(self) -> StiffnessAndMass:
+        """Compute stiffness and mass."""
+        group = self.group()
+        return StiffnessAndMass(group.stiffness, group.mass)
+
+
+def _exchanged(recipe: _OfSegments) -> Exchanged | None:
+    """Return the group with width and height exchanged; None where they are equal."""
+    turned = []
+    for segment in recipe.segments:
+        width, height = recipe.section(segment)
+        turned.append(replace(segment, width=height, height=width))
+    sections = [recipe.section(segment) for segment in recipe.segments]
+    if all(width == height for width, height in sections):
+        return None
+    name = recipe.segments[0].name
+    where = "the beam"
+    if name != "beam" or any(s.width is not None for s in recipe.segments):
+        where = f"segment {name!r}"
+    shown = "; ".join(
+        f"width = {height:g}, height = {width:g}" for width, height in dict.fromkeys(sections)
+    )
+    remedy = f"Exchange width and height of {where}: {shown}."
+    return Exchanged(replace(recipe, segments=tuple(turned)), remedy)
 
 
 def _segment_group(

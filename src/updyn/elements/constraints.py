@@ -227,15 +227,11 @@ def _check_no_loop(among_ties: Matrix, ties: Sequence[Equation]) -> None:
 
 
 def _transformed(group: Group, T: Matrix) -> Group:
-    def transformed(A: Matrix | None) -> Matrix | None:
-        if A is None:
-            return None
+    def change(A: Matrix) -> Matrix:
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
-    return group.with_matrices(
-        transformed(group.stiffness), transformed(group.mass), transformed(group.viscous)
-    )
+    return group.transformed(change, T)
 
 
 def rigid_link(

@@ -468,17 +468,18 @@ def _transformation(
 def _transformed(group: Group, T: Matrix, changed: NDArray[np.bool_]) -> Group:
     """Return T^T A T of the matrices of a group; the group itself where no DOF of it changes."""
 
-    def transformed(A: Matrix | None) -> Matrix | None:
-        if A is None or not changed[A.indices].any():
+    def touches(A: Matrix | None) -> bool:
+        return A is not None and bool(changed[A.indices].any())
+
+    def change(A: Matrix) -> Matrix:
+        if not touches(A):
             return A
         B = T.T @ A @ T
         return 0.5 * (B + B.T)  # the products round the two halves differently
 
-    old = (group.stiffness, group.mass, group.viscous)
-    new = [transformed(A) for A in old]
-    if all(a is b for a, b in zip(old, new, strict=True)):
+    if not any(map(touches, (group.stiffness, group.mass, group.viscous))):
         return group
-    return group.with_matrices(*new)
+    return group.transformed(change, T)
 
 
 def _with_axes(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,11 @@ class Section:
     def is_round(self) -> bool:
         """Whether both bending planes are alike, so that no orientation is needed."""
         return math.isclose(self.Iyy, self.Izz, rel_tol=1e-9) and self.shear_y == self.shear_z
+
+    @property
+    def exchanged(self) -> Section:
+        """The section turned by 90 degrees about its centroid."""
+        return Section(self.A, self.Izz, self.Iyy, self.J, self.shear_z, self.shear_y)
 
 
 def rectangle(height: float, width: float, nu: float = 0.3) -> Section:
@@ -279,6 +284,35 @@ class Beam(Element):
     def edges(self) -> NDArray[np.int64]:
         """Return the axes of the beams."""
         return np.asarray(self.connectivity)
+
+    def with_exchanged_axes(self) -> Self | None:
+        """Return the beams with exchanged section axes; None where both bending planes are alike.
+
+        An orientation turned by 90 degrees about the beams gives the same matrices.
+        """
+        return None if self.section.is_round else replace(self, section=self.section.exchanged)
+
+    def exchange_remedy(self, xyz: NDArray[np.float64]) -> str:
+        """Return what to change in the definition to exchange the section axes, a sentence."""
+        text = (
+            f"Exchange Iyy and Izz in the section of {self.label} (of a rectangle, height and"
+            " width)"
+        )
+        turned = self._orientation_across(xyz)
+        if turned is None:
+            return f"{text}, or turn its orientation by 90 degrees about the beams."
+        now, then = ([float(f"{x:.6g}") for x in v] for v in (self.orientation, turned))
+        return f"{text}, or turn its orientation by 90 degrees: {then} in place of {now}."
+
+    def _orientation_across(self, xyz: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the orientation turned by 90 degrees about beams that are parallel, else None."""
+        along = xyz[:, 1] - xyz[:, 0]
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        if self.orientation is None or (np.abs(along @ along[0]) < 1.0 - _PARALLEL).any():
+            return None
+        across = np.cross(along[0], self.orientation)
+        across = across / np.linalg.norm(across)
+        return np.asarray(np.where(np.abs(across) < _PARALLEL, 0.0, across))
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -16,6 +16,7 @@ from updyn.elements.checks import check_keys, from_row, parts_of_table, read_row
 from updyn.elements.constraints import Equation, RigidLink, constrain, rigid_link
 from updyn.elements.structure.element import ELEMENTS, Element, ElementMatrices
 from updyn.errors import ModelError, key_path
+from updyn.exchanged import Exchanged, StiffnessAndMass
 from updyn.geometry import Geometry
 from updyn.model import Group, Model
 from updyn.shapes import as_quadrangles, outer_faces
@@ -362,23 +363,65 @@ def _groups(
     number[~left_out] = np.arange(n, dtype=np.int32)
     place = np.full(used.shape, -1, dtype=np.int32)
     place[used] = number
+    assembly = _Assembly(table, place, n)
     loss = _loss_factors(elements)
     by_name: dict[str, list[Element]] = {}
     for element in elements:
         by_name.setdefault(element.name, []).append(element)
     groups: dict[str, Group] = {}
     for name, own in by_name.items():
-        K = _Sum(n)
-        M = _Sum(n)
-        C = _Sum(n)
-        for element in own:
-            for at, found in _batches(element, table):
-                rows = place[at[:, :, None], np.array(element.directions)].reshape(len(at), -1)
+        K, M, C = assembly.sums(own)
+        group = Group(K, M, loss.get(name, 0.0), C)
+        groups[name] = group.with_exchanged(_exchanged(own, assembly))
+    return groups
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Assembly:
+    """Where element matrices go: the row of each node and direction, shape (n_nodes, 6), of n."""
+
+    table: _Nodes
+    place: NDArray[np.int32]
+    n: int
+
+    def sums(self, elements: Iterable[Element]) -> tuple[Any, Any, Any]:
+        """Return stiffness, mass and viscous damping, shape (n, n); None where there is none."""
+        K, M, C = _Sum(self.n), _Sum(self.n), _Sum(self.n)
+        for element in elements:
+            directions = np.array(element.directions)
+            for at, found in _batches(element, self.table):
+                rows = self.place[at[:, :, None], directions].reshape(len(at), -1)
                 K.add(found.K, rows)
                 M.add(found.M, rows)
                 C.add(found.C, rows)
-        groups[name] = Group(K.total(), M.total(), loss.get(name, 0.0), C.total())
-    return groups
+        return K.total(), M.total(), C.total()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfElements:
+    """The recipe of a group: its elements and where their matrices go."""
+
+    elements: tuple[Element, ...]
+    assembly: _Assembly
+
+    def matrices(self) -> StiffnessAndMass:
+        """Compute stiffness and mass."""
+        K, M, _ = self.assembly.sums(self.elements)
+        return StiffnessAndMass(K, M)
+
+
+def _exchanged(own: Sequence[Element], assembly: _Assembly) -> Exchanged | None:
+    """Return a group with exchanged section axes; None where that changes none of its elements."""
+    turned = {i: new for i, one in enumerate(own) if (new := one.with_exchanged_axes()) is not None}
+    if not turned:
+        return None
+    table = assembly.table
+    remedies = []
+    for i in turned:
+        at = table.find(own[i].label, own[i].node_numbers)
+        remedies.append(own[i].exchange_remedy(table.xyz[at]))
+    elements = tuple(turned.get(i, one) for i, one in enumerate(own))
+    return Exchanged(_OfElements(elements, assembly), " ".join(dict.fromkeys(remedies)))
 
 
 def _batches(element: Element, table: _Nodes) -> Iterator[tuple[NDArray[np.intp], ElementMatrices]]:

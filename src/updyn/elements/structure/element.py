@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +113,23 @@ class Element(ABC):
     def faces(self) -> NDArray[np.int64]:
         """Return node numbers of the faces to draw, shape (k, 3) or (k, 4); by default none."""
         return np.empty((0, 4), dtype=np.int64)
+
+    def with_exchanged_axes(self) -> Self | None:
+        """Return the elements with their section axes exchanged; None where that changes nothing.
+
+        By default the elements have no section axes.
+        """
+        return None
+
+    def exchange_remedy(self, xyz: NDArray[np.float64]) -> str:
+        """Return what to change in the definition to exchange the section axes, a sentence.
+
+        Parameters
+        ----------
+        xyz : ndarray of float, shape (m, k, 3)
+            Positions of all nodes in m.
+        """
+        return f"Exchange the section axes of {self.label}."
 
     @classmethod
     def fields_of_row(cls, where: str, row: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -1,0 +1,138 @@
+"""Exchanged section axes of a group: by value those of a model that is built with them."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import updyn
+from updyn.dofs import Dof
+from updyn.elements.beam import Segment, beam
+from updyn.elements.constraints import Equation, constrain, join
+from updyn.elements.structure import Beam, RigidLink, Section, Truss, rectangle, structure
+from updyn.errors import ModelError
+from updyn.io.hdf5 import read_model, write_model
+from updyn.matching.directions import Target, assign_dofs
+from updyn.variants import variants_of
+
+NODES = {
+    1: [0.0, 0.0, 0.0],
+    2: [0.4, 0.0, 0.0],
+    3: [0.8, 0.1, 0.2],
+    4: [0.8, 0.9, 0.2],
+    5: [0.9, 0.9, 0.2],
+}
+TIMBER = {"E": 1.1e10, "rho": 480.0, "loss_factor": 0.01}
+OBLONG = Section(2.4e-4, 1.28e-9, 1.8e-8, 4.2e-9, 0.82, 0.79)
+
+
+def girder(section: Section, orientation: list[float]) -> Beam:
+    return Beam("girders", [[1, 2], [2, 3]], section=section, orientation=orientation, **TIMBER)
+
+
+def frame(girders: Section, cross: Section = OBLONG, *, up: list[float] | None = None):
+    parts = [
+        girder(girders, up or [0.0, 0.0, 1.0]),
+        Beam("cross", [[3, 4]], section=cross, orientation=[0.0, 0.0, 1.0], **TIMBER),
+        Truss("stay", [[1, 4]], 2.1e11, 7850.0, 1e-5),
+    ]
+    links = [RigidLink(4, [5])]
+    tip = Beam("girders", [[4, 5]], section=girders, orientation=[0.0, 0.0, 1.0], **TIMBER)
+    return structure(NODES, [*parts, tip], links=links, grounded=[1])
+
+
+def assert_same(model, other, rtol=1e-12):
+    assert list(model.groups) == list(other.groups)
+    for name, group in model.groups.items():
+        for what in ("stiffness", "mass"):
+            a, b = (getattr(one, what) for one in (group, other.group(name)))
+            assert (a is None) == (b is None)
+            if b is None:
+                continue
+            scale = np.abs(b.data).max()
+            np.testing.assert_allclose(a.toarray(), b.toarray(), rtol=0, atol=rtol * scale)
+        assert group.loss_factor == other.group(name).loss_factor
+
+
+def test_a_variant_is_the_model_that_is_built_with_exchanged_axes():
+    turned = Section(OBLONG.A, OBLONG.Izz, OBLONG.Iyy, OBLONG.J, OBLONG.shear_z, OBLONG.shear_y)
+    model = frame(OBLONG)
+    one, other, both = variants_of(model)
+    assert (one.groups, other.groups) == (("girders",), ("cross",))
+    assert both.groups == ("girders", "cross")
+    assert_same(one.model(), frame(turned))
+    assert_same(other.model(), frame(OBLONG, turned))
+    assert_same(both.model(), frame(turned, turned))
+
+
+def test_an_orientation_turned_by_90_degrees_is_the_same_mistake():
+    nodes = {1: [0.0, 0.0, 0.0], 2: [0.4, 0.3, 0.0], 3: [0.8, 0.6, 0.0]}
+
+    def strut(orientation):
+        part = Beam("strut", [[1, 2], [2, 3]], section=OBLONG, orientation=orientation, **TIMBER)
+        return structure(nodes, [part], grounded=[1])
+
+    (variant,) = variants_of(strut([0.0, 0.0, 2.0]))
+    assert "[0.6, -0.8, 0.0] in place of [0.0, 0.0, 2.0]" in variant.remedy
+    assert "Exchange Iyy and Izz in the section of beam 'strut'" in variant.remedy
+    assert variant.mistake == "the section axes of the group 'strut' are exchanged (Iy and Iz)"
+    assert_same(variant.model(), strut([0.6, -0.8, 0.0]))
+
+
+def test_exchanging_round_sections_changes_nothing_and_is_no_variant():
+    assert variants_of(frame(Section(1e-4, 2e-9, 2e-9, 4e-9), rectangle(0.02, 0.02))) == ()
+
+
+def test_a_variant_follows_the_model_through_scaling_damping_ties_and_joining():
+    turned = OBLONG.exchanged
+    factors = {"girders": {"stiffness": 1.3, "mass": 0.8, "loss_factor": 0.02}}
+    tie = [Equation("4:Z", {"3:Z": 1.0, "3:RX": 0.8})]
+
+    def changed(model):
+        free = updyn.Model.from_groups({"box": updyn.Group(mass=np.eye(1))}, ["2:Y"])
+        scaled = join([model.scaled(factors), free])
+        damped = scaled.with_damping({"girders": {"stiffness_damping": 1e-5}})
+        return constrain(damped, tie, ["3:RY"])
+
+    (one, *_) = variants_of(changed(frame(OBLONG)))
+    assert_same(one.model(), changed(frame(turned)))
+    assert one.model().group("girders").stiffness_damping == 1e-5
+
+
+def test_a_variant_follows_turned_directions_of_the_nodes():
+    oblique = np.array([0.6, 0.8, 0.0])
+    target = Target(Dof.parse("3:X"), "response", Dof.parse("3:X"), oblique)
+    (one, *_) = variants_of(assign_dofs(frame(OBLONG), [target])[0])
+    assert_same(one.model(), assign_dofs(frame(OBLONG.exchanged), [target])[0])
+
+
+def test_exchanged_width_and_height_of_a_planar_beam():
+    about = {"E": 2e11, "rho": 7850.0, "n_elements": 4, "loss_factor": 0.01}
+    segments = [("thick", 0.0, 0.3), Segment("thin", 0.3, 0.5, height=0.004)]
+    model = beam(0.5, width=0.05, height=0.01, segments=segments, **about)
+    _, thin, both = variants_of(model)
+    turned = [("thick", 0.0, 0.3), Segment("thin", 0.3, 0.5, width=0.004, height=0.05)]
+    assert_same(thin.model(), beam(0.5, width=0.05, height=0.01, segments=turned, **about))
+    assert thin.remedy == (
+        "Exchange width and height of segment 'thin': width = 0.004, height = 0.05."
+    )
+    turned[0] = Segment("thick", 0.0, 0.3, width=0.01, height=0.05)
+    assert_same(both.model(), beam(0.5, width=0.05, height=0.01, segments=turned, **about))
+    square = beam(0.5, width=0.01, height=0.01, **about)
+    assert variants_of(square) == ()
+
+
+def test_variants_are_sent_to_processes_and_not_stored(tmp_path):
+    model = frame(OBLONG)
+    sent = pickle.loads(pickle.dumps(model))  # noqa: S301
+    assert_same(variants_of(sent)[0].model(), variants_of(model)[0].model(), rtol=0.0)
+    write_model(model, tmp_path / "frame.h5")
+    assert variants_of(read_model(tmp_path / "frame.h5")) == ()
+
+
+def test_other_matrices_have_no_variant():
+    group = frame(OBLONG).group("girders")
+    assert replace(group, stiffness=2.0 * group.stiffness).exchanged is None
+    with pytest.raises(ModelError, match="no beams whose section axes are known"):
+        group.with_exchanged_axes().with_exchanged_axes()
