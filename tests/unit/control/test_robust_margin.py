@@ -143,7 +143,7 @@ def test_where_there_is_nothing_to_say() -> None:
     assert quick(gains(0.1), unstable, **APART).robust == ()
     (same,) = quick(PlantFamily(plant, (plant,)), NOTCHED, **APART).robust
     assert (same.margin, same.at, same.member) == (np.inf, None, None)
-    assert "nothing is perturbed" in same.summary()
+    assert "no perturbation" in same.summary()
 
 
 def test_the_words() -> None:
@@ -151,6 +151,6 @@ def test_the_words() -> None:
     family, error = found.robust
     text = found.summary()
     assert f"robust margin, family: {family.margin:.4g} at {family.at:.6g} Hz: stable for" in text
-    assert f"deviation of member {family.member} taken {family.member_margin:.3g} times." in text
+    assert f"{family.member_margin:.3g} times the deviation of member {family.member}." in text
     assert f"robust margin, plant error: {error.margin:.4g} at" in text
     assert error.meaning.endswith("times the plant's relative error, in its band.")

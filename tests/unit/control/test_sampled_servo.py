@@ -191,11 +191,11 @@ def test_what_is_left_out_is_said():
     plant = replace(two_masses(), band=(0.0, 200.0))
     found = sampled_margins(plant, controller, DT, BOTH, delay=DT)
     said = "\n".join(found.notes)
-    assert "dead time of 1 ms is not in it" in said
-    assert "2 ms, stand for it" in said
-    assert "notch at 260 Hz is left out" in said
+    assert "dead time of 1 ms is omitted" in said
+    assert "2 ms, replace it" in said
+    assert "notch at 260 Hz is omitted" in said
     assert "240" not in said
-    assert "low-pass at 300 Hz is left out" in said
+    assert "low-pass at 300 Hz is omitted" in said
 
 
 def test_the_summary_has_it_and_so_does_stable():

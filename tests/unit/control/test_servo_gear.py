@@ -97,7 +97,7 @@ def test_stated_gains_stay_as_they_are() -> None:
     servo = updyn.servo(behind, found, step=None, **LOAD)
     (note,) = [note for note in servo.notes if "ratio" in note]
     assert "'speed' moves 50 times as fast as 'load'" in note
-    assert "kv acts as 0.14 1/s" in note
+    assert "the effective kv is 0.14 1/s" in note
     assert "ratio = 50" in note
     given = updyn.Controller.tuned(behind, 2.0, kv=7.0, ratio=50.0, **LOAD)
     assert not [n for n in updyn.servo(behind, given, step=None, **LOAD).notes if "ratio" in n]

@@ -325,7 +325,7 @@ def test_margins_of_the_sampled_loops_are_in_a_table_of_their_own(made, parts):
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
     margins = [loop.margins.phase_margin for loop in servo.sampled.loops]
     assert cells[::2] == [f"{margin:.3g}°" for margin in margins]
-    assert "dead time of 1 ms is not in it" in own
+    assert "dead time of 1 ms is omitted" in own
     record = servo_record(servo)["sampled"]
     assert record["velocity_loop"]["margins"]["phase_margin"] == pytest.approx(margins[0])
     assert len(record["poles"]) == len(servo.sampled.poles)

@@ -37,22 +37,22 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
-#: Poles nearer to 0 than this share of the lowest oscillation are as good as at 0; smaller ones
-#: oscillate by rounding.
+#: Poles nearer to 0 than this share of the lowest oscillation count as poles at 0; the imaginary
+#: part of smaller ones is rounding.
 _AT_REST = 1e-3
 #: Points on a circle about the slow poles.
 _POINTS = 256
 #: A circle lies between poles whose ratio is larger than this.
 _ROOM = 1.5
-#: Least share of the mobility on the circle that the slow poles have if the structure turns freely.
+#: Least share of the slow poles in the mobility on the circle for a structure that turns freely.
 _DOMINANT = 0.5
-#: A gear ratio that differs from 1 by less than this is 1: the plant is reduced, with errors.
+#: A gear ratio within this distance of 1 is taken as 1, since a reduced plant has errors.
 _EXACT = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Notch:
-    """A notch filter of second order, of gain 1 far from its frequency.
+    """A second-order notch filter with gain 1 far from its frequency.
 
         N(s) = (s^2 + 2 zero_damping w s + w^2) / (s^2 + 2 pole_damping w s + w^2)
 
@@ -66,7 +66,7 @@ class Notch:
         Damping ratio of the zeros, 0 or above; the gain at `frequency` is zero_damping /
         pole_damping.
     pole_damping : float
-        Damping ratio of the poles, above 0; it makes the width.
+        Damping ratio of the poles, above 0; it sets the width.
 
     Raises
     ------
@@ -102,7 +102,7 @@ class Notch:
 
     @classmethod
     def of_width(cls, frequency: float, width: float, depth: float = 0.0) -> Notch:
-        """Return a notch as drives are often set.
+        """Return a notch from its width and depth, as drives specify it.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Notch:
             In Hz, between the points where a notch of depth 0 has gain 1 / sqrt(2): 2 pole_damping
             frequency.
         depth : float
-            Gain at `frequency`; 0 takes it out altogether.
+            Gain at `frequency`; 0 blocks it completely.
 
         Returns
         -------
@@ -181,30 +181,30 @@ class Notch:
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """The P-PI cascade of a drive.
+    """P-PI cascade controller of a drive.
 
     Parameters
     ----------
     kp : float
         Gain of the velocity loop, above 0, in N m per rad/s (N per m/s).
     ti : float or None
-        Integral time of the velocity loop in s; None: P alone.
+        Integral time of the velocity loop in s. None: P control only.
     kv : float or None
-        Gain of the position loop in 1/s; None: the velocity loop alone.
+        Gain of the position loop in 1/s. None: no position loop.
     notches : tuple of Notch
-        In the torque command.
+        Notch filters in the torque command.
     low_pass : float or None
         Corner of a low-pass in the torque command in Hz.
     low_pass_damping : float or None
-        Damping ratio of a low-pass of second order; None: it is of first order.
+        Damping ratio of a second-order low-pass. None: first order.
     feed_forward : float
         Share of the reference's velocity that is added to the velocity command, 0 to 1.
     dead_time : float
-        Time in s by which the torque is late: computation, sampling (half an interval for the
-        hold), current loop.
+        Delay of the torque in s: computation, sampling (half an interval for the hold), current
+        loop.
     ratio : float
-        Gear ratio with sign, other than 0: rigid-body velocity of what the velocity loop reads over
-        that of what the position loop reads. It converts the command of the position loop.
+        Gear ratio with sign, other than 0: rigid-body velocity of the output of the velocity loop
+        over that of the output of the position loop. It converts the command of the position loop.
 
     Raises
     ------
@@ -265,7 +265,7 @@ class Controller:
         if not is_number(self.ratio) or not math.isfinite(self.ratio) or self.ratio == 0.0:
             raise OptionError(
                 f"controller: ratio is {self.ratio!r}; expected a number other than 0, the velocity"
-                " that the velocity loop reads over that of the position",
+                " of the velocity loop's output over that of the position loop's",
                 key=("ratio",),
             )
         if self.ratio != 1.0 and self.kv is None:
@@ -305,24 +305,24 @@ class Controller:
         Parameters
         ----------
         plant : Plant or PlantFamily
-            With rigid-body motion from `torque` to `velocity`; of a family its nominal plant.
+            With rigid-body motion from `torque` to `velocity`; of a family the nominal plant.
         crossover : float
-            Where the gain of the velocity loop is to fall through 1, in Hz, as far as the rigid
-            body and kp make it.
+            Frequency in Hz at which the gain of the velocity loop falls through 1, for the rigid
+            body and kp alone.
         torque, velocity : str
             Names of the plant's input and output.
         position : str, optional
             Name of the output that the position loop reads; by default `velocity`.
         ti_ratio : float or None
-            The ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a)
+            Ratio a of the symmetrical optimum: the phase margin of the rigid body is arctan(a)
             without small time constants, and arctan(a) - arctan(1 / a) with those for which it is
-            optimal, of sum 1 / (a w). None: no integral part.
+            optimal, whose sum is 1 / (a w). None: no integral part.
         kv_ratio : float or None
             4: critical damping of s^2 + w s + w kv, the rigid body without the integral part. None:
             no position loop.
         **others
-            Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` in place of the
-            rule's. With `kv`, `ratio` is 1 unless it is given, too.
+            Further settings: `notches`, `low_pass`, `dead_time`, ...; `ti` and `kv` replace the
+            values of the rule. With `kv`, `ratio` defaults to 1.
 
         Returns
         -------
@@ -331,9 +331,9 @@ class Controller:
         Raises
         ------
         ModelError
-            If nothing turns freely between the ports, or torque and velocity oppose each other.
+            If the plant has no free rotation between the ports, or torque and velocity oppose.
         OptionError
-            If a name or a number cannot be used.
+            If a name or a number is invalid.
 
         Notes
         -----
@@ -348,8 +348,8 @@ class Controller:
         inertia = inertia_of(nominal, torque, velocity)
         if inertia is None:
             raise ModelError(
-                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, whose inertia"
-                " would size the gain; give kp, ti and kv by hand"
+                f"the plant has no rigid-body motion from {torque!r} to {velocity!r}, so the rule"
+                " has no inertia to size the gain; give kp, ti and kv by hand"
             )
         if inertia < 0:
             raise ModelError(
@@ -377,12 +377,12 @@ class Controller:
         return self.ratio * self.feed_forward
 
     def torque(self, s: ArrayLike) -> _Complex:
-        """Return torque over velocity error, the dead time exact.
+        """Return torque over velocity error, with the exact dead time.
 
         Parameters
         ----------
         s : array_like of complex
-            In rad/s, not 0 where there is an integral part.
+            In rad/s, not 0 with an integral part.
 
         Returns
         -------
@@ -409,7 +409,7 @@ class Controller:
         Parameters
         ----------
         pade : int
-            Order of the Pade approximation of the dead time; 0 leaves it out.
+            Order of the Pade approximation of the dead time; 0 omits it.
 
         Returns
         -------
@@ -431,7 +431,7 @@ class Controller:
 
     @property
     def poles(self) -> _Complex:
-        """Poles of torque over velocity error, in rad/s, the dead time left out."""
+        """Poles of torque over velocity error, in rad/s, without the dead time."""
         out = [np.zeros(int(self.ti is not None), dtype=np.complex128)]
         out += [_pair(n.frequency, n.pole_damping) for n in self.notches]
         if self.low_pass is not None:
@@ -453,7 +453,7 @@ class Controller:
         return self.low_pass is not None
 
     def summary(self) -> str:
-        """Return the settings, one a line."""
+        """Return the settings as text, one per line."""
         integral = "no integral part" if self.ti is None else f"ti {self.ti:.6g} s"
         unit = "torque or force per unit of velocity"
         lines = [f"velocity loop  kp {self.kp:.6g} ({unit}), {integral}"]
@@ -478,76 +478,35 @@ class Controller:
 
 
 def require_continuous(plant: Plant) -> None:
-    """Check that a plant is continuous.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant of a servo.
-
-    Raises
-    ------
-    OptionError
-        If it is sampled.
-    """
+    """Raise OptionError if the plant of a servo is sampled."""
     if plant.dt is not None:
         raise OptionError(
-            f"the plant is sampled every {plant.dt:g} s; a servo takes the continuous one, and"
+            f"the plant is sampled every {plant.dt:g} s; a servo needs the continuous plant, with"
             f" the sampling as dead_time of the controller ({1.5 * plant.dt:g} s for one"
-            " interval of computation and the hold), or the sampled plant beside it as sampled="
+            " interval of computation and the hold), or the sampled plant in addition as sampled="
         )
 
 
 def to_velocity(plant: Plant, output: str, what: str = "velocity") -> int:
-    """Return the power of s that makes a velocity of an output: 1 of a displacement, else 0.
+    """Return the power of s that converts an output to a velocity: 1 for a displacement, else 0.
 
-    Parameters
-    ----------
-    plant : Plant
-        The plant.
-    output : str
-        Name of the output.
-    what : str
-        What is made of it, for the message.
-
-    Raises
-    ------
-    OptionError
-        If it is an acceleration.
+    `what` names the result in the message for an acceleration.
     """
     quantity = plant.quantities[plant.outputs.index(output)]
     if quantity == "accelerance":
         raise OptionError(
-            f"output {output!r} is an acceleration; a {what} has to come from a displacement or a"
+            f"output {output!r} is an acceleration; a {what} must come from a displacement or a"
             " velocity: make the plant with quantity='receptance' or 'mobility' for it"
         )
     return int(quantity == "receptance")
 
 
 def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
-    """Return the rigid-body inertia of a plant between a torque and a velocity.
+    """Return the rigid-body inertia between a torque and a velocity, in kg m2 (kg).
 
-    Its reciprocal is the sum of the residues of the mobility at the slow poles: that at 0 of a body
-    that turns freely, that at -c / J of one with bearing friction c. It is taken from an integral
-    on a circle about them.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant, continuous.
-    torque, velocity : str
-        Names of input and output; a displacement is differentiated.
-
-    Returns
-    -------
-    float or None
-        In kg m2 (kg), negative where a positive torque turns the output the negative way; None
-        where nothing turns freely.
-
-    Raises
-    ------
-    OptionError
-        If the plant is sampled, lacks one of them, or the output is an acceleration.
+    Negative if a positive torque turns the output in the negative direction, None without free
+    rotation. Its reciprocal is the sum of the residues of the mobility at the slow poles: at 0 for
+    a free body, at -c / J with bearing friction c; computed by an integral on a circle around them.
     """
     require_continuous(plant)
     channel = plant.channel(velocity, torque)
@@ -565,45 +524,28 @@ def inertia_of(plant: Plant, torque: str, velocity: str) -> float | None:
 
 
 def ratio_of(plant: Plant, torque: str, velocity: str, position: str) -> float | None:
-    """Return the gear ratio between two outputs of a plant, in the rigid-body motion of a torque.
+    """Return the gear ratio of two outputs in the rigid-body motion of a torque.
 
-    Parameters
-    ----------
-    plant : Plant
-        The plant, continuous.
-    torque : str
-        Name of the input that moves both.
-    velocity, position : str
-        Names of the outputs.
-
-    Returns
-    -------
-    float or None
-        Velocity of `velocity` over that of `position`, negative where they oppose each other; None
-        where one of them has no rigid-body motion.
-
-    Raises
-    ------
-    OptionError
-        As `inertia_of`.
+    Velocity of `velocity` over that of `position`, negative if they oppose; None if one of them
+    has no rigid-body motion.
     """
     inner, outer = (inertia_of(plant, torque, name) for name in (velocity, position))
     return None if inner is None or outer is None else outer / inner
 
 
 def _ratio_of_rule(plant: Plant, torque: str, velocity: str, position: str) -> float:
-    """Return the gear ratio, without its rounding where it is 1."""
+    """Return the gear ratio, exactly 1 if it is 1 up to the error of the plant."""
     ratio = ratio_of(plant, torque, velocity, position)
     if ratio is None:
         raise ModelError(
-            f"the plant has no rigid-body motion from {torque!r} to {position!r}, from which the"
-            " gear ratio of the position loop would follow; give kv and ratio by hand"
+            f"the plant has no rigid-body motion from {torque!r} to {position!r}, so the gear ratio"
+            " of the position loop is unknown; give kv and ratio by hand"
         )
     return 1.0 if abs(ratio - 1.0) < _EXACT else ratio
 
 
 def _radii(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return radii of circles in the gaps below the first oscillation, in rad/s."""
+    """Return radii of circles between the poles below the first oscillation, in rad/s."""
     size = np.abs(poles)
     moving = size > 1e-6 * size.max(initial=0.0)
     oscillating = size[moving & (np.abs(poles.imag) > 0.1 * size)]

@@ -1,14 +1,14 @@
-"""`SampledCascade`: a controller in a processor on a sampled plant, and its loops in z.
+"""`SampledCascade`: a digital controller on a sampled plant, and its loops in z.
 
 The controller is converted factor by factor with s = c (z - 1) / (z + 1) (Tustin), c = 2 / dt for
-the integral part, and c = w / tan(w dt / 2) for a notch or low-pass at w, which has its place
-exactly (prewarping; Franklin, Powell & Workman, Digital Control of Dynamic Systems, 3rd ed.,
-chapter 6). The plant with its hold and delay is that of `updyn.sampled`. A velocity that is read
-from a displacement is its backward difference, a position from a velocity its trapezoidal sum.
+the integral part, and c = w / tan(w dt / 2) for a notch or low-pass at w, which keeps its frequency
+(prewarping; Franklin, Powell & Workman, Digital Control of Dynamic Systems, 3rd ed., chapter 6).
+The plant with its hold and delay is that of `updyn.sampled`. A velocity of a displacement is its
+backward difference, a position of a velocity its trapezoidal sum.
 
-With z = exp(s dt) the loop functions are functions of s up to half the sampling rate, to which the
-margins of continuous loops apply; at half the sampling rate itself L is real, and may be -1.
-Stability is by the eigenvalues of the closed loop in z: no approximation of a dead time.
+With z = exp(s dt) the loop functions are functions of s up to half the sampling rate, and the
+margins are those of continuous loops; at half the sampling rate L is real, and may be -1. Stability
+is determined by the eigenvalues of the closed loop in z, without an approximation of a dead time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from updyn.control.plant import Plant
 from updyn.control.servo import grid
 from updyn.control.servo.controller import Controller, to_velocity
 from updyn.control.servo.loops import Wiring
-from updyn.control.servo.stability import Judged, count_drifting, count_growing, margins_of
+from updyn.control.servo.stability import JudgedLoop, count_drifting, count_growing, margins_of
 from updyn.control.servo.state_space import StateSpace, Transfer, channel_zeros, connect
 from updyn.errors import OptionError
 
@@ -32,22 +32,14 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
-#: Poles and zeros nearer to z = 0 than this are those of a delay.
+#: Poles and zeros nearer to z = 0 than this belong to a delay.
 _LATE = 1e-9
-#: Gain at half the sampling rate below which it has vanished.
+#: Gain at half the sampling rate that counts as 0.
 _VANISHED = 1e-9
 
 
 def bilinear(system: StateSpace, c: float) -> StateSpace:
-    """Return a system in z, by s = c (z - 1) / (z + 1).
-
-    Parameters
-    ----------
-    system : StateSpace
-        Continuous.
-    c : float
-        In 1/s: 2 / dt, or w / tan(w dt / 2) to keep the response at w.
-    """
+    """Return a system in z by s = c (z - 1) / (z + 1); w / tan(w dt / 2) for c is exact at w."""
     if not system.n_states:
         return system
     eye = np.eye(system.n_states)
@@ -64,21 +56,9 @@ def bilinear(system: StateSpace, c: float) -> StateSpace:
 
 
 class SampledCascade:
-    """A controller in a processor on one sampled plant.
+    """A digital controller on one sampled plant.
 
-    Parameters
-    ----------
-    plant : Plant
-        Sampled, with the delay of its input.
-    controller : Controller
-        Its settings; the dead time is not used: hold and delay are those of the plant.
-    wiring : Wiring
-        Which inputs and outputs.
-
-    Raises
-    ------
-    OptionError
-        If the plant is not sampled, lacks a port, or one is an acceleration.
+    Hold and delay are those of the plant; the dead time of the controller is not used.
     """
 
     def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
@@ -98,7 +78,7 @@ class SampledCascade:
         self.kv = controller.position_gain
         self.has_position = controller.kv is not None
         self.notes = _left_out(controller, plant)
-        self._controller = _converted(controller, plant.dt)
+        self._controller = _convert_controller(controller, plant.dt)
         outputs = (wiring.velocity, wiring.position or wiring.velocity)
         rows = [plant.outputs.index(name) for name in outputs]
         column = plant.inputs.index(wiring.torque)
@@ -127,7 +107,7 @@ class SampledCascade:
         return np.asarray(inner + outer)
 
     def _parts(self, s: ArrayLike) -> tuple[_Complex, _Complex]:
-        """Return what the torque comes back as, by the velocity and by the position."""
+        """Return the loop functions at the torque via the velocity and via the position."""
         z = np.exp(np.asarray(s, dtype=np.complex128) * self.dt)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             plant, first, second, controller = (t.at(z)[:, :, 0] for t in self._transfers)
@@ -136,16 +116,10 @@ class SampledCascade:
             outer = self.kv * K * second[:, 0] * plant[:, 1]
         return np.asarray(inner), np.asarray(outer)
 
-    def closed(self, position: bool) -> _Complex:
-        """Return the poles of the closed loop, z.
-
-        Parameters
-        ----------
-        position : bool
-            Whether the position loop is closed.
-        """
+    def closed_poles(self, position: bool) -> _Complex:
+        """Return the closed-loop poles in z, of the position loop or of the velocity loop."""
         blocks = [self._system, *self._readers, self._controller]
-        # inputs: torque, both readers, controller; outputs: both motions, as read, torque
+        # inputs: torque, both readers, controller; outputs: both motions, their readings, torque
         wires = np.zeros((4, 5))
         wires[0, 4] = wires[1, 0] = wires[2, 1] = 1.0
         wires[3, 2] = -1.0
@@ -168,56 +142,56 @@ class SampledCascade:
         return self.in_s(np.concatenate(parts))
 
     def in_s(self, z: _Complex) -> _Complex:
-        """Return log(z) / dt in rad/s, without what is at z = 0."""
+        """Return log(z) / dt in rad/s, without the values at z = 0."""
         z = z[np.abs(z) > _LATE]
         return np.asarray(np.log(z) / self.dt)
 
 
 def _left_out(controller: Controller, plant: Plant) -> tuple[str, ...]:
-    """Return what of a controller is not in a sampled loop."""
+    """Return notes on the parts of a controller that a sampled loop omits."""
     assert plant.dt is not None
     half, notes = 0.5 / plant.dt, []
     if controller.dead_time:
         delay = float(plant.facts.get("sampling", {}).get("delay", plant.delay * plant.dt))
         notes.append(
-            f"the controller's dead time of {1e3 * controller.dead_time:g} ms is not in it: the"
-            f" hold and the delay of the sampled plant, {1e3 * delay:g} ms, stand for it"
+            f"the controller's dead time of {1e3 * controller.dead_time:g} ms is omitted: the"
+            f" hold and the delay of the sampled plant, {1e3 * delay:g} ms, replace it"
         )
     for notch in controller.notches:
         if notch.frequency >= half:
             notes.append(
-                f"the notch at {notch.frequency:g} Hz is left out: half the sampling rate is"
+                f"the notch at {notch.frequency:g} Hz is omitted: half the sampling rate is"
                 f" {half:g} Hz"
             )
     if controller.low_pass is not None and controller.low_pass >= half:
         notes.append(
-            f"the low-pass at {controller.low_pass:g} Hz is left out: half the sampling rate is"
+            f"the low-pass at {controller.low_pass:g} Hz is omitted: half the sampling rate is"
             f" {half:g} Hz"
         )
     return tuple(notes)
 
 
-def _converted(controller: Controller, dt: float) -> StateSpace:
-    """Return torque over velocity error in z, without what lies above half the sampling rate."""
+def _convert_controller(controller: Controller, dt: float) -> StateSpace:
+    """Return torque over velocity error in z, without filters above half the sampling rate."""
     plain = Controller(controller.kp, controller.ti)
     out = bilinear(plain.state_space(), 2.0 / dt)
     for notch in controller.notches:
         if notch.frequency < 0.5 / dt:
-            out = bilinear(notch.state_space(), _prewarped(notch.frequency, dt)) * out
+            out = bilinear(notch.state_space(), _prewarp(notch.frequency, dt)) * out
     corner = controller.low_pass
     if corner is not None and corner < 0.5 / dt:
         low_pass = Controller(1.0, low_pass=corner, low_pass_damping=controller.low_pass_damping)
-        out = bilinear(low_pass.state_space(), _prewarped(corner, dt)) * out
+        out = bilinear(low_pass.state_space(), _prewarp(corner, dt)) * out
     return out
 
 
-def _prewarped(freq: float, dt: float) -> float:
+def _prewarp(freq: float, dt: float) -> float:
     w = _TWO_PI * freq
     return float(w / np.tan(0.5 * w * dt))
 
 
 def _reader(power: int, dt: float) -> StateSpace:
-    """Return what makes velocity or position of an output: a difference, nothing, or a sum."""
+    """Return the conversion of an output to velocity or position: difference, gain 1 or sum."""
     one = np.ones((1, 1))
     if power == 1:  # (1 - 1 / z) / dt
         return StateSpace(0.0 * one, one, -one / dt, one / dt)
@@ -227,37 +201,28 @@ def _reader(power: int, dt: float) -> StateSpace:
 
 
 def judge_sampled(
-    cascade: SampledCascade, continuous: Sequence[Judged | None]
-) -> list[Judged | None]:
-    """Return margins and stability of the loops of a sampled cascade.
+    cascade: SampledCascade, continuous: Sequence[JudgedLoop | None]
+) -> list[JudgedLoop | None]:
+    """Return margins and stability of the loops of a sampled cascade; poles as s = log(z) / dt.
 
-    Parameters
-    ----------
-    cascade : SampledCascade
-        Controller and sampled plant.
-    continuous : sequence of Judged or None
-        Velocity loop, position loop and the loop broken at the torque, on the continuous plant.
-
-    Returns
-    -------
-    list of Judged or None
-        The same loops, sampled; poles as s = log(z) / dt.
+    `continuous` are the velocity loop, the position loop and the loop broken at the torque on the
+    continuous plant; None for a missing one.
     """
     loops = cascade.velocity, cascade.position, cascade.torque
     return [
-        None if own is None else _judged(cascade, loop, float(own.w[0]), position)
+        None if own is None else _judge_loop(cascade, loop, float(own.w[0]), position)
         for loop, own, position in zip(loops, continuous, (False, True, True), strict=True)
     ]
 
 
-def _judged(
+def _judge_loop(
     cascade: SampledCascade, loop: Callable[[ArrayLike], _Complex], low: float, position: bool
-) -> Judged:
-    poles = cascade.in_s(cascade.closed(position))
+) -> JudgedLoop:
+    poles = cascade.in_s(cascade.closed_poles(position))
     top = np.pi / cascade.dt
     low = min(low, 1e-3 * top)
     features = np.concatenate([cascade.features, poles])
-    w, values = grid.resolved(loop, grid.frequencies(features, low, top))
+    w, values = grid.resolve(loop, grid.frequencies(features, low, top))
     w, values = grid.with_extremes(loop, w, values)
     gains = grid.crossings_of_gain(loop, w, values)
     phases = grid.crossings_of_phase(loop, w, values)
@@ -267,4 +232,4 @@ def _judged(
     scale = float(gains[0]) if len(gains) else low
     drifting = count_drifting(poles, scale)
     margins = margins_of(loop, w, values, gains, phases, count_growing(poles, scale), drifting, 0.0)
-    return Judged(loop, w, values, margins, poles, 0, True)
+    return JudgedLoop(loop, w, values, margins, poles, 0, True)

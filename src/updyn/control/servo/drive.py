@@ -1,4 +1,4 @@
-"""`DriveFigures`: what a drive is for its servo, in numbers. Pure data, with a summary."""
+"""`DriveFigures`: the figures of a drive that a servo design needs, as data with a summary."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ __all__ = [
     "drive_figures",
 ]
 _Real = NDArray[np.float64]
-_COUNT = 10  # modes where no band is given
-_AGREES = 1e-3  # a stated ratio
-_STILL = 1e-9  # share of the largest motion below which a DOF is at rest
-_ASIDE = 1e-6  # how far beside a zero the response is computed, as a share of it
+_COUNT = 10  # number of modes without a band
+_AGREES = 1e-3  # largest relative error of a stated ratio
+_STILL = 1e-9  # relative motion below which a DOF is at rest
+_ASIDE = 1e-6  # relative distance from a zero at which the response is computed
 
 
 @dataclass(frozen=True, slots=True)
 class ResonancePair:
-    """An antiresonance of torque to motor speed, and the resonance above it.
+    """An antiresonance of torque to motor speed and the next resonance above it.
 
     Attributes
     ----------
     antiresonance, resonance : float
         In Hz, without damping: a locked-rotor and a free-rotor frequency.
     antiresonance_damping, resonance_damping : float
-        Damping ratios, half the modal loss factors; nan above a band that the tables of loss
-        factors end with.
+        Damping ratios, half the modal loss factors; nan above the last frequency of the tables of
+        loss factors.
     """
 
     antiresonance: float
@@ -55,18 +55,18 @@ class ResonancePair:
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
-    """What loops about the motor may reach.
+    """Attainable bandwidth of the loops around the motor.
 
     Attributes
     ----------
     velocity : float
         Upper bound of the crossover of the velocity loop, in Hz: the first antiresonance.
     position : (float, float)
-        Usual bandwidth of the position loop, in Hz: a third and a half of the same frequency.
+        Usual bandwidth of the position loop, in Hz: a third to a half of the same frequency.
     damping : float or None
-        Damping ratio of all four poles of a PI velocity loop on two inertias that places them at
-        the antiresonance, sqrt(R) / 2 with the inertia ratio R; 1 or more: all can be real. None:
-        no inertia ratio is known.
+        Damping ratio of the four poles of a PI velocity loop on two inertias that places them at
+        the antiresonance: sqrt(R) / 2 with the inertia ratio R. All poles can be real if it is 1 or
+        more. None if the inertia ratio is unknown.
     """
 
     velocity: float
@@ -79,8 +79,8 @@ class Bandwidth:
         low, high = self.position
         text = (
             f"Velocity loop: crossover below the first antiresonance, {self.velocity:.5g} Hz; above"
-            " it motor and load no longer turn together, and what the loop stiffens is the motor"
-            " alone. With two inertias and PI control, poles of equal radius all lie at this"
+            " it motor and load no longer turn together, and the loop stiffens only the motor."
+            " With two inertias and PI control, poles of equal radius all lie at this"
             " frequency"
         )
         if self.damping is not None:
@@ -91,69 +91,69 @@ class Bandwidth:
         return (
             f"{text} (Zhang & Furusho, IEEE Trans. Industrial Electronics 47 (2000) 603-609)."
             f" Position loop: {low:.5g} to {high:.5g} Hz, a third to a half of the first"
-            " locked-rotor frequency; a rule of thumb of antenna servos, not a bound: margins over"
-            " the family of plants decide."
+            " locked-rotor frequency; a rule of thumb for antenna servos, not a bound: check the"
+            " margins over the family of plants."
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveFigures:
-    """The figures of a drive: motor, train, load. Of linear DOFs in kg and N/m.
+    """Figures of a drive of motor, train and load; for linear DOFs in kg and N/m.
 
-    Frequencies are those without damping; damping ratios stand beside them. What a figure needs and
-    the model does not have (a rigid-body motion, a stated ratio) leaves it None, and `notes` say
-    why.
+    Frequencies are undamped. A figure is None if the model lacks the data for it (a rigid-body
+    motion, a stated ratio); `notes` give the reason.
 
     Attributes
     ----------
     motor, load : str
         Signed DOFs.
     locked, locked_damping : ndarray of float, shape (n,)
-        Locked-rotor frequencies in Hz, motor held, and their damping ratios.
+        Locked-rotor frequencies in Hz (motor held) and their damping ratios.
     free, free_damping : ndarray of float, shape (m,)
-        Free-rotor frequencies in Hz, rigid-body motion left out, and their damping ratios.
+        Free-rotor frequencies in Hz without rigid-body modes, and their damping ratios.
     pairs : tuple of ResonancePair
-        What torque to motor speed shows, ascending.
+        Antiresonances and resonances of torque to motor speed, ascending.
     first_resonance : float or None
-        Resonance below the first antiresonance in Hz, of a model without rigid-body motion of the
+        Resonance below the first antiresonance in Hz, if the model has no rigid-body motion of the
         motor.
     hidden : tuple of float
-        Locked-rotor frequencies in Hz that the motor does not see: resonance and antiresonance
-        differ by less than `separation`.
+        Locked-rotor frequencies in Hz that are not observable at the motor: resonance and
+        antiresonance differ by less than `separation`.
     separation : float
-        As a share of the frequency.
+        Relative difference of frequency below which a pair cancels.
     antiresonance_error : float
-        Largest distance of a zero of the computed response torque to motor speed from the
-        locked-rotor frequency that belongs to it, as a share of it: the check that both are the
-        same.
+        Largest relative distance between a zero of the computed response torque to motor speed and
+        its locked-rotor frequency; checks that the two agree.
     rigid : int
         Number of rigid-body modes of the free model.
     ratio : float or None
-        Speed of the motor over that of the load in rigid-body motion, with sign; as stated where
-        the model has none.
+        Speed of the motor over that of the load in rigid-body motion, with sign; the stated ratio
+        if the model has no such motion.
     ratio_from : str
         ``"rigid-body mode"``, ``"stated"`` or ``""``.
     inertia : float or None
+        Total rigid-body inertia at the motor, in kg m2.
         Rigid-body inertia at the motor, everything counted, in kg m2.
     motor_inertia : float
-        On the motor's DOF itself, in kg m2.
+        Inertia on the motor's DOF itself, in kg m2.
     rest_inertia : float or None
-        The rest, seen at the motor, in kg m2.
+        `inertia` less `motor_inertia`, at the motor, in kg m2.
     load_inertia : float or None
-        The rest, seen at the load, in kg m2: `rest_inertia` times ratio squared.
+        `rest_inertia` times ratio squared: the same inertia at the load, in kg m2.
     inertia_ratio : float or None
         `rest_inertia` over `motor_inertia`: J_L / (n^2 J_M).
     stiffness_at_motor : float
         Static stiffness at the motor, load held, in N m/rad.
     stiffness_at_load : float
-        Static stiffness at the load, motor held, in N m/rad; of a train that can turn, that at the
-        motor times ratio squared.
+        Static stiffness at the load, motor held, in N m/rad; for a train that can turn, the
+        stiffness at the motor times ratio squared.
     bandwidth : Bandwidth or None
-        What loops may reach. None: the motor sees no antiresonance in the band.
+        Attainable bandwidth of the loops. None if no antiresonance in the band is observable at the
+        motor.
     band : (float, float) or None
-        Where modes were looked for, in Hz. None: the lowest ones.
+        Frequency range of the modes, in Hz. None: the lowest modes.
     notes : tuple of str
-        What could not be found, and why.
+        Figures that could not be determined, with the reasons.
     """
 
     motor: str
@@ -224,7 +224,7 @@ class DriveFigures:
             shown = ", ".join(f"{f:.5g}" for f in self.hidden[:8])
             if len(self.hidden) > 8:
                 shown += ", ..."
-            lines.append(f"Locked-rotor frequencies that the motor does not see: {shown} Hz")
+            lines.append(f"Locked-rotor frequencies not observable at the motor: {shown} Hz")
         if self.bandwidth is not None:
             lines.append(self.bandwidth.rule)
         return "\n".join([*lines, *self.notes])
@@ -241,7 +241,7 @@ def _g(value: float | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Rigid:
-    """Inertia at the motor, gear ratio, and a note where one of them is not known."""
+    """Inertia at the motor and gear ratio, with a note if one of them is unknown."""
 
     inertia: float | None
     ratio: float | None
@@ -262,19 +262,19 @@ def drive_figures(
     Parameters
     ----------
     model : Model or UpdateResult
-        The structure with the motor free, or the update that found it.
+        The structure with the motor free, or an update result of it.
     motor : str or Dof
         Signed DOF on which the torque acts and which the motor's encoder reads.
     load : str or Dof
         Signed DOF of the ring, the tool or the dish.
     ratio : float, optional
-        Speed of the motor over that of the load as the drawings state it, with sign. Checked
-        against the rigid-body motion, or used as it is where the model has none.
+        Speed of the motor over that of the load by the drawings, with sign. Checked against the
+        rigid-body motion; used as stated if the model has none.
     band : (float, float), optional
-        Modes between these lines in Hz. None: the lowest ten, of a small model all.
+        Frequency range of the modes in Hz. None: the lowest ten modes, or all of a small model.
     separation : float
-        A resonance and an antiresonance that differ by less than this share of their frequency
-        cancel: the motor does not see that mode.
+        A resonance and an antiresonance cancel if they differ by less than this share of their
+        frequency: the mode is not observable at the motor.
 
     Returns
     -------
@@ -283,12 +283,11 @@ def drive_figures(
     Raises
     ------
     DofError
-        If a DOF is not in the model, or both are one.
+        If a DOF is not in the model, or both are the same.
     OptionError
-        If the ratio, the band or the separation cannot be used.
+        If the ratio, the band or the separation is invalid.
     ModelError
-        If the stated ratio contradicts the rigid-body motion, or nothing in the model joins motor
-        and load.
+        If the stated ratio contradicts the rigid-body motion, or no stiffness joins motor and load.
     SolverError
         If modes cannot be computed.
 
@@ -297,8 +296,8 @@ def drive_figures(
     With the rigid-body modes phi_r, scaled to unit modal mass, the inertia at the motor is 1 / sum
     phi_r(motor)^2. The stiffness between motor and load follows from the static condensation K_c
     onto both: K_c[0, 0] at the motor with the load held, K_c[1, 1] at the load with the motor held.
-    Of a train that can turn, K_c [n, 1] = 0, so that they differ by n^2: the sum 1 / k = sum 1 /
-    (k_i n_i^2) of a row of parts.
+    For a train that can turn, K_c [n, 1] = 0, so the two differ by n^2, and 1 / k = sum 1 / (k_i
+    n_i^2) for parts in series.
 
     Examples
     --------
@@ -324,8 +323,8 @@ def drive_figures(
             f"drive figures: expected a Model or an UpdateResult, found {type(model).__name__}"
         )
     ends = _ends(given, motor, load)
-    limits = _checked(ratio, band, separation)
-    held = _held(given, [int(ends.index[0])])
+    limits = _check_options(ratio, band, separation)
+    held = _hold_dofs(given, [int(ends.index[0])])
     top = np.inf
     if limits is not None:
         top = limits[1]
@@ -345,12 +344,10 @@ def drive_figures(
         rest = turning.inertia - own
         if own <= 0:
             notes.append(
-                f"The motor's DOF {motor} carries no inertia of its own: there is no inertia ratio."
+                f"The motor's DOF {motor} carries no inertia: the inertia ratio is undefined."
             )
         elif rest < 0:
-            notes.append(
-                "The motor turns against a body that is free itself: there is no inertia ratio."
-            )
+            notes.append("The motor turns against a body that is itself free: no inertia ratio.")
             rest = None
         else:
             inertia_ratio = rest / own
@@ -360,14 +357,14 @@ def drive_figures(
         if rest is not None:
             load_inertia = rest * n**2
     if not pairs:
-        notes.append("The motor sees no antiresonance in the band: no bandwidth follows.")
+        notes.append("No antiresonance in the band is observable at the motor: no bandwidth.")
     return DriveFigures(
         motor=str(motor),
         load=str(load),
         locked=_in_band(locked.frequency, limits),
-        locked_damping=_damping(locked, limits),
+        locked_damping=_damping_ratios(locked, limits),
         free=_in_band(free.frequency, limits),
-        free_damping=_damping(free, limits),
+        free_damping=_damping_ratios(free, limits),
         pairs=pairs,
         first_resonance=first,
         hidden=hidden,
@@ -389,7 +386,7 @@ def drive_figures(
     )
 
 
-# -- what was given -------------------------------------------------------------------------------
+# -- options --------------------------------------------------------------------------------------
 def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
     one, two = Dof.parse(motor), Dof.parse(load)
     if (one.node, one.direction) == (two.node, two.direction):
@@ -402,7 +399,7 @@ def _ends(model: Model, motor: str | Dof, load: str | Dof) -> Any:
     return model.dofs.match([one, two])
 
 
-def _checked(ratio: Any, band: Any, separation: Any) -> tuple[float, float] | None:
+def _check_options(ratio: Any, band: Any, separation: Any) -> tuple[float, float] | None:
     if ratio is not None and not (is_number(ratio) and math.isfinite(ratio) and ratio != 0):
         raise OptionError(f"drive figures: ratio {ratio!r}; expected a finite number other than 0")
     if not (is_number(separation) and 0 <= separation < 1):
@@ -420,26 +417,28 @@ def _checked(ratio: Any, band: Any, separation: Any) -> tuple[float, float] | No
     return low, high
 
 
-def _held(model: Model, at: Sequence[int]) -> Model:
-    """Return the model with some DOFs held: their rows and columns are left out of every group."""
+def _hold_dofs(model: Model, at: Sequence[int]) -> Model:
+    """Return the model with some DOFs held: their rows and columns are removed."""
     keep = np.ones(model.n_dofs, dtype=np.bool_)
     keep[list(at)] = False
     left = np.flatnonzero(keep)
 
-    def cut(matrix: Any) -> Any:
+    def submatrix(matrix: Any) -> Any:
         if matrix is None:
             return None
         return matrix[left][:, left]
 
     groups = {}
     for name, g in model.groups.items():
-        groups[name] = g.with_matrices(cut(g.stiffness), cut(g.mass), cut(g.viscous))
+        groups[name] = g.with_matrices(
+            submatrix(g.stiffness), submatrix(g.mass), submatrix(g.viscous)
+        )
     return Model(groups, model.dofs[left], model.geometry, model.title)
 
 
 # -- frequencies ----------------------------------------------------------------------------------
 def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
-    """Return the modes up to a frequency and the next one; at least those wanted."""
+    """Return the modes up to a frequency and the next one, at least `at_least` of them."""
     there = mass_rank(model.mass)
     if there == 0:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((model.n_dofs, 0)), model.dofs)
@@ -458,7 +457,7 @@ def _up_to(model: Model, top: float, at_least: int = 0) -> Modes:
 
 
 def _by_table(model: Model, found: Modes, top: float) -> Modes:
-    """Return modes with their loss factors; nan beyond the frequencies of the tables."""
+    """Return modes with their loss factors; nan above the range of the tables."""
     inside = int((found.frequency <= top).sum())
     loss = np.full(len(found), np.nan)
     if inside:
@@ -467,18 +466,18 @@ def _by_table(model: Model, found: Modes, top: float) -> Modes:
 
 
 def _in_band(freq: _Real, limits: tuple[float, float] | None) -> _Real:
-    out = freq[_wanted(freq, limits)]
+    out = freq[_band_mask(freq, limits)]
     out.flags.writeable = False
     return out
 
 
-def _damping(found: Modes, limits: tuple[float, float] | None) -> _Real:
-    out = 0.5 * found.loss_factor[_wanted(found.frequency, limits)]
+def _damping_ratios(found: Modes, limits: tuple[float, float] | None) -> _Real:
+    out = 0.5 * found.loss_factor[_band_mask(found.frequency, limits)]
     out.flags.writeable = False
     return out
 
 
-def _wanted(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_]:
+def _band_mask(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_]:
     low, high = limits or (0.0, np.inf)
     return (freq > 0) & (freq >= low) & (freq <= high)
 
@@ -486,17 +485,17 @@ def _wanted(freq: _Real, limits: tuple[float, float] | None) -> NDArray[np.bool_
 def _pairs(
     locked: Modes, free: Modes, separation: float, limits: tuple[float, float] | None
 ) -> tuple[tuple[ResonancePair, ...], tuple[float, ...]]:
-    """Return what the motor sees, and the locked-rotor frequencies that it does not.
+    """Return the observable pairs and the hidden locked-rotor frequencies.
 
-    Poles and zeros of a response at the place of its force alternate (Ewins, Modal Testing, 2nd ed.
-    2000, chapter 2). A neighbouring two that cancel leave the others alternating: each zero that is
-    left pairs with the next pole.
+    Poles and zeros of a driving-point response alternate (Ewins, Modal Testing, 2nd ed. 2000,
+    chapter 2). Removing a neighbouring pole and zero keeps this order, so each remaining zero pairs
+    with the next pole.
     """
-    zeros, poles, hidden = _seen(locked, free, separation)
+    zeros, poles, hidden = _cancel_pairs(locked, free, separation)
     out = []
     for i in zeros:
         above = [j for j in poles if free.frequency[j] > locked.frequency[i]]
-        if above and _wanted(locked.frequency[[i]], limits)[0]:
+        if above and _band_mask(locked.frequency[[i]], limits)[0]:
             j = above[0]
             a, r = locked.loss_factor[i] / 2, free.loss_factor[j] / 2
             out.append(
@@ -505,11 +504,13 @@ def _pairs(
                 )
             )
     unseen = locked.frequency[hidden]
-    return tuple(out), tuple(unseen[_wanted(unseen, limits)].tolist())
+    return tuple(out), tuple(unseen[_band_mask(unseen, limits)].tolist())
 
 
-def _seen(locked: Modes, free: Modes, separation: float) -> tuple[list[int], list[int], list[int]]:
-    """Return the zeros and poles that do not cancel, and the zeros that do, by position."""
+def _cancel_pairs(
+    locked: Modes, free: Modes, separation: float
+) -> tuple[list[int], list[int], list[int]]:
+    """Return the indices of the remaining zeros, remaining poles and cancelled zeros."""
     zeros, poles = list(range(len(locked))), list(range(len(free)))
     hidden = []
     couples = []
@@ -530,16 +531,16 @@ def _first(
     free: Modes, locked: Modes, separation: float, limits: tuple[float, float] | None
 ) -> float | None:
     """Return the resonance below the first antiresonance."""
-    zeros, poles, _ = _seen(locked, free, separation)
+    zeros, poles, _ = _cancel_pairs(locked, free, separation)
     below = free.frequency[poles]
     if zeros:
         below = below[below < locked.frequency[zeros[0]]]
-    below = below[_wanted(below, limits)]
+    below = below[_band_mask(below, limits)]
     return float(below[0]) if len(below) else None
 
 
 def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> float:
-    """Return the largest distance of a zero of the response from a locked-rotor frequency."""
+    """Return the largest relative distance of a response zero from its locked-rotor frequency."""
     if not pairs:
         return 0.0
     groups = {}
@@ -552,7 +553,7 @@ def _zero_error(model: Model, motor: str, pairs: Sequence[ResonancePair]) -> flo
     H = response(bare, lines, [motor], [motor]).values[:, 0, 0].real
     below = H[np.searchsorted(lines, zero * (1 - _ASIDE))]
     above = H[np.searchsorted(lines, zero * (1 + _ASIDE))]
-    # The straight line through both sides gives the zero.
+    # The straight line through both values gives the zero.
     return float(np.abs(_ASIDE * (below + above) / (below - above)).max())
 
 
@@ -566,14 +567,14 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
         if rigid == 0:
             which = "The model has no rigid-body motion"
         return _Rigid(
-            None, None, f"{which}: inertias at the motor and gear ratio do not follow from it."
+            None, None, f"{which}: inertias at the motor and gear ratio are undetermined."
         )
     inertia = 1.0 / float(here[0] @ here[0])
     if np.abs(here[1]).max() <= _STILL * size:
         return _Rigid(
             inertia,
             None,
-            "Rigid-body motion that turns the motor leaves the load at rest: no gear ratio.",
+            "Rigid-body motion of the motor leaves the load at rest: the gear ratio is undefined.",
         )
     n = float(here[0] @ here[1]) / float(here[1] @ here[1])
     if np.abs(here[0] - n * here[1]).max() > 1e-6 * np.abs(here[0]).max():
@@ -589,11 +590,11 @@ def _rigid_motion(free: Modes, rigid: int, at: NDArray[np.intp], sign: _Real) ->
 def _stated_or_found(
     found: float | None, stated: float | None, notes: list[str], motor: str, load: str
 ) -> float | None:
-    """Return the gear ratio, after a check of the stated one."""
+    """Return the gear ratio; checks a stated one against the rigid-body motion."""
     if found is None or stated is None:
         if stated is None:
             return found
-        notes.append(f"The ratio {stated:g} is as stated; nothing in the model checks it.")
+        notes.append(f"The ratio {stated:g} is as stated; the model cannot check it.")
         return float(stated)
     if abs(found - stated) <= _AGREES * abs(found):
         return found
@@ -610,8 +611,8 @@ def _stated_or_found(
 def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _Real:
     """Return the stiffness condensed onto motor and load, shape (2, 2).
 
-    Rigid-body motions in which both DOFs rest bear no load: a statically determinate support of
-    them changes nothing.
+    Rigid-body motions in which both DOFs are at rest carry no load, so supporting them statically
+    determinately does not change the result.
     """
     resting = rigid
     if rigid.shape[1]:
@@ -621,7 +622,7 @@ def _stiffness(model: Model, rigid: _Real, at: NDArray[np.intp], note: str) -> _
         _, _, order = scipy.linalg.qr(resting.T, mode="economic", pivoting=True)
         supports = order[: resting.shape[1]].tolist()
     bare = {}
-    for name, g in _held(model, supports).groups.items():
+    for name, g in _hold_dofs(model, supports).groups.items():
         if g.stiffness is not None:
             bare[name] = Group(g.stiffness)
     if not bare:

@@ -1,4 +1,4 @@
-"""Frequency lines that resolve a loop function; its crossings, extremes and phase."""
+"""Frequency lines that resolve a loop function, and its crossings, extremes and phase."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = [
     "least",
     "level",
     "phase_of",
-    "resolved",
+    "resolve",
     "with_extremes",
 ]
 
@@ -28,22 +28,22 @@ _Complex = NDArray[np.complex128]
 #: A loop function of s.
 Loop = Callable[[NDArray[Any]], _Complex]
 
-#: Lines in a decade without resonances.
+#: Lines per decade without resonances.
 _PER_DECADE = 80
-#: Lines about a resonance, in half widths.
+#: Offsets of lines around a resonance, in half widths.
 _OFFSETS = np.array([0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0])
-#: A resonance is not taken to be narrower than this, as a share of its frequency.
+#: Smallest half width of a resonance, as a share of its frequency.
 _NARROWEST = 1e-7
 #: Largest change of phase between neighbouring lines, in rad.
 _TURN = 0.7
-#: Largest number of times that an interval is halved for it.
+#: Largest number of halvings of an interval for it.
 _HALVINGS = 40
 _MOST_LINES = 60_000
-#: Parts of the imaginary part that are rounding.
+#: Relative imaginary part below which it is rounding.
 _ROUNDING = 1e-11
 #: Largest residual of a function at its root.
 _RESOLVED = 1e-5
-#: Gain that counts as infinite.
+#: Gain above which it is infinite.
 _INFINITE = 1e8
 _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 
@@ -51,19 +51,7 @@ _TOLERANCES = {"xatol": 0.0, "xrtol": 1e-14, "fatol": 0.0, "frtol": 0.0}
 def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0) -> _Real:
     """Return circular frequencies in rad/s, dense around the poles and zeros of a loop.
 
-    Parameters
-    ----------
-    features : ndarray of complex
-        Poles and zeros in rad/s.
-    low, high : float
-        First and last in rad/s.
-    delay : float
-        Dead time in s, whose phase is to be resolved.
-
-    Raises
-    ------
-    DataError
-        If the dead time turns the phase so often that no lines can follow.
+    They run from `low` to `high` and resolve the phase of the dead time `delay`.
     """
     decades = max(np.log10(high / low), 0.1)
     parts: list[NDArray[Any]] = [np.geomspace(low, high, int(_PER_DECADE * decades) + 2)]
@@ -78,23 +66,15 @@ def frequencies(features: _Complex, low: float, high: float, delay: float = 0.0)
         if turns > _MOST_LINES:
             raise DataError(
                 f"dead time {delay:g} s turns the phase {turns * _TURN / (2 * np.pi):.0f} times up"
-                f" to {high / (2 * np.pi):.4g} Hz; is it in s?"
+                f" to {high / (2 * np.pi):.4g} Hz; expected a dead time in s"
             )
         parts.append(np.arange(1, int(turns) + 1) * (_TURN / delay))
     w = np.unique(np.concatenate(parts))
     return w[(w >= low) & (w <= high)]
 
 
-def resolved(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
-    """Return lines between which the phase turns little, and the loop function there.
-
-    Parameters
-    ----------
-    loop : callable
-        Of s.
-    w : ndarray of float, shape (n,)
-        Circular frequencies in rad/s to begin with, ascending.
-    """
+def resolve(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
+    """Return lines between which the phase changes little, and the loop function at them."""
     w, values = _finite(w, loop(1j * w))
     for _ in range(_HALVINGS):
         turn = np.abs(np.angle(values[1:] / values[:-1]))
@@ -102,12 +82,12 @@ def resolved(loop: Loop, w: _Real) -> tuple[_Real, _Complex]:
         if not wide.any() or len(w) > _MOST_LINES:
             break
         between = 0.5 * (w[:-1] + w[1:])[wide]
-        w, values = _merged(w, values, between, loop(1j * between))
+        w, values = _merge_lines(w, values, between, loop(1j * between))
     return w, values
 
 
 def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
-    """Return lines with the extremes of gain and phase that could hide two crossings."""
+    """Return lines with added extremes of gain and phase that could hide two crossings."""
     for gain in (True, False):
         if gain:
             measure = np.log(np.abs(values))
@@ -127,24 +107,15 @@ def with_extremes(loop: Loop, w: _Real, values: _Complex) -> tuple[_Real, _Compl
             if len(at):
                 found.append(_minimum(of, w, at, values[at], np.full(len(at), sign)))
         more = np.concatenate(found)
-        w, values = _merged(w, values, more, loop(1j * more))
+        w, values = _merge_lines(w, values, more, loop(1j * more))
     return w, values
 
 
 def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
-    """Return where |L| = 1, in rad/s, ascending.
+    """Return the frequencies at which |L| = 1, in rad/s, ascending.
 
-    Crossings so close to a pole on the axis that rounding hides them, of an undamped mode that L
-    hardly sees, are left out; what the mode does is for the poles of the closed loop to say.
-
-    Parameters
-    ----------
-    loop : callable
-        Of s.
-    w : ndarray of float, shape (n,)
-        Lines that resolve it, in rad/s.
-    values : ndarray of complex, shape (n,)
-        The loop function there.
+    Crossings hidden by rounding next to a pole on the axis (an undamped mode that is hardly
+    observable) are omitted; the closed-loop poles determine the stability of such a mode.
     """
     above = np.abs(values) >= 1.0
     at = np.flatnonzero(above[1:] != above[:-1])
@@ -152,10 +123,10 @@ def crossings_of_gain(loop: Loop, w: _Real, values: _Complex) -> _Real:
 
 
 def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
-    """Return where L is real and negative, in rad/s, ascending; as `crossings_of_gain`."""
+    """Return the frequencies at which L is real and negative, in rad/s, ascending."""
     share = values.imag / np.abs(values)
     side = np.sign(np.where(np.abs(share) < _ROUNDING, 0.0, share))
-    # A value that is real but for rounding lies on the side where the last one lay.
+    # A value that is real up to rounding belongs to the side of the previous value.
     last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
     side = side[last]
     at = np.flatnonzero((side[1:] * side[:-1] < 0) & (values.real[1:] < 0) & (values.real[:-1] < 0))
@@ -168,15 +139,7 @@ def crossings_of_phase(loop: Loop, w: _Real, values: _Complex) -> _Real:
 
 
 def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[float, float]:
-    """Return the smallest value of a function and where, in rad/s.
-
-    Parameters
-    ----------
-    function : callable
-        Of the circular frequency.
-    w, values : ndarray of float, shape (n,)
-        Lines that resolve it, and its values there.
-    """
+    """Return the smallest value of a function and its frequency in rad/s."""
     at = _peaks(-values)
     at = at[values[at] < 1.5 * values.min()]
     best = int(np.argmin(values))
@@ -188,34 +151,26 @@ def least(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> tuple[
 
 
 def level(function: Callable[[_Real], _Real], w: _Real, values: _Real) -> float | None:
-    """Return where a function first falls through 0, in rad/s, or None; as `least`."""
+    """Return the frequency at which a function first falls through 0, in rad/s, or None."""
     at = np.flatnonzero((values[1:] < 0) & (values[:-1] >= 0))[:1]
     return float(_roots(function, w, at)[1][0]) if len(at) else None
 
 
 def phase_of(w: _Real, values: _Complex) -> _Real:
-    """Return a phase in degrees, continuous, that starts at -90 times the number of integrations.
-
-    Parameters
-    ----------
-    w : ndarray of float, shape (n,)
-        Lines that resolve it, in rad/s.
-    values : ndarray of complex, shape (n,)
-        The loop function there.
-    """
+    """Return the continuous phase in degrees; it starts at -90 times the number of integrations."""
     phase = np.degrees(np.unwrap(np.angle(values)))
     k = min(5, len(w) - 1)
     slope = np.log(np.abs(values[k] / values[0])) / np.log(w[k] / w[0]) if k else 0.0
     return np.asarray(phase + 360.0 * np.round((90.0 * np.round(slope) - phase[0]) / 360.0))
 
 
-# -- inside ---------------------------------------------------------------------------------------
+# -- helpers --------------------------------------------------------------------------------------
 def _finite(w: _Real, values: _Complex) -> tuple[_Real, _Complex]:
     good = np.isfinite(values) & (values != 0)
     return w[good], values[good]
 
 
-def _merged(
+def _merge_lines(
     w: _Real, values: _Complex, more: _Real, more_values: _Complex
 ) -> tuple[_Real, _Complex]:
     more, more_values = _finite(more, more_values)
@@ -224,14 +179,14 @@ def _merged(
 
 
 def _peaks(values: _Real) -> NDArray[np.intp]:
-    """Return the inner positions of local maxima."""
+    """Return the indices of local maxima, without the ends."""
     return np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
 
 
 def _minimum(
     function: Callable[..., _Real], w: _Real, at: NDArray[np.intp], *args: NDArray[Any]
 ) -> _Real:
-    """Return where a function is smallest, near each of some positions."""
+    """Return the positions of the minima of a function near given indices."""
     with np.errstate(divide="ignore", invalid="ignore"):
         found = elementwise.find_minimum(
             function, (w[at - 1], w[at], w[at + 1]), args=args, maxiter=60
@@ -245,7 +200,7 @@ def _roots(
     at: NDArray[np.intp],
     ends: NDArray[np.intp] | None = None,
 ) -> tuple[_Real, _Real]:
-    """Return the zeros of a function between positions: those that are resolved, and all."""
+    """Return the zeros of a function between indices: the resolved ones, and all."""
     if not len(at):
         return np.zeros(0), np.zeros(0)
     ends = at + 1 if ends is None else ends

@@ -18,25 +18,25 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
 
-#: On a pole of the plant the response is not finite; callers leave such lines out.
+#: The response is not finite at a pole of the plant; callers discard such lines.
 _quiet = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """Which input and outputs of a plant a servo uses.
+    """Names of the plant's input and outputs that a servo uses.
 
     Attributes
     ----------
     torque, velocity : str
-        What the controller drives and reads.
+        Input driven and output read by the velocity loop.
     position : str or None
-        What the position loop reads; None without one.
+        Output of the position loop; None without one.
     pointing : str
-        Whose error counts; the position (the velocity, without a position loop) where nothing else
-        is said.
+        Output whose error is evaluated; by default the position (the velocity, without a position
+        loop).
     disturbance : str or None
-        Another torque or force.
+        Another input, torque or force.
     """
 
     torque: str
@@ -56,13 +56,7 @@ class Wiring:
         pointing: str | None,
         disturbance: str | None,
     ) -> Wiring:
-        """Check names against a plant.
-
-        Raises
-        ------
-        OptionError
-            If the plant is sampled, lacks one of them, or one is of a quantity that cannot serve.
-        """
+        """Return the wiring after a check of the names against a plant."""
         require_continuous(plant)
         for name, names, what in (
             (torque, plant.inputs, "input"),
@@ -88,23 +82,7 @@ class Wiring:
 
 
 class Cascade:
-    """A controller on one plant.
-
-    Parameters
-    ----------
-    plant : Plant
-        The plant, continuous.
-    controller : Controller
-        Its settings.
-    wiring : Wiring
-        Which inputs and outputs.
-
-    Raises
-    ------
-    OptionError
-        If the velocity would have to be derived from a position with direct feed-through and no
-        low-pass is there.
-    """
+    """A controller on one continuous plant."""
 
     def __init__(self, plant: Plant, controller: Controller, wiring: Wiring) -> None:
         self.plant, self.controller, self.wiring = plant, controller, wiring
@@ -119,8 +97,8 @@ class Cascade:
         self._transfer = Transfer.of(self._system)
         powers = np.array([to_velocity(plant, name) for name in outputs])
         points_at_velocity = wiring.position is None and wiring.pointing == wiring.velocity
-        #: What is multiplied by s to this power: velocity, position, pointing (a velocity, without
-        #: a position loop).
+        #: Powers of s that make velocity, position and pointing of the outputs (the pointing is a
+        #: velocity without a position loop).
         self._powers = powers - np.array([0, 1, 0 if points_at_velocity else 1])
         self._derived = self._powers[0] == 1
         self._steep = bool(self._derived and self._system.D[0].any())
@@ -128,7 +106,7 @@ class Cascade:
             raise OptionError(
                 f"velocity {wiring.velocity!r} is derived from a displacement with direct"
                 f" feed-through (residual flexibility {np.abs(self._system.D[0]).max():.3g}), so"
-                " that the loop gain has no end; make the plant with quantity='mobility' for that"
+                " the loop gain is unbounded; make the plant with quantity='mobility' for that"
                 " output, or give the controller a low_pass"
             )
 
@@ -137,7 +115,7 @@ class Cascade:
         """Whether there is a position loop."""
         return self.controller.kv is not None
 
-    # -- in frequency -----------------------------------------------------------------------------
+    # -- frequency domain -------------------------------------------------------------------------
     @_quiet
     def motion(self, s: ArrayLike) -> _Complex:
         """Return velocity, position and pointing over torque and disturbance, (n, 3, 1 or 2)."""
@@ -162,10 +140,10 @@ class Cascade:
         return np.asarray(self.controller.torque(s) * (G[:, 0, 0] + self._kv * G[:, 1, 0]))
 
     @_quiet
-    def returned(self, s: ArrayLike) -> _Complex:
-        """Return what each channel that is read adds to L broken at the torque, shape (n, k).
+    def feedback_channels(self, s: ArrayLike) -> _Complex:
+        """Return the contribution of each output to L broken at the torque, shape (n, k).
 
-        One channel where velocity and position are of one output.
+        k is 1 if velocity and position are of one output.
         """
         G, K = self.motion(s), self.controller.torque(s)
         velocity, position = K * G[:, 0, 0], self._kv * K * G[:, 1, 0]
@@ -175,7 +153,7 @@ class Cascade:
 
     @_quiet
     def reference(self, s: ArrayLike) -> _Complex:
-        """Return position (without its loop velocity) over reference, closed, shape (n,)."""
+        """Return the closed loop from reference to position (or velocity), shape (n,)."""
         s = np.asarray(s, dtype=np.complex128)
         G, K = self.motion(s), self.controller.torque(s)
         if not self.has_position:
@@ -187,7 +165,7 @@ class Cascade:
     def compliance(self, s: ArrayLike) -> _Complex:
         """Return the closed loop from the disturbance to the pointing, shape (n,)."""
         G, K = self.motion(s), self.controller.torque(s)
-        back = K * (G[:, 0] + self._kv * G[:, 1]).T  # over torque, over disturbance
+        back = K * (G[:, 0] + self._kv * G[:, 1]).T  # from torque, from disturbance
         return np.asarray(G[:, 2, 1] - G[:, 2, 0] * back[1] / (1.0 + back[0]))
 
     @property
@@ -196,7 +174,7 @@ class Cascade:
 
     @property
     def poles(self) -> _Complex:
-        """Poles of the open loops in rad/s without the dead time, with a velocity's integration."""
+        """Poles of the open loops in rad/s without the dead time, including the integration."""
         added = [0.0] if self.has_position and self._powers[1] == -1 else []
         return np.concatenate(
             [self._transfer.poles, self.controller.poles, np.array(added, dtype=np.complex128)]
@@ -204,12 +182,12 @@ class Cascade:
 
     @property
     def velocity_poles(self) -> _Complex:
-        """Poles of the velocity loop, open, in rad/s, the dead time left out."""
+        """Poles of the open velocity loop in rad/s, without the dead time."""
         return np.concatenate([self._transfer.poles, self.controller.poles])
 
     @property
     def zeros(self) -> _Complex:
-        """Zeros of velocity and position over torque and of the controller, in rad/s, without 0."""
+        """Nonzero zeros of velocity and position over torque and of the controller, in rad/s."""
         system = self._system
         found = [self.controller.zeros]
         for i in range(1 + self.has_position):
@@ -217,55 +195,43 @@ class Cascade:
             found.append(channel_zeros(channel))
         return np.concatenate(found)
 
-    # -- in states --------------------------------------------------------------------------------
-    def closed(
+    # -- state space ------------------------------------------------------------------------------
+    def closed_loop(
         self, pade: int = 0, *, position: bool | None = None, pointing: bool = False
     ) -> StateSpace:
-        """Return the closed loop in states.
+        """Return the closed loop as a state-space system.
 
-        Inputs: reference, its rate, velocity reference, disturbance. Outputs: position, torque,
-        pointing.
-
-        Without a position loop the velocity stands in the place of the position, and the velocity
-        reference alone acts.
-
-        Parameters
-        ----------
-        pade : int
-            Order of the approximation of the dead time.
-        position : bool, optional
-            Whether the position loop is closed; by default if there is one.
-        pointing : bool
-            Whether the pointing is among the outputs; that of a velocity is integrated, which adds
-            a pole at 0.
+        Inputs: reference, its rate, velocity reference, disturbance. Outputs: position, torque, and
+        the pointing on request; that of a velocity is integrated, which adds a pole at 0. Without a
+        position loop the velocity replaces the position, and only the velocity reference acts. The
+        dead time is approximated with order `pade`.
         """
         outer = self.has_position
         if position is not None:
             outer = position
         plant, n_u = self._motion_states(outer, pointing), self._system.B.shape[1]
         controller = self._controller_states(pade)
-        wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
+        wires, entries, taps = self._connections(n_u, controller.B.shape[1], outer)
         if not pointing:
             taps = taps[:2]
         out = connect([plant, controller], wires, entries, taps)
         if self._steep:
-            return self._differentiated(out, outer)
+            return self._differentiate_outputs(out, outer)
         return out
 
-    def opened(self) -> StateSpace | None:
-        """Return the loop cut at its dead time.
+    def open_at_delay(self) -> StateSpace | None:
+        """Return the loop broken at its dead time.
 
-        Inputs: late torque, then those of `closed`. Outputs: torque wanted, position, pointing.
-
-        None where a velocity is read that is derived from a displacement with direct feed-through:
-        cut there, it has the derivative of the late torque in it.
+        Inputs: delayed torque, then those of `closed_loop`. Outputs: torque command, position,
+        pointing. None if the velocity is derived from a displacement with direct feed-through: it
+        would contain the derivative of the delayed torque.
         """
         outer = self.has_position
         if self._steep and not outer:
             return None
         plant, n_u = self._motion_states(outer, True), self._system.B.shape[1]
         controller = self._controller_states(0)
-        wires, entries, taps = self._wiring(n_u, controller.B.shape[1], outer)
+        wires, entries, taps = self._connections(n_u, controller.B.shape[1], outer)
         wires[0, 3] = 0.0
         late = np.zeros((len(entries), 1))
         late[0] = 1.0
@@ -275,11 +241,11 @@ class Cascade:
         controller = self.controller.state_space(pade)
         if not self._steep:
             return controller
-        # torque = K v_ref - (s K) y with y the displacement: s K is proper as K rolls off.
+        # torque = K v_ref - (s K) y with the displacement y: s K is proper as K rolls off.
         A, B, C = controller.A, controller.B, controller.C
         return StateSpace(A, np.hstack([B, -A @ B]), C, np.hstack([np.zeros((1, 1)), -C @ B]))
 
-    def _wiring(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
+    def _connections(self, n_u: int, n_c: int, outer: bool) -> tuple[_Real, _Real, _Real]:
         """Return wires, entries and taps of plant (n_u inputs) and controller (n_c inputs)."""
         kv, forward = 0.0, 0.0
         if outer:
@@ -298,11 +264,10 @@ class Cascade:
         taps[0, int(outer)] = taps[1, 3] = taps[2, 2] = 1.0
         return wires, entries, taps
 
-    def _differentiated(self, closed: StateSpace, outer: bool) -> StateSpace:
-        """Return a closed loop whose displacements that stand for velocities are differentiated.
+    def _differentiate_outputs(self, closed: StateSpace, outer: bool) -> StateSpace:
+        """Return a closed loop with displacements that serve as velocities differentiated.
 
-        The torque rolls off, so that it alone makes them jump nowhere; where a disturbance does,
-        the answer is nan.
+        The torque rolls off and causes no jump in them; an input that does gives nan in D.
         """
         C, D = closed.C.copy(), closed.D.copy()
         for row, power in ((0, int(not outer)), (2, self._powers[2])):
@@ -312,10 +277,9 @@ class Cascade:
         return StateSpace(closed.A, closed.B, C, D)
 
     def _motion_states(self, outer: bool, pointing: bool) -> StateSpace:
-        """Return the plant in states: torque, disturbance -> velocity, position, pointing.
+        """Return the plant from torque and disturbance to velocity, position and pointing.
 
-        A velocity that would be derived from a displacement with direct feed-through is left as
-        the displacement.
+        A velocity of a displacement with direct feed-through remains the displacement.
         """
         A, B, C, D = (getattr(self._system, n) for n in "ABCD")
         powers = self._powers

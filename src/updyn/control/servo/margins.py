@@ -13,7 +13,7 @@ __all__ = ["FIGURES", "Margins", "Range", "RobustMargin", "ranges"]
 
 _Real = NDArray[np.float64]
 
-#: Figures of `Margins` that a family spreads, with their units.
+#: Figures of `Margins` with a range over a family, and their units.
 FIGURES: Mapping[str, str] = MappingProxyType(
     {
         "gain_margin": "",
@@ -28,51 +28,52 @@ FIGURES: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Margins:
-    """What the loop function L of a negative feedback loop says about it.
+    """Stability and margins of a negative feedback loop with the loop function L.
 
-    The single figures are None where the closed loop is unstable: distances from an instability
-    that is there already are no margins. The crossings are given all the same.
+    The margins are None if the closed loop is unstable; the crossings are given nevertheless.
 
     Attributes
     ----------
     stable : bool
-        Whether the closed loop has no pole to the right of, or on, the imaginary axis; those of
-        `drifting` aside.
+        Whether all closed-loop poles lie to the left of the imaginary axis, except those of
+        `drifting`.
     unstable_poles : int
-        Poles of the closed loop to the right of the imaginary axis.
+        Number of closed-loop poles to the right of the imaginary axis.
     drifting : int
-        Poles of the closed loop at 0: what this loop does not see and so not hold, as the angle of
-        a velocity loop, another axis, or the angle that goes with a speed of which the position is
-        made by integration.
+        Number of closed-loop poles at 0, of motions that this loop does not observe or control: the
+        angle in a velocity loop, another axis, or the angle if the position is made by integration
+        of a speed.
     judged_by : str
+        Method of the stability test: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
         How stability was found: ``"eigenvalues"`` or, with dead time, ``"Nyquist count"``.
     phase_crossings : ndarray of float, shape (n,)
-        Lines in Hz, ascending, at which L is real and negative.
+        Frequencies in Hz, ascending, at which L is real and negative.
     gain_margins : ndarray of float, shape (n,)
-        1 / |L| there: the factor on the gain that brings L to -1.
+        1 / |L| at these: the factor on the gain that brings L to -1.
     gain_crossings : ndarray of float, shape (m,)
-        Lines in Hz, ascending, at which |L| = 1.
+        Frequencies in Hz, ascending, at which |L| = 1.
     phase_margins : ndarray of float, shape (m,)
-        180 degrees plus the phase of L there, in degrees, above -180 and up to 180.
+        180 degrees plus the phase of L at these, in degrees, above -180 and up to 180.
     delay_margins : ndarray of float, shape (m,)
-        Further dead time in s that brings L to -1 there.
+        Additional dead time in s that brings L to -1 at these.
     gain_margin : float or None
-        The smallest factor above 1 that makes the loop unstable; inf where none does.
+        Smallest factor above 1 that makes the loop unstable; inf if none does.
     gain_reduction : float or None
-        The largest factor below 1 that makes it unstable; 0 where none does.
+        Largest factor below 1 that makes the loop unstable; 0 if none does.
     phase_margin : float or None
-        The smallest of `phase_margins` in size, in degrees, sign kept; inf where there is no
+        The smallest of `phase_margins` in absolute value, in degrees, with sign; inf without a
         crossing.
     delay_margin : float or None
-        The smallest of `delay_margins`, in s; inf where there is no crossing.
+        The smallest of `delay_margins`, in s; inf without a crossing.
     modulus_margin : float or None
         Smallest |1 + L|: 1 / (largest sensitivity).
     crossover : float or None
-        First line in Hz at which |L| falls through 1; None where it does not. Given for unstable
-        loops too.
+        First frequency in Hz at which |L| falls through 1; None without one. Also given for
+        unstable loops.
     gain_margin_at, gain_reduction_at, phase_margin_at : float or None
-        Lines in Hz of these margins; None where there is none.
+        Frequencies in Hz of these margins; None without one.
     delay_margin_at, modulus_margin_at : float or None
+        Frequencies in Hz of these margins.
         The same of these.
     """
 
@@ -99,14 +100,14 @@ class Margins:
 
     @property
     def gain_margin_db(self) -> float | None:
-        """`gain_margin` in dB; inf where no gain makes the loop unstable."""
+        """`gain_margin` in dB; inf if no gain makes the loop unstable."""
         if self.gain_margin is None:
             return None
         return float(20.0 * np.log10(self.gain_margin))
 
     @property
     def gain_reduction_db(self) -> float | None:
-        """`gain_reduction` in dB, negative; -inf where none makes the loop unstable."""
+        """`gain_reduction` in dB, negative; -inf if no reduction makes the loop unstable."""
         if self.gain_reduction is None:
             return None
         if self.gain_reduction == 0:
@@ -121,11 +122,11 @@ class Margins:
         return 1.0 / self.modulus_margin
 
     def summary(self) -> str:
-        """Return the figures, one a line."""
+        """Return the figures as text, one per line."""
         if not self.stable:
-            poles = f"{self.unstable_poles} poles that grow"
+            poles = f"{self.unstable_poles} unstable poles"
             if self.unstable_poles == 1:
-                poles = "1 pole that grows"
+                poles = "1 unstable pole"
             return f"UNSTABLE: the closed loop has {poles}; no margins"
         lines = [
             f"crossover       {_at(self.crossover, 'Hz')}",
@@ -148,21 +149,21 @@ class Margins:
         if self.drifting:
             poles = "pole" if self.drifting == 1 else "poles"
             lines.append(
-                f"drifting        {self.drifting} {poles} at 0 that this loop does not see"
+                f"drifting        {self.drifting} {poles} at 0, not observable in this loop"
             )
         return "\n".join(lines)
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """A figure over a family.
+    """Range of a figure over a family.
 
     Attributes
     ----------
     smallest, largest : float
-        Of the stable members; nan where there is none.
+        Of the stable members; nan without any.
     smallest_member, largest_member : int or None
-        Which member has it, counted from 0.
+        Index of the member with this value, from 0.
     """
 
     smallest: float
@@ -173,28 +174,27 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class RobustMargin:
-    """How large the perturbations of a plant may be until the closed loop can be unstable.
+    """Largest perturbations of a plant for which the closed loop is guaranteed to be stable.
 
-    Each channel that the controller reads is perturbed on its own, by any stable transfer function
-    of limited size at each frequency.
+    Each output of the controller's feedback is perturbed independently, by any stable transfer
+    function of limited size at each frequency.
 
     Attributes
     ----------
     of : {"family", "plant error"}
-        What gives the size: at each frequency the largest deviation of a member of the family from
+        Source of the size: at each frequency the largest deviation of a member of the family from
         the nominal plant, or the relative error of the plant (in its band).
     margin : float
-        1 / (largest structured singular value), of its upper bound: by this factor the size may
-        grow, and the loop is still stable for sure. Above 1: robustly stable. inf where nothing is
-        perturbed.
+        1 / (upper bound of the largest structured singular value): the loop is guaranteed stable
+        for perturbations up to this factor times the size. Above 1: robustly stable. inf without
+        perturbation.
     at : float or None
-        Line in Hz where that is; None where nothing is perturbed.
+        Frequency of `margin` in Hz; None without perturbation.
     member_margin : float
-        The factor by which the deviation of a member has to grow until the loop is unstable, the
-        smallest of all members: no smaller than `margin`, which cannot be larger. inf where none
-        does, nan of the plant error.
+        Smallest factor on the deviation of a member that makes the loop unstable, an upper bound of
+        `margin`. inf if none does, nan for the plant error.
     member : int or None
-        The member that has it, counted from 0.
+        Index of that member, from 0.
     """
 
     of: str
@@ -211,7 +211,7 @@ class RobustMargin:
         else:
             size = "the plant's relative error, in its band"
         if np.isinf(self.margin):
-            return f"nothing is perturbed: {size} is 0."
+            return f"no perturbation: {size} is 0."
         text = "stable for all deviations of a channel up to"
         return f"{text} {self.margin:.3g} times {size}{self._nearest}."
 
@@ -220,8 +220,7 @@ class RobustMargin:
         if self.member is None:
             return ""
         return (
-            f"; unstable with the deviation of member {self.member} taken"
-            f" {self.member_margin:.3g} times"
+            f"; unstable with {self.member_margin:.3g} times the deviation of member {self.member}"
         )
 
     def summary(self) -> str:
@@ -230,13 +229,7 @@ class RobustMargin:
 
 
 def ranges(members: Sequence[Margins]) -> dict[str, Range]:
-    """Return the range of each figure over a family, by name; unstable members have none.
-
-    Parameters
-    ----------
-    members : sequence of Margins
-        One a member.
-    """
+    """Return the range of each figure over the stable members of a family, by name."""
     out = {}
     for name in FIGURES:
         known = []

@@ -1,4 +1,4 @@
-"""`Servo`: what a controller makes of a plant, ready to be drawn. Pure data."""
+"""`Servo`: the results of a controller on a plant, ready to be plotted. Pure data."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
-#: Final value, as a share of the peak, up to which a step response returns to zero: where the loop
-#: has no gain at rest (a velocity of a structure that is held) it is rounding, or what the fit of a
-#: plant leaves. Half of the band of 2 % in which a response has settled, so that zero and the final
-#: value are one in it; an overshoot would be above 1 / RETURNS, 10 000 %, and tell nothing.
+#: Largest final value, as a share of the peak, of a step response that returns to zero: a loop
+#: without gain at rest (velocity of a structure that is held) ends at rounding or at the error of
+#: the fitted plant. Half of the settling band of 2 %, so zero and the final value share one band;
+#: the overshoot would exceed 1 / RETURNS, 10 000 %, and carry no information.
 RETURNS = 1e-2
 _NAMES = {
     "gain_margin": "gain margin",
@@ -42,38 +42,37 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """A loop function, broken at one place, and what follows from it.
+    """A loop function broken at one place, with its margins.
 
     Attributes
     ----------
     name : {"velocity", "position", "torque"}
-        The velocity loop with the position loop open; the position loop with the velocity loop
-        closed; both loops closed, broken at the torque.
+        The velocity loop with the position loop open, the position loop with the velocity loop
+        closed, or both loops closed and broken at the torque.
     freq : ndarray of float, shape (n_f,)
-        Lines in Hz, dense around resonances and antiresonances.
+        Frequency lines in Hz, dense around resonances and antiresonances.
     L : ndarray of complex, shape (n_f,)
-        The loop function, without the minus of the negative feedback: the closed loop is L / (1 +
+        The loop function without the minus of the negative feedback: the closed loop is L / (1 +
         L).
     phase : ndarray of float, shape (n_f,)
-        Of L in degrees, continuous in frequency; it starts at -90 times the number of integrations.
+        Phase of L in degrees, continuous; it starts at -90 times the number of integrations.
     margins : Margins
-        Of the nominal plant.
+        Margins of the nominal plant.
     bandwidth : float or None
-        First line in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None
-        where the closed loop is unstable or it does not fall.
+        First frequency in Hz at which |T| falls 3 dB (to 1 / sqrt(2)) below its value at rest; None
+        if the closed loop is unstable or |T| does not fall.
     family : ndarray of complex, shape (n_members, n_f)
-        The loop function of each member of a family; no rows without one.
+        Loop function of each member of a family; no rows without a family.
     family_phase : ndarray of float, shape (n_members, n_f)
-        Its phase in degrees, as `phase`.
+        Phase of `family` in degrees, as `phase`.
     members : tuple of Margins
-        One a member.
+        Margins of each member.
     worst : mapping of str to Range
-        Smallest and largest of each figure over the members, by the name in `Margins`; empty
-        without a family.
+        Range of each figure over the members, by the name in `Margins`; empty without a family.
     modulus_range : (float, float) or None
-        Between which the modulus margin of the structure lies, in the band, where the plant is off
-        by at most its relative error; None where that or the margin is not known, or the margin is
-        not in the band.
+        Bounds of the modulus margin of the structure if the error of the plant is at most its
+        relative error; None if that error or the margin is unknown, or the margin lies outside the
+        band.
     """
 
     name: str
@@ -90,7 +89,7 @@ class Loop:
 
     @property
     def magnitude_db(self) -> _Real:
-        """|L| in dB, shape (n_f,); beside `phase` it makes the Bode and the Nichols plot."""
+        """|L| in dB, shape (n_f,); with `phase` it makes the Bode and the Nichols plot."""
         return np.asarray(20.0 * np.log10(np.abs(self.L)))
 
     @property
@@ -111,32 +110,31 @@ class Loop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepResponse:
-    """The answer to a step at time 0, of the closed loop at rest.
+    """Response of the closed loop to a step at time 0, starting at rest.
 
     Attributes
     ----------
     of : {"reference", "disturbance"}
-        What steps.
+        Which input steps.
     size : float
         Height of the step in `input_unit`.
     input, input_unit, output, output_unit : str
-        What steps and what is read.
+        Names and units of the input and of the output.
     time : ndarray of float, shape (n,)
-        In s, ascending, closer where the answer is faster: not equally spaced.
+        In s, ascending, with shorter intervals while the response is fast.
     value : ndarray of float, shape (n,)
-        In `output_unit`.
+        The output in `output_unit`.
     torque : ndarray of float, shape (n,)
-        What the controller asks for, after its dead time, in N m (N).
+        Torque command after the dead time, in N m (N).
     final : float
-        Where `value` goes to, in `output_unit`; nan where it goes nowhere.
+        Final value in `output_unit`; nan if unbounded.
     rise_time : float or None
-        From 10 to 90 % of `final`, in s; of a step of the reference. None where it `returns`.
+        Time from 10 to 90 % of `final`, in s, for a reference step. None if it `returns`.
     overshoot : float or None
-        Largest excess over `final`, as a share of it; of a step of the reference. None where it
-        `returns`.
+        Largest excess over `final`, as a share of it, for a reference step. None if it `returns`.
     settling_time : float or None
-        After which `value` stays within 2 % of `final`, in s; of a disturbance, and where it
-        `returns`, within 2 % of `peak` about `final`. None where the record ends before.
+        Time in s after which `value` stays within 2 % of `final`; for a disturbance, or if it
+        `returns`, within 2 % of `peak` around `final`. None if the record ends before.
     peak, peak_time : float
         Value of largest size in `output_unit`, and its time in s.
     """
@@ -159,31 +157,31 @@ class StepResponse:
 
     @property
     def returns(self) -> bool:
-        """Whether it returns to zero: `final` is at most `RETURNS` of the peak."""
+        """Whether the response returns to zero: |final| is at most `RETURNS` times the peak."""
         return abs(self.final) <= RETURNS * abs(self.peak)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindResponse:
-    """The answer to a disturbance over time, wind for one.
+    """Response to a disturbance over time, such as wind.
 
     Attributes
     ----------
     input, input_unit, output, output_unit : str
-        Where the disturbance acts and what is read.
+        Names and units of the disturbance and of the output.
     time : ndarray of float, shape (n,)
         In s.
     disturbance : ndarray of float, shape (n,)
         In `input_unit`.
     error : ndarray of float, shape (n,)
-        The output's deviation from where it should be, 0, in `output_unit`.
+        Deviation of the output from 0, in `output_unit`.
     rms, peak, mean : float
-        Of `error`: root mean square about 0, largest size, mean.
+        Root mean square about 0, largest absolute value and mean of `error`.
     rms_expected : float or None
-        Root mean square that the spectrum of the wind gives with the mean left out, without
-        drawing; None for a given series.
+        Root mean square without the mean by the spectrum of the wind, free of sampling error; None
+        for a given series.
     facts : dict
-        How the disturbance was made: mean speed, turbulence, seed.
+        Parameters of the disturbance: mean speed, turbulence, seed.
     """
 
     input: str
@@ -207,22 +205,22 @@ class WindResponse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledLoops:
-    """The loops of the same controller in a processor, on the sampled plant with its delay.
+    """Loops of the same controller as a digital one, on the sampled plant with its delay.
 
     Attributes
     ----------
     dt : float
         Sampling interval in s.
     delay : int
-        Intervals by which the torque is late, a begun one counted as whole; the hold comes on top.
+        Delay of the torque in intervals, rounded up; the hold adds to it.
     velocity_loop : Loop
-        As of `Servo`, up to half the sampling rate.
+        As in `Servo`, up to half the sampling rate.
     position_loop, torque_loop : Loop or None
-        The same.
+        As in `Servo`.
     poles : ndarray of complex, shape (n,)
-        Of the closed loop, z.
+        Closed-loop poles in z.
     notes : tuple of str
-        What of the controller is not in it.
+        Parts of the controller that are not included.
     """
 
     dt: float
@@ -235,7 +233,7 @@ class SampledLoops:
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """All loops that there are."""
+        """The loops that exist."""
         every = self.velocity_loop, self.position_loop, self.torque_loop
         return tuple(loop for loop in every if loop is not None)
 
@@ -247,15 +245,15 @@ class SampledLoops:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Servo:
-    """A plant under a controller: loops, margins, time responses.
+    """Loops, margins and time responses of a plant with a controller.
 
     Attributes
     ----------
     controller : Controller
         Its settings.
     torque, velocity, position, disturbance, pointing : str or None
-        Names of the plant's input and outputs that were used; `position` is None where the velocity
-        loop stands alone, and equals `velocity` where one of them is derived from the other.
+        Names of the plant's input and outputs. `position` is None without a position loop, and
+        equals `velocity` if one of them is derived from the other.
     plant : dict
         Facts of the nominal plant: ``states``, ``modes`` (Hz), ``rigid``, ``band`` (Hz), ``error``,
         ``relative_error``, ``route``, ``inertia`` (rigid-body inertia from torque to velocity, kg
@@ -265,36 +263,36 @@ class Servo:
     position_loop : Loop or None
         Broken at the position, the velocity loop closed; None without a position loop.
     freq : ndarray of float, shape (n_f,)
-        Lines of `reference` in Hz, those of the outermost loop.
+        Frequency lines of `reference` in Hz, those of the outermost loop.
     reference : ndarray of complex, shape (n_f,)
         Closed loop from reference to position (velocity, without a position loop), feed-forward
         included.
     bandwidth : float or None
-        First line in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest; None
-        where it is unstable or does not fall.
+        First frequency in Hz at which |reference| falls 3 dB (1 / sqrt(2)) below its value at rest;
+        None if unstable or it does not fall.
     compliance : ndarray of complex, shape (n_f,) or None
         Closed loop from `disturbance` to position (velocity); None without a disturbance.
     poles : ndarray of complex, shape (n,)
-        Of the closed loop in rad/s; of a dead time those of its Pade approximation.
+        Closed-loop poles in rad/s; with dead time those of its Pade approximation.
     step : StepResponse or None
-        Of the reference; None where unstable or not asked for.
+        Response to a step of the reference; None if unstable or not requested.
     disturbance_step : StepResponse or None
-        Of the disturbance.
+        Response to a step of the disturbance.
     wind : WindResponse or None
-        Under wind or a given disturbance.
+        Response to wind or a given disturbance.
     notes : tuple of str
-        What the reader should know.
+        Remarks on the results.
     torque_loop : Loop or None
-        Broken at the torque, both loops closed: its margins are those against gain and delay of the
-        drive. None without a position loop, where it is `velocity_loop`.
+        Both loops closed, broken at the torque: its margins are those for gain and delay of the
+        drive. None without a position loop, as it then equals `velocity_loop`.
     family_steps : tuple of StepResponse or None
-        Response to the step of the reference of each member of a family, None for an unstable one;
-        empty where they were not asked for.
+        Response to the reference step of each member of a family, None for an unstable one; empty
+        if not requested.
     sampled : SampledLoops or None
-        The same loops on the sampled plant; None where none was given.
+        The same loops on the sampled plant, if given.
     robust : tuple of RobustMargin
-        For perturbations of the plant as large as those of the family, and as its relative error;
-        empty where the nominal loop is unstable.
+        Robust margins for the deviations of the family and for the relative error of the plant;
+        empty if the nominal loop is unstable.
     """
 
     controller: Controller
@@ -322,13 +320,13 @@ class Servo:
 
     @property
     def stable(self) -> bool:
-        """Whether every loop is stable, of all members of a family and sampled too."""
+        """Whether every loop is stable, including all members of a family and the sampled loops."""
         own = all(m.stable for loop in self.loops for m in (loop.margins, *loop.members))
         return own and (self.sampled is None or self.sampled.stable)
 
     @property
     def loops(self) -> tuple[Loop, ...]:
-        """The loops of the cascade that there are, the inner one first; not `torque_loop`."""
+        """The loops of the cascade, inner one first, without `torque_loop`."""
         if self.position_loop is None:
             return (self.velocity_loop,)
         return self.velocity_loop, self.position_loop
@@ -339,13 +337,7 @@ class Servo:
 
 
 def servo_text(servo: Servo) -> str:
-    """Return a servo's figures as text.
-
-    Parameters
-    ----------
-    servo : Servo
-        What was found.
-    """
+    """Return the figures of a servo as text."""
     plant = servo.plant
     reads = f"{servo.torque} -> {servo.velocity}"
     if servo.position:
@@ -361,8 +353,8 @@ def servo_text(servo: Servo) -> str:
             low, high = loop.modulus_range
             error = 100.0 * plant["relative_error"]
             parts.append(
-                f"  of the structure: modulus margin {low:.4g} to {high:.4g}, as the plant is off"
-                f" by {error:.2g} %"
+                f"  of the structure: modulus margin {low:.4g} to {high:.4g}, for a relative error"
+                f" of the plant of {error:.2g} %"
             )
         if loop.bandwidth is not None:
             parts.append(f"  bandwidth       {loop.bandwidth:.6g} Hz (-3 dB, closed)")
@@ -371,7 +363,7 @@ def servo_text(servo: Servo) -> str:
     for robust in servo.robust:
         parts.append(f"robust margin, {robust.of}: {robust.summary()}")
     if servo.sampled is not None:
-        parts += _sampled(servo.sampled)
+        parts += _sampled_text(servo.sampled)
     if servo.bandwidth is not None and servo.controller.feed_forward:
         parts.append(
             f"bandwidth from the reference, with feed-forward (-3 dB)  {servo.bandwidth:.6g} Hz"
@@ -391,8 +383,8 @@ def _name(loop: Loop) -> str:
     return "both loops, broken at the torque" if loop.name == "torque" else f"{loop.name} loop"
 
 
-def _sampled(sampled: SampledLoops) -> list[str]:
-    """Return the margins of the sampled loops."""
+def _sampled_text(sampled: SampledLoops) -> list[str]:
+    """Return the margins of the sampled loops as lines of text."""
     late = "no delay"
     if sampled.delay:
         late = f"a delay of {sampled.delay} interval{'s' if sampled.delay > 1 else ''}"
@@ -460,7 +452,7 @@ def _step(step: StepResponse) -> str:
 
 
 def _steps(steps: Sequence[StepResponse | None]) -> str:
-    """Return in which ranges the responses of a family lie."""
+    """Return the ranges of the step figures over a family as text."""
     stable = [step for step in steps if step is not None]
     parts = []
     back = sum(step.returns for step in stable)

@@ -1,16 +1,16 @@
-"""Robust stability of a servo: perturbations of its plant with which it is stable for sure.
+"""Robust stability of a servo: perturbations of its plant for which stability is guaranteed.
 
-Every channel G_i that the controller reads is perturbed to G_i + r_i delta_i, delta_i any stable
-transfer function with |delta_i| <= 1, r_i the size of the perturbation over frequency. Broken at
-the torque, with c_i = K_i r_i what comes back through channel i and L = sum K_i G_i, the
-perturbations see
+Every channel G_i that the controller reads is perturbed to G_i + r_i delta_i, with delta_i any
+stable transfer function with |delta_i| <= 1 and r_i the size of the perturbation over frequency.
+With the loop broken at the torque, c_i = K_i r_i the feedback through channel i and L = sum K_i
+G_i, the perturbations are connected to
 
     M_ij = -c_i / (1 + L),
 
-and the closed loop is stable for all of them times k where k mu(M) < 1 at every frequency (Doyle
-1982; Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 8.9): the
-robust stability margin is 1 over the largest mu. The perturbed plants have as many unstable poles
-as the nominal one, none, and its poles at 0.
+and the closed loop is stable for all of them times k if k mu(M) < 1 at every frequency (Doyle 1982;
+Skogestad & Postlethwaite, Multivariable Feedback Control, 2nd ed. 2005, section 8.9): the robust
+stability margin is 1 over the largest mu. The perturbed plants have no unstable poles, as the
+nominal one, and keep its poles at 0.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from updyn.control.servo import grid
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import RobustMargin
-from updyn.control.servo.stability import Judged
+from updyn.control.servo.stability import JudgedLoop
 from updyn.control.servo.structured import largest_bound
 
 __all__ = ["error_margin", "family_margin"]
@@ -33,39 +33,31 @@ _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
 
-#: A perturbation that moves the loop by less than this share of 1 + L is none: it is rounding.
+#: A change of the loop below this share of 1 + L is rounding.
 _NOTHING = 1e-6
-#: A value at the first line is real, as that at rest, where its real part is nearer to its size.
+#: The value at the first line is real, as at rest, if 1 - |real part| / modulus is below this.
 _AT_REST = 1e-3
-#: Lines that are added on each side of the largest mu, and how often.
+#: Number of lines added on each side of the largest mu, and number of refinements.
 _CLOSER, _ROUNDS = 8, 3
 
 
-def family_margin(cascade: Cascade, judged: Judged, members: Sequence[Cascade]) -> RobustMargin:
-    """Return the margin for perturbations as large as those of a family's members.
+def family_margin(cascade: Cascade, judged: JudgedLoop, members: Sequence[Cascade]) -> RobustMargin:
+    """Return the margin for perturbations as large as the deviations of a family's members.
 
-    r_i is the largest |G_k,i - G_i| over the members k, line by line.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Controller and nominal plant.
-    judged : Judged
-        Its loop broken at the torque, stable.
-    members : sequence of Cascade
-        The controller on the members.
+    r_i is the largest |G_k,i - G_i| over the members k, line by line. `judged` is the nominal
+    loop broken at the torque, stable; `members` are the cascades of the members.
     """
 
-    def returned(w: _Real) -> _Complex:
+    def deviation(w: _Real) -> _Complex:
         s = 1j * w
-        nominal = cascade.returned(s)
-        away = [np.abs(member.returned(s) - nominal) for member in members]
+        nominal = cascade.feedback_channels(s)
+        away = [np.abs(member.feedback_channels(s) - nominal) for member in members]
         return np.asarray(np.max(away, axis=0), dtype=np.complex128)
 
     sharp = np.concatenate([p.velocity_poles for p in (cascade, *members)])
     w = grid.frequencies(sharp, float(judged.w[0]), float(judged.w[-1]))
     w = np.union1d(judged.w, w)
-    margin, at = _margin(judged, returned, w)
+    margin, at = _margin(judged, deviation, w)
     least, number = np.inf, None
     for k, member in enumerate(members):
         own = _along(cascade, judged, member, w, least)
@@ -74,15 +66,10 @@ def family_margin(cascade: Cascade, judged: Judged, members: Sequence[Cascade]) 
     return RobustMargin("family", margin, at, least, number)
 
 
-def error_margin(cascade: Cascade, judged: Judged) -> RobustMargin | None:
-    """Return the margin for perturbations as large as the plant's relative error, over its band.
+def error_margin(cascade: Cascade, judged: JudgedLoop) -> RobustMargin | None:
+    """Return the margin for perturbations as large as the plant's relative error, in its band.
 
-    None where the plant does not state that error.
-
-    Parameters
-    ----------
-    cascade, judged
-        As for `family_margin`.
+    None if the plant does not state that error.
     """
     plant = cascade.plant
     error, (low, high) = plant.relative_error, plant.band
@@ -91,16 +78,16 @@ def error_margin(cascade: Cascade, judged: Judged) -> RobustMargin | None:
         return None
     ends = np.array([_TWO_PI * f for f in (low, high) if f > 0])
     w = np.union1d(w, ends)
-    margin, at = _margin(judged, lambda w: error * cascade.returned(1j * w), w)
+    margin, at = _margin(judged, lambda w: error * cascade.feedback_channels(1j * w), w)
     return RobustMargin("plant error", margin, at)
 
 
-def _margin(judged: Judged, returned: grid.Loop, w: _Real) -> tuple[float, float | None]:
-    """Return 1 over the largest mu, and where, in Hz; `returned` gives c_i, shape (n, k)."""
+def _margin(judged: JudgedLoop, feedback: grid.Loop, w: _Real) -> tuple[float, float | None]:
+    """Return 1 over the largest mu and its frequency in Hz; `feedback` gives c_i, shape (n, k)."""
 
     def bound(w: _Real) -> tuple[float, float]:
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            seen = -returned(w) / (1.0 + judged.loop(1j * w))[:, None]
+            seen = -feedback(w) / (1.0 + judged.loop(1j * w))[:, None]
         good = np.isfinite(seen).all(axis=1)
         M = np.repeat(seen[good][:, :, None], seen.shape[1], axis=2)
         largest, k = largest_bound(M, (1,) * seen.shape[1])
@@ -120,15 +107,15 @@ def _margin(judged: Judged, returned: grid.Loop, w: _Real) -> tuple[float, float
     return 1.0 / largest, place / _TWO_PI
 
 
-def _along(cascade: Cascade, judged: Judged, member: Cascade, w: _Real, known: float) -> float:
-    """Return by how much the deviation of a member has to grow until the loop is unstable.
+def _along(cascade: Cascade, judged: JudgedLoop, member: Cascade, w: _Real, known: float) -> float:
+    """Return the factor on the deviation of a member at which the loop becomes unstable.
 
-    L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L). Infinity where
-    it is above `known` for sure.
+    L + t (L_k - L) = -1 at some frequency: the gain margin of (L_k - L) / (1 + L). Infinity if it
+    certainly exceeds `known`.
     """
 
     def loop(s: NDArray[Any]) -> _Complex:
-        away = (member.returned(s) - cascade.returned(s)).sum(axis=1)
+        away = (member.feedback_channels(s) - cascade.feedback_channels(s)).sum(axis=1)
         return np.asarray(away / (1.0 + judged.loop(s)))
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -139,6 +126,6 @@ def _along(cascade: Cascade, judged: Judged, member: Cascade, w: _Real, known: f
             return np.inf
         turns = grid.crossings_of_phase(loop, w, values)
         sizes = np.abs(loop(1j * turns)) if len(turns) else np.zeros(0)
-    if -values[0].real > (1.0 - _AT_REST) * np.abs(values[0]):  # it tends to a negative value
+    if -values[0].real > (1.0 - _AT_REST) * np.abs(values[0]):  # negative at rest
         sizes = np.append(sizes, np.abs(values[0]))
     return float(1.0 / sizes.max()) if len(sizes) else np.inf

@@ -1,4 +1,4 @@
-"""`servo`: loop functions, margins and time responses of a controller on a plant or family."""
+"""`servo`: loop functions, margins and time responses of a controller on a plant or a family."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from updyn.control.servo.loops import Cascade, Wiring
 from updyn.control.servo.margins import RobustMargin, ranges
 from updyn.control.servo.record import Loop, SampledLoops, Servo, StepResponse
 from updyn.control.servo.robust import error_margin, family_margin
-from updyn.control.servo.stability import Judged, judge_all, judge_torque
-from updyn.control.servo.time_response import Timed, timed
+from updyn.control.servo.stability import JudgedLoop, judge_all, judge_torque
+from updyn.control.servo.time_response import TimeResponses, time_responses
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError, UpdynError
 from updyn.frf import check_lines
@@ -30,11 +30,11 @@ __all__ = ["servo"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 _TWO_PI = 2.0 * np.pi
-#: Smallest relative difference of gear ratios that is reported: 0.4 dB of the position loop's gain.
+#: Smallest relative difference of gear ratios that is reported: 0.4 dB of position-loop gain.
 _SAME_RATIO = 0.05
 _Disturbance = Wind | tuple[ArrayLike, ArrayLike]
-#: Velocity loop, position loop, and the loop broken at the torque.
-_Loops = tuple[Judged, Judged | None, Judged | None]
+#: Velocity loop, position loop, and both loops broken at the torque.
+_Loops = tuple[JudgedLoop, JudgedLoop | None, JudgedLoop | None]
 
 
 def servo(
@@ -56,45 +56,47 @@ def servo(
 ) -> Servo:
     """Return loop functions, margins and time responses of a controller on a plant.
 
-    The feedback is negative, and a positive torque is to turn the velocity the positive way. Inputs
-    of the plant other than `torque` and `disturbance` are 0. Frequency responses and margins are
-    exact, the dead time too. So is the dead time of steps; under wind it is a Pade approximation of
+    The feedback is negative; a positive torque must turn the velocity in the positive direction.
+    Inputs of the plant other than `torque` and `disturbance` are 0. Frequency responses, margins
+    and step responses use the exact dead time; the response to wind uses a Pade approximation of
     high order, whose stability is compared with the exact one.
 
     Parameters
     ----------
     plant : Plant or PlantFamily
-        Continuous. Of a family the margins of every member are found, too.
+        Continuous. For a family, the margins of every member are computed as well.
     controller : Controller
         Its settings.
     torque : str
         Name of the input that the controller drives.
     velocity : str
-        Name of the output that the velocity loop reads; a displacement is differentiated, exactly.
+        Name of the output of the velocity loop; a displacement is differentiated, exactly.
     position : str, optional
-        Name of the output that the position loop reads; by default `velocity`, integrated where it
-        is one.
+        Name of the output of the position loop; by default `velocity`, integrated if it is a
+        velocity.
     disturbance : str, optional
-        Name of an input at which a disturbance acts; needed with `wind`.
+        Name of the input at which a disturbance acts; required with `wind`.
     pointing : str, optional
+        Name of the output whose deviation under a disturbance is evaluated; by default the
+        position.
         Name of the output whose deviation under a disturbance counts; by default the position.
     freq : array_like of float, shape (n_f,), optional
-        Lines in Hz, above 0, of the data to draw; by default lines dense around every resonance and
+        Frequency lines of the results in Hz, above 0; by default dense around every resonance and
         antiresonance. The margins do not depend on them.
     step, disturbance_step : float or None
         Heights of the steps of the reference (in the unit of the position, or of the velocity
-        without a position loop) and of the disturbance; None for no step.
+        without a position loop) and of the disturbance. None: no step.
     wind : Wind or (time, disturbance), optional
-        Gusts, or a series of the disturbance: equally spaced times in s and values in the input's
-        unit.
+        Wind gusts, or a series of the disturbance: equally spaced times in s and values in the
+        unit of the input.
     duration : float, optional
-        Of the step responses in s; by default until they have settled.
+        Duration of the step responses in s; by default until they have settled.
     family_steps : bool
-        Whether the response to the step of the reference is computed for every member of a family.
+        Whether to compute the reference step response of every member of a family.
     sampled : Plant, optional
-        The plant once more, from `updyn.sampled` with its delay: `Servo.sampled` then has the
-        margins of the same controller in a processor, converted by Tustin's rule, notches and
-        low-pass at their places. Hold and delay take the place of the controller's dead time.
+        The same plant from `updyn.sampled` with its delay: `Servo.sampled` then has the margins of
+        the same controller as a digital one, converted by Tustin's rule with prewarped notches and
+        low-pass. Hold and delay replace the dead time of the controller.
 
     Returns
     -------
@@ -103,14 +105,14 @@ def servo(
     Raises
     ------
     OptionError
-        If a name, quantity or number cannot be used; if the velocity would have to be derived from
-        a displacement with direct feed-through and the controller has no low-pass.
+        If a name, quantity or number is invalid, or the velocity is derived from a displacement
+        with direct feed-through and the controller has no low-pass.
     DataError
-        If lines or a series cannot be used.
+        If frequency lines or a series are invalid.
     ModelError
-        If the torque does not move what the controller reads.
+        If the torque does not move an output of the controller.
     SolverError
-        If stability with dead time cannot be judged.
+        If stability with dead time cannot be determined.
 
     Examples
     --------
@@ -126,7 +128,7 @@ def servo(
         raise OptionError("servo: wind without disturbance; name the input at which it acts")
     wiring = Wiring.of(nominal, controller, torque, velocity, position, pointing, disturbance)
     cascade = Cascade(nominal, controller, wiring)
-    judged = _judged(cascade)
+    judged = _judge_loops(cascade)
     inertia = inertia_of(nominal, torque, velocity)
     family = [_member(k, p, controller, wiring) for k, p in enumerate(others)]
     members = [judgements for _, judgements in family]
@@ -139,9 +141,9 @@ def servo(
             loops.append(replace(made, modulus_range=_modulus_range(cascade, own, name)))
     outer = judged[1] or judged[0]
     s = 1j * _TWO_PI * lines
-    over_time = Timed()
+    over_time = TimeResponses()
     if outer.margins.stable and outer.agrees:
-        over_time = timed(cascade, outer, step, disturbance_step, wind, duration)
+        over_time = time_responses(cascade, outer, step, disturbance_step, wind, duration)
     steps: tuple[StepResponse | None, ...] = ()
     if family_steps and step is not None:
         steps = tuple(_step_of(own, m[1] or m[0], step, duration) for own, m in family)
@@ -170,13 +172,15 @@ def servo(
             *over_time.notes,
         ),
         family_steps=steps,
-        sampled=None if sampled is None else _sampled(sampled, controller, wiring, judged),
+        sampled=None
+        if sampled is None
+        else _judge_sampled_loops(sampled, controller, wiring, judged),
         robust=_robust(cascade, judged, [own for own, _ in family]),
     )
 
 
-def _sampled(
-    plant: Plant, controller: Controller, wiring: Wiring, judged: Sequence[Judged | None]
+def _judge_sampled_loops(
+    plant: Plant, controller: Controller, wiring: Wiring, judged: Sequence[JudgedLoop | None]
 ) -> SampledLoops:
     """Return the loops on a sampled plant."""
     if not isinstance(plant, Plant):
@@ -199,7 +203,7 @@ def _sampled(
         velocity,
         loops[1],
         loops[2],
-        cascade.closed(cascade.has_position),
+        cascade.closed_poles(cascade.has_position),
         cascade.notes,
     )
 
@@ -212,55 +216,55 @@ def _plants(given: Plant | PlantFamily) -> tuple[Plant, tuple[Plant, ...]]:
     return given.nominal, given.members
 
 
-def _judged(cascade: Cascade) -> _Loops:
-    """Return velocity loop, position loop, and the loop broken at the torque."""
+def _judge_loops(cascade: Cascade) -> _Loops:
+    """Return the velocity loop, the position loop, and both broken at the torque."""
     inner, outer = judge_all(cascade)
     return inner, outer, None if outer is None else judge_torque(cascade, outer)
 
 
 def _step_of(
-    cascade: Cascade, outer: Judged | None, step: float, duration: float | None
+    cascade: Cascade, outer: JudgedLoop | None, step: float, duration: float | None
 ) -> StepResponse | None:
-    """Return the response to a step of the reference; None where it is unstable."""
+    """Return the response to a step of the reference; None if unstable."""
     if outer is None or not (outer.margins.stable and outer.agrees):
         return None
-    return timed(cascade, outer, step, None, None, duration).step
+    return time_responses(cascade, outer, step, None, None, duration).step
 
 
 def _member(
     number: int, plant: Plant, controller: Controller, wiring: Wiring
 ) -> tuple[Cascade, _Loops]:
-    """Return the controller on a member of the family, and its loops."""
+    """Return the cascade on a member of the family, and its loops."""
     try:
         cascade = Cascade(plant, controller, wiring)
-        return cascade, _judged(cascade)
+        return cascade, _judge_loops(cascade)
     except UpdynError as error:
         raise type(error)(f"member {number} of the family: {error}") from error
 
 
-def _one(judged: Judged | None) -> Judged:
+def _one(judged: JudgedLoop | None) -> JudgedLoop:
     assert judged is not None
     return judged
 
 
 def _lines(
     freq: ArrayLike | None,
-    judged: Sequence[Judged | None],
-    members: Sequence[Sequence[Judged | None]],
+    judged: Sequence[JudgedLoop | None],
+    members: Sequence[Sequence[JudgedLoop | None]],
 ) -> _Real:
-    """Return the lines to draw in Hz."""
+    """Return the frequency lines of the results in Hz."""
     if freq is not None:
         given = check_lines(np.atleast_1d(np.asarray(freq)))
         if given[0] == 0:
             raise DataError(
-                "freq: the first line is 0 Hz, where a loop with integration is not finite; leave"
-                " it out"
+                "freq: the first line is 0 Hz, where a loop with integration is not finite; remove"
+                " it"
             )
         lost = given[~_drawable(given, judged, members)]
         if len(lost):
             raise DataError(
-                f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; leave"
-                " it out"
+                f"freq: {lost[0]:g} Hz is a pole or zero of the loop on the imaginary axis; remove"
+                " it"
             )
         return given
     own = np.unique(np.concatenate([j.w for j in judged if j is not None]))
@@ -272,9 +276,11 @@ def _lines(
 
 
 def _drawable(
-    lines: _Real, judged: Sequence[Judged | None], members: Sequence[Sequence[Judged | None]]
+    lines: _Real,
+    judged: Sequence[JudgedLoop | None],
+    members: Sequence[Sequence[JudgedLoop | None]],
 ) -> NDArray[np.bool_]:
-    """Tell at which lines every loop function has a magnitude and a phase."""
+    """Return a mask of the lines at which every loop function is finite and nonzero."""
     good = np.ones(len(lines), dtype=bool)
     for one in chain(judged, *members):
         if one is not None:
@@ -283,7 +289,7 @@ def _drawable(
     return good
 
 
-def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) -> Loop:
+def _loop(name: str, judged: JudgedLoop, lines: _Real, members: Sequence[JudgedLoop]) -> Loop:
     L, phase = _drawn(judged, lines)
     family = np.zeros((len(members), len(lines)), dtype=np.complex128)
     family_phase = np.zeros(family.shape)
@@ -304,12 +310,13 @@ def _loop(name: str, judged: Judged, lines: _Real, members: Sequence[Judged]) ->
     )
 
 
-def _modulus_range(cascade: Cascade, judged: Judged, name: str) -> tuple[float, float] | None:
-    """Return between which the modulus margin lies by the relative error of the plant.
+def _modulus_range(cascade: Cascade, judged: JudgedLoop, name: str) -> tuple[float, float] | None:
+    """Return the bounds of the modulus margin for the relative error of the plant.
 
-    A response that is off by a share d changes the velocity loop by d |L|; the position loop, with
-    it closed, by a share d (1 + |T|) / (1 - d |T|), T = L / (1 + L) of the velocity loop; the loop
-    at the torque by d times the sum of its two parts. |1 + L| changes by no more than L.
+    A relative error d of the response changes the velocity loop by d |L|; the position loop, with
+    the velocity loop closed, by the share d (1 + |T|) / (1 - d |T|), T = L / (1 + L) of the
+    velocity loop; the loop at the torque by d times the sum of the moduli of its two parts. |1 + L|
+    changes by no more than L.
     """
     plant, at = cascade.plant, judged.margins.modulus_margin_at
     error, (low, high) = plant.relative_error, plant.band
@@ -330,9 +337,9 @@ def _modulus_range(cascade: Cascade, judged: Judged, name: str) -> tuple[float, 
 
 
 def _robust(
-    cascade: Cascade, judged: Sequence[Judged | None], members: Sequence[Cascade]
+    cascade: Cascade, judged: Sequence[JudgedLoop | None], members: Sequence[Cascade]
 ) -> tuple[RobustMargin, ...]:
-    """Return the robust margins of the loop at the torque, the velocity loop without a position."""
+    """Return the robust margins of the loop broken at the torque."""
     whole = judged[2] or judged[0]
     if whole is None or not whole.margins.stable:
         return ()
@@ -342,8 +349,8 @@ def _robust(
     return tuple(margin for margin in found if margin is not None)
 
 
-def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
-    """Return the loop function and its unwrapped phase in degrees at some lines."""
+def _drawn(judged: JudgedLoop, lines: _Real) -> tuple[_Complex, _Real]:
+    """Return the loop function and its unwrapped phase in degrees at given lines."""
     w = _TWO_PI * lines
     L = judged.loop(1j * w)
     phase = np.degrees(np.angle(L))
@@ -351,8 +358,8 @@ def _drawn(judged: Judged, lines: _Real) -> tuple[_Complex, _Real]:
     return L, np.asarray(phase + 360.0 * np.round((dense - phase) / 360.0))
 
 
-def _bandwidth(closed: grid.Loop, judged: Judged) -> float | None:
-    """Return where a stable closed loop first falls 3 dB below its static value, in Hz."""
+def _bandwidth(closed: grid.Loop, judged: JudgedLoop) -> float | None:
+    """Return the first -3 dB frequency of a stable closed loop in Hz."""
     if not judged.margins.stable:
         return None
     rest = abs(closed(1e-4j * judged.w[:1])[0])
@@ -381,7 +388,7 @@ def _facts(plant: Plant, members: int, inertia: float | None) -> dict[str, Any]:
 
 
 def _ratio_notes(plant: Plant, controller: Controller, wiring: Wiring) -> list[str]:
-    """Return a note where the controller's gear ratio is not that of the rigid-body motion."""
+    """Return a note if the controller's gear ratio differs from that of the rigid-body motion."""
     if wiring.position is None or controller.kv is None:
         return []
     found = ratio_of(plant, wiring.torque, wiring.velocity, wiring.position)
@@ -389,17 +396,20 @@ def _ratio_notes(plant: Plant, controller: Controller, wiring: Wiring) -> list[s
         return []
     return [
         f"position loop: in rigid-body motion {wiring.velocity!r} moves {found:.4g} times as fast"
-        f" as {wiring.position!r}, and the controller's ratio is {controller.ratio:.4g}: kv acts as"
-        f" {controller.position_gain / found:.4g} 1/s; with ratio = {found:.4g} it acts as stated"
+        f" as {wiring.position!r}, but the controller's ratio is {controller.ratio:.4g}: the"
+        f" effective kv is {controller.position_gain / found:.4g} 1/s; ratio = {found:.4g} gives"
+        " the stated kv"
     ]
 
 
-def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | None) -> list[str]:
+def _notes(
+    plant: Plant, loops: Sequence[Loop], outer: JudgedLoop, inertia: float | None
+) -> list[str]:
     notes = []
     if inertia is not None and inertia < 0:
         notes.append(
-            "a positive torque turns the velocity the negative way: the feedback is positive; turn"
-            " one of the two ports round"
+            "a positive torque turns the velocity in the negative direction: the feedback is"
+            " positive; reverse one of the two ports"
         )
     for loop in loops:
         m = loop.margins
@@ -412,13 +422,13 @@ def _notes(plant: Plant, loops: Sequence[Loop], outer: Judged, inertia: float | 
         if outside:
             notes.append(
                 f"{loop.name} loop: {', '.join(outside)} above {plant.band[1]:g} Hz, the end of the"
-                " band for which the plant was made"
+                " band of the plant"
             )
     if not outer.margins.stable:
-        notes.append("the closed loop is unstable: no bandwidth and no response over time")
+        notes.append("the closed loop is unstable: no bandwidth and no time responses")
     elif not outer.agrees:
         notes.append(
-            f"with its dead time approximated (order {outer.pade}) the loop is unstable, exactly it"
-            " is not: no response over time"
+            f"with its dead time approximated (order {outer.pade}) the loop is unstable, with the"
+            " exact dead time it is stable: no time responses"
         )
     return notes

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from updyn.control.servo import grid
-from updyn.control.servo.grid import Loop, resolved
+from updyn.control.servo.grid import Loop, resolve
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.margins import Margins
 from updyn.errors import ModelError, SolverError
 
 __all__ = [
-    "Judged",
+    "JudgedLoop",
     "count_drifting",
     "count_growing",
     "judge",
@@ -27,95 +27,72 @@ __all__ = [
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Poles of the closed loop that lie nearer to 0 than this share of a frequency of the loop stand at
+#: Poles of the closed loop nearer to 0 than this share of a frequency of the loop count as poles at
 #: 0.
 _AT_REST = 1e-5
-#: A pole grows if its real part exceeds this share of its size: undamped modes that the loop does
-#: not see are rounded.
+#: A pole is unstable if its real part exceeds this share of its modulus: undamped modes that the
+#: loop does not control have rounding errors.
 _GROWS = 1e-9
 _TWO_PI = 2.0 * np.pi
-#: First line over the lowest pole or zero of the loop, and last line over the highest.
+#: Ratio of the first line to the lowest pole or zero of the loop, and of the last to the highest.
 _BELOW = 0.02
 _ABOVE = 10.0
 #: Largest loop gain at the last line.
 _SMALL = 0.05
-#: With dead time: last line over that where the loop gain has become so small.
+#: With dead time: ratio of the last line to the frequency above which the loop gain stays small.
 _BEYOND = 4.0
-#: Smallest pole or zero that counts, as a share of the largest: below it is rounding of 0.
+#: Smallest pole or zero considered, as a share of the largest; below it is rounding of 0.
 _SMALLEST = 1e-7
 
 
 def count_drifting(poles: _Complex, scale: float) -> int:
-    """Return how many poles of a closed loop stand at 0.
-
-    Parameters
-    ----------
-    poles : ndarray of complex
-        In rad/s.
-    scale : float
-        A frequency of the loop in rad/s, its crossover.
-    """
+    """Return the number of closed-loop poles at 0; `scale` is the crossover in rad/s."""
     return int((np.abs(poles) < _AT_REST * scale).sum())
 
 
 def count_growing(poles: _Complex, scale: float) -> int:
-    """Return the number of unstable closed-loop poles without those at 0; as `count_drifting`."""
+    """Return the number of unstable closed-loop poles, without those at 0; `scale` as above."""
     moving = poles[np.abs(poles) >= _AT_REST * scale]
     return int((moving.real > _GROWS * np.abs(moving)).sum())
 
 
 def nyquist_count(loop: Loop, w: _Real, open_poles: _Complex, drifting: int) -> int:
-    """Return how many poles of a closed loop with dead time grow.
+    """Return the number of unstable closed-loop poles with dead time.
 
-    With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so that the
-    phase of chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie
-    to the right and m at 0 (Mikhailov's criterion, which is Nyquist's with the poles of the open
-    loop counted by their phase). The exponential of the dead time does not change the order n while
-    |L| < 1 from the last line on.
-
-    Parameters
-    ----------
-    loop : callable
-        L(s), the dead time exact.
-    w : ndarray of float, shape (n_w,)
-        Lines in rad/s, from below every pole of the closed loop that is not at 0, to where |L|
-        stays below 1.
-    open_poles : ndarray of complex, shape (n,)
-        Poles of L in rad/s, the dead time left out, those cancelled in it included.
-    drifting : int
-        Poles of the closed loop at 0, m.
-
-    Raises
-    ------
-    SolverError
-        If |L| is 1 or more at the last line, or the count is not a whole number.
+    With p the poles of the open loop, chi(s) = prod(s - p) (1 + L(s)) has no poles, so the phase of
+    chi(j w) grows by (n - m - 2 Z) pi / 2 from w = 0 to infinity, where Z of its zeros lie to the
+    right and m at 0 (Mikhailov's criterion: Nyquist's, with the open-loop poles counted by their
+    phase). The exponential of the dead time does not change the order n if |L| < 1 above the last
+    line. `w` is in rad/s and extends from below every closed-loop pole that is not at 0 to that
+    line; `open_poles` are those of L without the dead time, including cancelled ones; `drifting` is
+    m.
     """
-    lines, values = resolved(lambda s: 1.0 + loop(s), w)
+    lines, values = resolve(lambda s: 1.0 + loop(s), w)
     if abs(values[-1] - 1.0) >= 1.0:
         raise SolverError(
             f"the loop gain is still {abs(values[-1] - 1.0):.3g} at {lines[-1] / (2 * np.pi):.4g}"
-            " Hz: with dead time its stability cannot be judged; give the controller a low_pass"
+            " Hz: stability with dead time cannot be determined; give the controller a low_pass"
         )
-    # Poles at 0 are so but for rounding: a double one appears as a pair about it, whose phases add
-    # up all the same.
+    # Rounding moves poles away from 0: a double pole appears as a pair around it, whose phases have
+    # the same sum.
     own = np.angle(1j * lines[:, None] - open_poles).sum(axis=1)
     total = np.unwrap(own + np.angle(values))
     n = len(open_poles)
     start = total[0] - drifting * np.pi / 2.0
-    before = start - np.pi * np.round(start / np.pi)  # what it turned below the first line
+    before = start - np.pi * np.round(start / np.pi)  # phase change below the first line
     after = n * np.pi / 2.0 - own[-1] - float(np.angle(values[-1]))
     turned = total[-1] - total[0] + before + after
     found = float(0.5 * (n - drifting) - turned / np.pi)
     if abs(found - round(found)) > 0.2:
         raise SolverError(
-            f"stability with dead time: {found:.3f} poles grow by the turns of the loop function,"
-            " which is no whole number; the lines do not reach low enough"
+            f"stability with dead time: the phase of the loop function gives {found:.3f} unstable"
+            " poles, which is not a whole number; the lines start too high"
         )
     return round(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judged:
+class JudgedLoop:
     """A loop with its margins and the stability of its closed loop.
 
     Attributes
@@ -123,17 +100,17 @@ class Judged:
     loop : callable
         L(s).
     w : ndarray of float, shape (n,)
-        Lines in rad/s that resolve it.
+        Lines in rad/s that resolve L.
     values : ndarray of complex, shape (n,)
-        L there.
+        L at these lines.
     margins : Margins
         Margins, with every crossing.
     poles : ndarray of complex
-        Of the closed loop, in rad/s; of a dead time those of its approximation.
+        Closed-loop poles in rad/s; with dead time those of its approximation.
     pade : int
         Order of the approximation.
     agrees : bool
-        Whether the approximated closed loop has as many growing poles as the exact one.
+        Whether the approximated closed loop has as many unstable poles as the exact one.
     """
 
     loop: Loop
@@ -145,21 +122,8 @@ class Judged:
     agrees: bool
 
 
-def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
-    """Return margins and stability of the velocity loop and the position loop of a cascade.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Controller and plant.
-
-    Raises
-    ------
-    ModelError
-        If the torque does not move what the controller reads.
-    SolverError
-        If stability with dead time cannot be judged.
-    """
+def judge_all(cascade: Cascade) -> tuple[JudgedLoop, JudgedLoop | None]:
+    """Return margins and stability of the velocity loop and the position loop of a cascade."""
     _check_moves(cascade)
     zeros = cascade.zeros
     inner = judge(cascade, cascade.velocity, cascade.velocity, cascade.velocity_poles, zeros, False)
@@ -169,22 +133,11 @@ def judge_all(cascade: Cascade) -> tuple[Judged, Judged | None]:
     return inner, judge(cascade, cascade.position, cascade.torque, cascade.poles, features, True)
 
 
-def judge_torque(cascade: Cascade, outer: Judged) -> Judged:
-    """Return margins and stability of the loop broken at the torque, both loops closed.
+def judge_torque(cascade: Cascade, outer: JudgedLoop) -> JudgedLoop:
+    """Return margins and stability of both loops closed, broken at the torque.
 
-    There every gain and delay of drive and motor acts: on both loops at once.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Controller and plant, with a position loop.
-    outer : Judged
-        The position loop, whose closed loop is the same.
-
-    Raises
-    ------
-    SolverError
-        If stability with dead time cannot be judged.
+    A change of gain or delay in drive and motor acts on both loops at this place. `outer` is the
+    position loop, which has the same closed loop.
     """
     features = np.concatenate([cascade.zeros, outer.poles])
     return judge(cascade, cascade.torque, cascade.torque, cascade.poles, features, True)
@@ -195,9 +148,7 @@ def _check_moves(cascade: Cascade) -> None:
     size = np.abs(cascade.motion(1j * np.array([0.9, 11.3, 257.1, 4021.7])))[:, :, 0].max(axis=0)
     for name, largest in ((wiring.velocity, size[0]), (wiring.position, size[1])):
         if name is not None and not largest:
-            raise ModelError(
-                f"torque {wiring.torque!r} does not move {name!r}: there is no loop to close"
-            )
+            raise ModelError(f"torque {wiring.torque!r} does not move {name!r}: the loop gain is 0")
 
 
 def judge(
@@ -207,26 +158,15 @@ def judge(
     open_poles: _Complex,
     features: _Complex,
     position: bool,
-) -> Judged:
+) -> JudgedLoop:
     """Return margins and stability of one loop.
 
-    Parameters
-    ----------
-    cascade : Cascade
-        Controller and plant.
-    loop : callable
-        L(s) whose margins are wanted.
-    whole : callable
-        L(s) of the same closed loop, broken where its poles are `open_poles`.
-    open_poles : ndarray of complex
-        Poles of `whole` in rad/s, the dead time left out.
-    features : ndarray of complex
-        Poles and zeros that lines are to be dense around, in rad/s.
-    position : bool
-        Whether the position loop is closed.
+    `loop` is the L(s) of the margins; `whole` is an L(s) of the same closed loop with the poles
+    `open_poles` (without the dead time). Lines are dense around `features`, poles and zeros in
+    rad/s. `position` tells whether the position loop is closed.
     """
     controller = cascade.controller
-    free = cascade.closed(0, position=position).poles
+    free = cascade.closed_loop(0, position=position).poles
     features = np.concatenate([features, open_poles, free, [-(controller.kv or 0.0)]])
     pade = 0
     if controller.dead_time:
@@ -234,7 +174,7 @@ def judge(
         gains = grid.crossings_of_gain(whole, w, values)
         last = gains[-1] if len(gains) else w[len(w) // 2]
         pade = int(np.clip(4 + np.ceil(2.0 * last * controller.dead_time), 5, 12))
-    poles = cascade.closed(pade, position=position).poles
+    poles = cascade.closed_loop(pade, position=position).poles
     w, values = _lines(loop, whole, features, controller.dead_time, poles)
     w, values = grid.with_extremes(loop, w, values)
     gains = grid.crossings_of_gain(loop, w, values)
@@ -246,11 +186,11 @@ def judge(
     if pade:
         exact = nyquist_count(whole, w, open_poles, drifting)
     margins = margins_of(loop, w, values, gains, phases, exact, drifting, controller.dead_time)
-    return Judged(loop, w, values, margins, poles, pade, exact == growing)
+    return JudgedLoop(loop, w, values, margins, poles, pade, exact == growing)
 
 
 def _sizes(features: _Complex) -> _Real:
-    """Return the moduli of poles and zeros other than 0, in rad/s; 1 if there are none."""
+    """Return the moduli of poles and zeros other than 0, in rad/s; 1 without any."""
     size = np.abs(features)
     size = size[size > _SMALLEST * size.max(initial=0.0)]
     return size if len(size) else np.ones(1)
@@ -259,23 +199,23 @@ def _sizes(features: _Complex) -> _Real:
 def _lines(
     loop: Loop, whole: Loop, features: _Complex, delay: float, beside: _Complex | None = None
 ) -> tuple[_Real, _Complex]:
-    """Return lines that are dense around poles and zeros, and the loop function there."""
+    """Return lines that are dense around poles and zeros, and the loop function at them."""
     size = _sizes(features)
     low = _BELOW * float(size.min())
     high = _ABOVE * float(size.max())
     for _ in range(20):
         ends = np.array([1j, 2j]) * high
         size = np.maximum(np.abs(loop(ends)), np.abs(whole(ends)))
-        if size[0] <= _SMALL or size[1] > 0.9 * size[0]:  # or it does not fall any further
+        if size[0] <= _SMALL or size[1] > 0.9 * size[0]:  # or it no longer decreases
             break
         high *= 2.0
     dense = features if beside is None else np.concatenate([features, beside])
-    if delay:  # turns of a gain that has vanished are not followed
+    if delay:  # do not resolve the phase of a gain that has vanished
         w = grid.frequencies(dense, low, high)
         large = np.flatnonzero(~(np.maximum(np.abs(loop(1j * w)), np.abs(whole(1j * w))) <= _SMALL))
         if len(large):
             high = min(high, _BEYOND * float(w[large[-1]]))
-    return grid.resolved(loop, grid.frequencies(dense, low, high, delay))
+    return grid.resolve(loop, grid.frequencies(dense, low, high, delay))
 
 
 def margins_of(
@@ -288,22 +228,11 @@ def margins_of(
     drifting: int,
     delay: float,
 ) -> Margins:
-    """Return the margins of a loop whose crossings and stability are known.
+    """Return the margins of a loop from its crossings and stability.
 
-    Parameters
-    ----------
-    loop : callable
-        L(s).
-    w : ndarray of float, shape (n,)
-        Lines in rad/s that resolve it.
-    values : ndarray of complex, shape (n,)
-        L there.
-    gains, phases : ndarray of float
-        Where |L| is 1, and where L is real and negative, in rad/s, ascending.
-    growing, drifting : int
-        Poles of the closed loop that grow, and that stand at 0.
-    delay : float
-        Dead time in s, of which turns beyond the lines are followed.
+    `gains` and `phases` are the frequencies in rad/s at which |L| is 1 and at which L is real and
+    negative; `growing` and `drifting` count the closed-loop poles that are unstable and at 0. With
+    a `delay` in s, the modulus margin is also searched above the last line.
     """
     at_phase = 1.0 / np.abs(_at(loop, phases))
     angle = np.angle(-_at(loop, gains))  # phase margin, -pi to pi
@@ -318,7 +247,7 @@ def margins_of(
         "gain_crossings": gains / _TWO_PI,
         "phase_margins": np.degrees(angle),
         "delay_margins": delays,
-        "crossover": _falling(loop, gains),
+        "crossover": _first_crossover(loop, gains),
     }
     if growing:
         none = dict.fromkeys(
@@ -328,7 +257,7 @@ def margins_of(
     up = at_phase > 1.0
     modulus, modulus_at = _modulus(loop, w, values, delay)
     if modulus > 1.0 and abs(values[-1]) <= _SMALL:
-        # L vanishes at high frequencies, so that 1 + L tends to 1.
+        # L vanishes at high frequencies, so 1 + L tends to 1.
         modulus, modulus_at = 1.0, np.inf
     gain, gain_at = _least(at_phase[up], at_phase[up], phases[up], np.inf)
     reduction, reduction_at = _least(-at_phase[~up], at_phase[~up], phases[~up], 0.0)
@@ -350,14 +279,14 @@ def margins_of(
 
 
 def _at(loop: Loop, w: _Real) -> _Complex:
-    """Return L at lines in rad/s, of which there may be none."""
+    """Return L at lines in rad/s, which may be empty."""
     if not len(w):
         return np.zeros(0, dtype=np.complex128)
     return loop(1j * w)
 
 
 def _least(size: _Real, values: _Real, w: _Real, otherwise: float) -> tuple[float, float | None]:
-    """Return the value of least size and its frequency in Hz; `otherwise` and None without any."""
+    """Return the value of least size and its frequency in Hz; `otherwise` and None if empty."""
     if not len(size):
         return otherwise, None
     at = int(np.argmin(size))
@@ -365,7 +294,7 @@ def _least(size: _Real, values: _Real, w: _Real, otherwise: float) -> tuple[floa
 
 
 def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[float, float]:
-    """Return the smallest |1 + L| and where, in rad/s; with dead time beyond the lines, too."""
+    """Return the smallest |1 + L| and its frequency in rad/s."""
 
     def distance(x: _Real) -> _Real:
         return np.asarray(np.abs(1.0 + loop(1j * x)))
@@ -381,8 +310,8 @@ def _modulus(loop: Loop, w: _Real, values: _Complex, delay: float) -> tuple[floa
     return best
 
 
-def _falling(loop: Loop, gains: _Real) -> float | None:
-    """Return the first crossing at which the gain falls, in Hz."""
+def _first_crossover(loop: Loop, gains: _Real) -> float | None:
+    """Return the first crossing with falling gain, in Hz."""
     if not len(gains):
         return None
     falls = np.abs(loop(1j * gains * (1.0 + 1e-7))) < np.abs(loop(1j * gains * (1.0 - 1e-7)))

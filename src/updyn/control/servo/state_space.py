@@ -16,7 +16,7 @@ from updyn.errors import OptionError
 __all__ = [
     "StateSpace",
     "Transfer",
-    "balanced",
+    "balance",
     "channel_zeros",
     "connect",
     "delay_approximation",
@@ -24,7 +24,7 @@ __all__ = [
 
 _Real = NDArray[np.float64]
 
-#: Largest scale of a state, as a power of 2.
+#: Largest log2 of the scale of a state.
 _LARGEST = 40.0
 _Complex = NDArray[np.complex128]
 
@@ -50,7 +50,7 @@ class StateSpace:
         return cls(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[float(value)]]))
 
     def __mul__(self, first: StateSpace) -> StateSpace:
-        """Return this system behind another."""
+        """Return the series connection: `first`, then this system."""
         A = np.block(
             [[first.A, np.zeros((len(first.A), len(self.A)))], [self.B @ first.C, self.A]],
         )
@@ -69,29 +69,17 @@ class StateSpace:
     @property
     def poles(self) -> NDArray[np.complex128]:
         """Eigenvalues of A in rad/s, shape (n,)."""
-        return np.asarray(np.linalg.eigvals(balanced(self.A)[0]), dtype=np.complex128)
+        return np.asarray(np.linalg.eigvals(balance(self.A)[0]), dtype=np.complex128)
 
 
-def balanced(A: _Real) -> tuple[_Real, _Real]:
-    """Return A in states of like size, and the scales: x = scale * (its states), powers of 2.
+def balance(A: _Real) -> tuple[_Real, _Real]:
+    """Return A with states of similar size, and the scales (powers of 2): x = scale * (new states).
 
-    The scales of parts that act one way only have no bounds of their own; they are given some.
-
-    Parameters
-    ----------
-    A : ndarray of float, shape (n, n)
-        Of a system.
-
-    Returns
-    -------
-    A : ndarray of float, shape (n, n)
-    scale : ndarray of float, shape (n,)
+    The scales of subsystems without mutual coupling are unbounded, so they are limited.
     """
     if not len(A):
         return A, np.ones(0)
-    with np.errstate(
-        invalid="ignore"
-    ):  # scipy takes the scales for positions, too, and drops them again
+    with np.errstate(invalid="ignore"):  # scipy converts the scales to positions and discards these
         scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
     power = np.log2(scale)
     scale = np.exp2(np.clip(np.round(power - np.median(power)), -_LARGEST, _LARGEST))
@@ -101,25 +89,10 @@ def balanced(A: _Real) -> tuple[_Real, _Real]:
 def connect(
     blocks: Sequence[StateSpace], wires: _Real, entries: _Real, taps: _Real | None = None
 ) -> StateSpace:
-    """Return the system that blocks make when outputs are led to inputs.
+    """Return the interconnection of blocks.
 
-    With u and y the inputs and outputs of all blocks, one below the other: u = wires y + entries w.
-
-    Parameters
-    ----------
-    blocks : sequence of StateSpace
-        The blocks.
-    wires : ndarray of float, shape (n_u, n_y)
-        What reaches each input from each output.
-    entries : ndarray of float, shape (n_u, n_w)
-        What reaches each input from outside.
-    taps : ndarray of float, shape (n_z, n_y), optional
-        What is read; by default all outputs.
-
-    Raises
-    ------
-    OptionError
-        If the loop is algebraic and its gain is exactly that at which nothing follows from it.
+    With u and y the stacked inputs and outputs of all blocks: u = wires y + entries w, and the
+    outputs are taps y (by default y). Raises OptionError for an algebraic loop of gain -1.
     """
     A, B, C, D = (scipy.linalg.block_diag(*(getattr(b, name) for b in blocks)) for name in "ABCD")
     # y = C x + D (wires y + entries w)
@@ -127,11 +100,10 @@ def connect(
     solved = np.eye(len(D)) - around
     largest = float(
         np.abs(np.linalg.eigvals(around)).max(initial=1.0)
-    )  # unlike a condition number, without units
+    )  # unlike a condition number, independent of units
     if abs(np.linalg.det(solved)) < 1e-12 * largest:
         raise OptionError(
-            "the loop is algebraic: torque and motion feed each other without delay, with a gain"
-            " of -1"
+            "the loop is algebraic: torque and motion feed back without delay, with a gain of -1"
         )
     C_all, D_all = np.linalg.solve(solved, C), np.linalg.solve(solved, D @ entries)
     taps = np.eye(len(D)) if taps is None else taps
@@ -141,19 +113,10 @@ def connect(
 
 
 def delay_approximation(delay: float, order: int) -> StateSpace:
-    """Return the diagonal Pade approximation of exp(-s delay), an all-pass.
+    """Return the diagonal Pade approximation of exp(-s delay), an all-pass of order 1 to 12.
 
-    Parameters
-    ----------
-    delay : float
-        In s, above 0.
-    order : int
-        Order of numerator and denominator, 1 to 12.
-
-    Notes
-    -----
-    Golub & Van Loan, Matrix Computations, 3rd ed. (1996), section 11.3.1, at -s delay. In factors
-    of second order, so that high orders stay well scaled.
+    Golub & Van Loan, Matrix Computations, 3rd ed. (1996), section 11.3.1, at -s delay; in
+    second-order factors, which keep high orders well scaled.
     """
     if not 1 <= order <= 12:
         raise OptionError(f"pade order {order!r}; expected 1 to 12")
@@ -188,8 +151,8 @@ def _all_pass(a: float, b: float) -> StateSpace:
 class Transfer:
     """C (s I - A)^-1 B + D with A in complex Schur form: one back substitution for all points.
 
-    Parts of the system that do not touch each other have a form of their own: rounding of fast
-    modes does not reach the rigid-body motion.
+    Uncoupled parts of the system have separate Schur forms, so the rounding of fast modes does not
+    affect the rigid-body motion.
 
     Attributes
     ----------
@@ -204,7 +167,7 @@ class Transfer:
 
     @classmethod
     def of(cls, system: StateSpace) -> Transfer:
-        """Return the triangular forms of a system, balanced before."""
+        """Return the triangular forms of a balanced system."""
         n_parts, part = (
             connected_components(system.A != 0.0, directed=False)
             if system.n_states
@@ -214,7 +177,7 @@ class Transfer:
         for k in range(n_parts):
             own = np.flatnonzero(part == k)
             A = system.A[np.ix_(own, own)]
-            even, scale = balanced(A)
+            even, scale = balance(A)
             T, Z = scipy.linalg.schur(even, output="complex")
             parts.append(
                 (T, Z.conj().T @ (system.B[own] / scale[:, None]), (system.C[:, own] * scale) @ Z)
@@ -229,13 +192,7 @@ class Transfer:
         )
 
     def at(self, s: ArrayLike) -> _Complex:
-        """Return the response, shape (*s.shape, n_y, n_u); not finite at a pole.
-
-        Parameters
-        ----------
-        s : array_like of complex
-            In rad/s.
-        """
+        """Return the response at s in rad/s, shape (*s.shape, n_y, n_u); not finite at a pole."""
         s = np.asarray(s, dtype=np.complex128)
         points = s.ravel()
         out = np.broadcast_to(self.D.astype(np.complex128), (len(points), *self.D.shape)).copy()
@@ -257,22 +214,13 @@ class Transfer:
 def channel_zeros(system: StateSpace) -> _Complex:
     """Return the finite zeros of a system with one input and one output, in rad/s.
 
-    Those far beyond all poles are taken to be infinite: the pencil has them there by rounding.
-
-    Parameters
-    ----------
-    system : StateSpace
-        Of one input and one output.
-
-    Notes
-    -----
     Generalised eigenvalues of [[A, B], [C, D]] (Emami-Naeini & Van Dooren 1982, Automatica 18, p.
-    415).
+    415). Zeros far above all poles are infinite zeros moved by rounding, and are discarded.
     """
     n = system.n_states
     if n == 0:
         return np.zeros(0, dtype=np.complex128)
-    even, scale = balanced(system.A)
+    even, scale = balance(system.A)
     B, C = system.B / scale[:, None], system.C * scale
     size = max(float(np.abs(even).max()), 1e-300)
     B = B * (size / max(float(np.abs(B).max()), 1e-300))

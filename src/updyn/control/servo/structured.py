@@ -1,16 +1,16 @@
 """Upper bound of the structured singular value of complex blocks, by scaling.
 
-mu(M) is 1 / (the least largest singular value of a Delta = diag(Delta_1, ..., Delta_m) that makes
-I - M Delta singular), 0 where none does (J. C. Doyle, IEE Proc. D 129 (1982) 242-250). For every
-D = diag(d_i I) that commutes with Delta,
+mu(M) is 1 / (the smallest norm of a Delta = diag(Delta_1, ..., Delta_m) that makes I - M Delta
+singular), 0 if none does (J. C. Doyle, IEE Proc. D 129 (1982) 242-250). For every D = diag(d_i I)
+that commutes with Delta,
 
     rho(M) <= mu(M) <= largest singular value of D M D^-1,
 
-and the least upper bound is mu itself for up to three full blocks; for one block it is the largest
-singular value, for M = a b^T and scalar blocks sum |a_i b_i|. log d_i begins where the norms of row
-and column of each block agree (E. E. Osborne, J. ACM 7 (1960) 338-345), which is the least already
-where M has rank one; elsewhere a norm of the singular values that approaches the largest one is
-minimised, which is convex in log d. Whatever D is found, the bound holds.
+and the least upper bound equals mu for up to three full blocks; for one block it is the largest
+singular value, for M = a b^T and scalar blocks sum |a_i b_i|. The iteration starts with the d_i for
+which the norms of row and column of each block agree (E. E. Osborne, J. ACM 7 (1960) 338-345),
+which are optimal if M has rank one; otherwise a norm of the singular values that approaches the
+largest one is minimised, which is convex in log d. The bound holds for any D.
 """
 
 from __future__ import annotations
@@ -28,25 +28,17 @@ _Complex = NDArray[np.complex128]
 
 #: Rounds of Osborne's scaling.
 _ROUNDS = 60
-#: Powers of the singular values whose sum is minimised, one after the other.
+#: Powers of the singular values whose sum is minimised, in sequence.
 _POWERS = (4.0, 32.0, 256.0)
-#: A slope of the bound by log d below this is none.
+#: Largest slope of the bound in log d that counts as 0.
 _FLAT = 1e-6
-#: Largest scale of a block, as a logarithm.
+#: Largest |log d| of a block.
 _LARGEST = 40.0
 
 
 def upper_bound(M: _Complex, sizes: Sequence[int]) -> float:
-    """Return an upper bound of mu of one matrix.
-
-    Parameters
-    ----------
-    M : ndarray of complex, shape (n, n)
-        Finite.
-    sizes : sequence of int
-        Size of each full complex block, in their order; 1 of a scalar. They sum to n.
-    """
-    (scales,) = _balanced(M[None], sizes)
+    """Return an upper bound of mu of one finite matrix; `sizes` are those of its complex blocks."""
+    (scales,) = _osborne_scales(M[None], sizes)
     block = np.repeat(np.arange(len(sizes)), sizes)
     best, slope = _value(M, scales, block, np.inf)
     if np.abs(slope).max(initial=0.0) <= _FLAT:
@@ -64,20 +56,12 @@ def upper_bound(M: _Complex, sizes: Sequence[int]) -> float:
 
 
 def largest_bound(M: _Complex, sizes: Sequence[int]) -> tuple[float, int]:
-    """Return the largest upper bound over a stack of matrices, and its position.
-
-    Parameters
-    ----------
-    M : ndarray of complex, shape (m, n, n)
-        Finite.
-    sizes : sequence of int
-        As for `upper_bound`.
-    """
-    scale = np.repeat(np.exp(_balanced(M, sizes)), sizes, axis=1)
+    """Return the largest upper bound over a stack of matrices, shape (m, n, n), and its index."""
+    scale = np.repeat(np.exp(_osborne_scales(M, sizes)), sizes, axis=1)
     rough = np.linalg.norm(scale[:, :, None] * M / scale[:, None, :], 2, axis=(1, 2))
     best, at = -np.inf, 0
     for k in np.argsort(-rough, kind="stable"):
-        if rough[k] <= best:  # no other one can be larger
+        if rough[k] <= best:  # the remaining ones are smaller
             break
         own = upper_bound(M[k], sizes)
         if own > best:
@@ -85,8 +69,8 @@ def largest_bound(M: _Complex, sizes: Sequence[int]) -> tuple[float, int]:
     return best, at
 
 
-def _balanced(M: _Complex, sizes: Sequence[int]) -> _Real:
-    """Return log d of each matrix of a stack, shape (m, number of blocks), by Osborne's rounds."""
+def _osborne_scales(M: _Complex, sizes: Sequence[int]) -> _Real:
+    """Return log d of each matrix by Osborne's iteration, shape (m, number of blocks)."""
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     size = np.add.reduceat(np.add.reduceat(np.abs(M) ** 2, starts, axis=1), starts, axis=2)
     k = np.arange(len(sizes))
@@ -105,7 +89,7 @@ def _balanced(M: _Complex, sizes: Sequence[int]) -> _Real:
 def _value(
     M: _Complex, scales: _Real, block: NDArray[np.intp], power: float
 ) -> tuple[float, _Real]:
-    """Return log of a norm of the singular values of D M D^-1, and its slope by log d.
+    """Return log of a norm of the singular values of D M D^-1, and its gradient in log d.
 
     The norm is the 2 `power`-th root of the mean of sigma^(2 power), or the largest sigma.
     """

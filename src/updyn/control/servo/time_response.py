@@ -1,4 +1,4 @@
-"""Responses of the closed loop over time, by the matrix exponential: steps, wind, series."""
+"""Time responses of the closed loop by the matrix exponential: steps, wind, series."""
 
 from __future__ import annotations
 
@@ -12,53 +12,53 @@ from scipy.interpolate import CubicHermiteSpline
 
 from updyn.control.servo.loops import Cascade
 from updyn.control.servo.record import RETURNS, StepResponse, WindResponse
-from updyn.control.servo.stability import Judged
-from updyn.control.servo.state_space import StateSpace, balanced
+from updyn.control.servo.stability import JudgedLoop
+from updyn.control.servo.state_space import StateSpace, balance
 from updyn.control.servo.wind import Wind
 from updyn.errors import DataError, OptionError
 from updyn.group import is_number
 
 __all__ = [
     "StepFigures",
-    "Timed",
+    "TimeResponses",
     "delayed_response",
     "final_value",
     "linear_response",
     "schedule",
     "step_figures",
     "step_series",
-    "timed",
+    "time_responses",
 ]
 
 _Real = NDArray[np.float64]
 
-#: Least number of intervals of a record, about.
+#: Approximate least number of intervals of a record.
 _FEWEST = 1000
 #: Largest number of intervals of a record.
 _MOST = 20_000
-#: Intervals in a radian of the fastest mode that contributes.
+#: Intervals per radian of the fastest contributing mode.
 _PER_RADIAN = 12.0
-#: Share of the response from which a mode contributes.
+#: Smallest share of the response of a contributing mode.
 _SHOWS = 1e-3
 #: Share of the response below which a mode has settled.
 _SETTLED = 2e-3
-#: Half width of the band in which a response has settled, as a share of its final value.
+#: Half width of the settling band, as a share of the final value.
 _BAND = 0.02
 _TWO_PI = 2.0 * np.pi
-#: Positions in `Cascade.closed`.
+#: Indices of inputs and outputs in `Cascade.closed_loop`.
 _REFERENCE, _RATE, _VELOCITY, _DISTURBANCE = range(4)
 _POSITION, _TORQUE, _POINTING = range(3)
-#: Share of the variance of the error that a series of the wind may lack above its last frequency.
+#: Share of the variance of the error that a wind series may lack above its highest frequency.
 _LEFT_OUT = 1e-4
-#: Largest length of such a series.
+#: Largest number of samples of such a series.
 _LONGEST = 2**16
-#: With exact dead time: factor by which the intervals are finer.
+#: With exact dead time: factor by which the intervals are refined.
 _FINER = 4.0
 #: With exact dead time: largest number of intervals.
 _LONGEST_STEP = 60_000
-#: With exact dead time: least number of intervals in it; otherwise it is approximated.
+#: With exact dead time: least number of intervals per dead time; below it is approximated.
 _COARSEST = 16
-#: Number of samples that are kept, about.
+#: Approximate number of samples that are stored.
 _KEPT = 5000
 
 
@@ -67,26 +67,9 @@ def linear_response(
 ) -> tuple[_Real, _Real]:
     """Return states and outputs of a system under inputs that are linear between samples.
 
-    Parameters
-    ----------
-    system : StateSpace
-        n states, n_u inputs, n_y outputs.
-    u : ndarray of float, shape (n_t, n_u)
-        Inputs, equally spaced.
-    dt : float
-        Interval in s.
-    start : ndarray of float, shape (n,), optional
-        First state; 0 by default.
-
-    Returns
-    -------
-    states : ndarray of float, shape (n_t, n)
-    outputs : ndarray of float, shape (n_t, n_y)
-
-    Notes
-    -----
-    First-order hold: exponential of the matrix augmented with the input and its slope (Van Loan
-    1978, IEEE Trans. Autom. Control 23, p. 395), with the states balanced.
+    `u` has shape (n_t, n_u), sampled every `dt` s; the initial state is `start` or 0. First-order
+    hold: exponential of the matrix augmented with the input and its slope (Van Loan 1978, IEEE
+    Trans. Autom. Control 23, p. 395), with balanced states.
     """
     own, held, sloped = held_and_sloped(system.A, system.B, dt)
     own = np.ascontiguousarray(own.T)
@@ -101,25 +84,13 @@ def linear_response(
 
 
 def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]:
-    """Return the matrices of one interval: of states, a constant input and a ramp from 0 to 1.
-
-    Parameters
-    ----------
-    A, B : ndarray of float, shapes (n, n), (n, n_u)
-        Of the system.
-    dt : float
-        Interval in s.
-
-    Returns
-    -------
-    own, held, sloped : ndarray of float, shapes (n, n), (n, n_u), (n, n_u)
-    """
+    """Return the matrices of one interval for the states, a constant input and a unit ramp."""
     n, m = B.shape
     if n == 0:
         return A, B, B
-    even, scale = balanced(A)
+    even, scale = balance(A)
     scaled = B / scale[:, None]
-    # Powers of 2, so that nothing is rounded, of the inputs too.
+    # Scales of inputs, too, are powers of 2, so scaling causes no rounding.
     size = np.abs(scaled).max(axis=0)
     wanted = max(float(np.abs(even).max()), 1.0 / dt)
     unit = np.exp2(np.round(np.log2(np.where(size > 0, size, wanted) / wanted)))
@@ -139,25 +110,12 @@ def held_and_sloped(A: _Real, B: _Real, dt: float) -> tuple[_Real, _Real, _Real]
 def delayed_response(
     opened: StateSpace, w: _Real, start: _Real, delay: float, dt: float, n_t: int
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs and derivatives of a loop whose first output is fed back late.
+    """Return time, outputs and their derivatives of a loop whose first output is fed back delayed.
 
-    Parameters
-    ----------
-    opened : StateSpace
-        With the late input first and what comes back first among the outputs.
-    w : ndarray of float, shape (n_w,)
-        The other inputs, constant from time 0 on.
-    start : ndarray of float, shape (n,)
-        States at time 0.
-    delay, dt : float
-        Dead time, and interval in s, a whole part of it.
-    n_t : int
-        Number of samples.
-
-    Notes
-    -----
-    What is late is known from before (method of steps); between samples it is taken to be straight,
-    its jumps at multiples of the dead time kept.
+    `opened` has the delayed input first and the output to feed back first; `w` are its other
+    inputs, constant from time 0 on; `start` is the initial state. `dt` divides `delay`. Method of
+    steps: the delayed input is known from earlier steps; between samples it is linear, and its
+    jumps at multiples of the dead time are kept.
     """
     late = round(delay / dt)
     own, held, sloped = held_and_sloped(opened.A, opened.B, dt)
@@ -168,7 +126,7 @@ def delayed_response(
     direct = float(opened.D[0, 1:] @ w)
     states = np.empty((n_t, len(own)))
     states[0] = x = start
-    # The late input just before and just after each sample, 0 during the first dead time.
+    # The delayed input just before and just after each sample, 0 during the first dead time.
     before = np.zeros(n_t + late)
     after = np.zeros(n_t + late)
     after[late] = c @ x + direct
@@ -177,9 +135,9 @@ def delayed_response(
         ends = before[k + 1]
         x = own @ x + first * begins + pushed * (ends - begins) + constant
         states[k + 1] = x
-        returned = c @ x + direct
-        before[k + 1 + late] = returned + d * ends
-        after[k + 1 + late] = returned + d * after[k + 1]
+        fed_back = c @ x + direct
+        before[k + 1 + late] = fed_back + d * ends
+        after[k + 1 + late] = fed_back + d * after[k + 1]
     fed = after[:n_t]
     inputs = np.column_stack([fed, np.broadcast_to(w, (n_t, len(w)))])
     outputs = states @ opened.C.T + inputs @ opened.D.T
@@ -191,17 +149,12 @@ def delayed_response(
 def final_value(system: StateSpace, output: int, input: int) -> float:
     """Return the final value of an output under a constant input of 1; nan if it is unbounded.
 
-    Parameters
-    ----------
-    system : StateSpace
-        The closed loop; poles at 0 that do not show in this output are allowed.
-    output, input : int
-        Positions.
+    Poles at 0 are allowed if they are not observable at this output.
     """
     poles = np.abs(system.poles)
     moving = poles[poles > 1e-7 * poles.max(initial=0.0)]
     s = 1e-5 * float(moving.min()) if len(moving) else 1e-5
-    even, scale = balanced(system.A)
+    even, scale = balance(system.A)
     b, c = system.B[:, input] / scale, system.C[output] * scale
     far, near, nearer = (
         float(c @ np.linalg.solve(x * np.eye(len(even)) - even, b) + system.D[output, input])
@@ -215,19 +168,10 @@ def final_value(system: StateSpace, output: int, input: int) -> float:
 def schedule(
     system: StateSpace, output: int, input: int, duration: float | None = None
 ) -> list[tuple[int, float]]:
-    """Return the numbers and lengths in s of the intervals that resolve a step response.
+    """Return numbers and lengths in s of the intervals that resolve a step response.
 
-    Their length resolves the fastest mode that still contributes; they end when the slowest has
-    settled.
-
-    Parameters
-    ----------
-    system : StateSpace
-        A stable closed loop.
-    output, input : int
-        Positions.
-    duration : float, optional
-        In s; by default until all has settled.
+    The length resolves the fastest mode that still contributes. Without a `duration` they end when
+    the slowest mode has settled.
     """
     poles, share = _shares(system, output, input)
     rate = np.maximum(-poles.real, 1e-6 * np.abs(poles))
@@ -252,8 +196,8 @@ def schedule(
 
 
 def _shares(system: StateSpace, output: int, input: int) -> tuple[NDArray[np.complex128], _Real]:
-    """Return the poles in rad/s, and the share of each in a step response."""
-    even, scale = balanced(system.A)
+    """Return the poles in rad/s and the share of each in a step response."""
+    even, scale = balance(system.A)
     poles, V = np.linalg.eig(even)
     b, c = system.B[:, input] / scale, system.C[output] * scale
     moving = np.abs(poles) > 1e-7 * np.abs(poles).max(initial=0.0)
@@ -266,18 +210,8 @@ def step_series(
 ) -> tuple[_Real, _Real, _Real]:
     """Return time, outputs and their derivatives after a step of an input at time 0.
 
-    Parameters
-    ----------
-    system : StateSpace
-        The closed loop, at rest before.
-    input : int
-        Position of what steps.
-    size : float
-        Height.
-    rate : int or None
-        Position of the input that is the step's derivative: an impulse of the same size.
-    parts : list of (int, float)
-        Numbers of intervals and lengths in s.
+    `rate` is the index of the input that is the derivative of the step: an impulse of the same
+    size. `parts` are numbers of intervals and their lengths in s.
     """
     u = np.zeros(system.B.shape[1])
     u[input] = size
@@ -295,15 +229,7 @@ def step_series(
 
 @dataclass(frozen=True, slots=True)
 class StepFigures:
-    """Figures of a step response; as in `updyn.control.servo.record.StepResponse`.
-
-    Attributes
-    ----------
-    rise_time, overshoot, settling_time : float or None
-        In s, as a share, in s.
-    peak, peak_time : float
-        Value of largest size, and its time in s.
-    """
+    """Figures of a step response, as in `updyn.control.servo.record.StepResponse`."""
 
     rise_time: float | None
     overshoot: float | None
@@ -315,16 +241,9 @@ class StepFigures:
 def step_figures(
     time: _Real, value: _Real, slope: _Real, final: float, reference: bool
 ) -> StepFigures:
-    """Return the figures of a step response, between the samples by cubic polynomials.
+    """Return the figures of a step response, with cubic interpolation between samples.
 
-    Parameters
-    ----------
-    time, value, slope : ndarray of float, shape (n,)
-        In s; the output; its derivative.
-    final : float
-        Final value; nan without one.
-    reference : bool
-        Whether it is a step of the reference, which has a rise time and an overshoot.
+    `reference` tells whether it is a step of the reference, which has rise time and overshoot.
     """
     curve = CubicHermiteSpline(time, value, slope, extrapolate=False)
     places = np.concatenate([time[[0, -1]], _within(curve.derivative().roots(), time)])
@@ -332,7 +251,7 @@ def step_figures(
     top = int(np.argmax(np.abs(heights)))
     peak, peak_time = float(heights[top]), float(places[top])
     rise = overshoot = None
-    rises = reference and abs(final) > RETURNS * abs(peak)  # not of a final value of nan either
+    rises = reference and abs(final) > RETURNS * abs(peak)  # False for a final value of nan
     if rises:
         begins = _first(curve, time, 0.1 * final)
         ends = _first(curve, time, 0.9 * final)
@@ -355,14 +274,14 @@ def _first(curve: CubicHermiteSpline, time: _Real, height: float) -> float | Non
 
 
 def _within(places: _Real, time: _Real) -> _Real:
-    """Return places that are numbers (a constant piece has nan) within the record."""
+    """Return the places within the record, without the nan of constant pieces."""
     good = np.isfinite(places)
     return np.asarray(places[good & (np.where(good, places, 0.0) >= time[0])])
 
 
 @dataclass(frozen=True, slots=True)
-class Timed:
-    """Responses over time and notes on them; as in `updyn.control.servo.record.Servo`."""
+class TimeResponses:
+    """Time responses and notes on them, as in `updyn.control.servo.record.Servo`."""
 
     step: StepResponse | None = None
     disturbance_step: StepResponse | None = None
@@ -370,36 +289,15 @@ class Timed:
     notes: tuple[str, ...] = ()
 
 
-def timed(
+def time_responses(
     cascade: Cascade,
-    judged: Judged,
+    judged: JudgedLoop,
     step: float | None,
     disturbance_step: float | None,
     wind: Wind | tuple[ArrayLike, ArrayLike] | None,
     duration: float | None,
-) -> Timed:
-    """Return the responses over time of a stable closed loop.
-
-    Parameters
-    ----------
-    cascade : Cascade
-        Controller and plant.
-    judged : Judged
-        Its outermost loop.
-    step, disturbance_step : float or None
-        Heights.
-    wind : Wind or (time, disturbance), optional
-        The disturbance.
-    duration : float, optional
-        Of the steps, in s.
-
-    Raises
-    ------
-    OptionError
-        If a number cannot be used.
-    DataError
-        If a series cannot be used.
-    """
+) -> TimeResponses:
+    """Return the time responses of a stable closed loop; `judged` is its outermost loop."""
     for name, value in (
         ("step", step),
         ("disturbance_step", disturbance_step),
@@ -411,21 +309,21 @@ def timed(
             )
     if duration is not None and duration < 0:
         raise OptionError(f"servo: duration is {duration!r}; expected a time in s above 0")
-    system = cascade.closed(judged.pade, pointing=True)
+    system = cascade.closed_loop(judged.pade, pointing=True)
     jumps = bool(np.isnan(system.D[_POINTING, _DISTURBANCE]))
-    system = replace(system, D=np.nan_to_num(system.D))  # of inputs that are 0 wherever it is read
+    system = replace(system, D=np.nan_to_num(system.D))  # nan only for inputs that are 0 here
     notes: list[str] = []
     reference = None
     if step is not None:
         reference = _reference_step(cascade, system, step, duration, notes)
     if cascade.wiring.disturbance is None:
-        return Timed(reference, notes=tuple(notes))
+        return TimeResponses(reference, notes=tuple(notes))
     if jumps:
         notes.append(
             "a step of the disturbance makes the velocity jump without bound (direct feed-through):"
-            " left out"
+            " not computed"
         )
-        return Timed(reference, notes=tuple(notes))
+        return TimeResponses(reference, notes=tuple(notes))
     disturbed = gusts = None
     if disturbance_step is not None:
         names, places = _disturbance_names(cascade), (_POINTING, _DISTURBANCE)
@@ -434,7 +332,7 @@ def timed(
         )
     if wind is not None:
         gusts = _wind(cascade, judged, system, wind)
-    return Timed(reference, disturbed, gusts, tuple(notes))
+    return TimeResponses(reference, disturbed, gusts, tuple(notes))
 
 
 def _reference_step(
@@ -448,7 +346,7 @@ def _reference_step(
             rate = _RATE
     if rate is not None and (system.D[_POSITION, rate] or system.D[_TORQUE, rate]):
         notes.append(
-            "a step of the reference with feed-forward asks for a torque without bound: left out;"
+            "a step of the reference with feed-forward needs an unbounded torque: not computed;"
             " give a low_pass"
         )
         return None
@@ -472,15 +370,15 @@ def _step(
 ) -> StepResponse:
     """Return the response to a step.
 
-    `names` are input, its unit, output, its unit; `places` are those of output and input in
-    `Cascade.closed`.
+    `names` are input, its unit, output, its unit; `places` are the indices of output and input in
+    `Cascade.closed_loop`.
     """
     row, at = places
     time, outputs, slopes = _record(cascade, system, row, at, size, rate, duration)
     final = size * final_value(system, row, at)
     is_reference = of == "reference"
     figures = step_figures(time, outputs[:, row], slopes[:, row], final, is_reference)
-    time, value, torque = _thinned(time, outputs[:, row], outputs[:, _TORQUE])
+    time, value, torque = _thin_record(time, outputs[:, row], outputs[:, _TORQUE])
     return StepResponse(of, float(size), *names, time, value, torque, final, **asdict(figures))
 
 
@@ -493,12 +391,12 @@ def _record(
     rate: int | None,
     duration: float | None,
 ) -> tuple[_Real, _Real, _Real]:
-    """Return time, outputs of `Cascade.closed` and their derivatives after a step."""
+    """Return time, outputs of `Cascade.closed_loop` and their derivatives after a step."""
     parts = schedule(system, output, at, duration)
     delay = cascade.controller.dead_time
     opened = None
     if delay:
-        opened = cascade.opened()
+        opened = cascade.open_at_delay()
     long = sum(n * dt for n, dt in parts)
     wanted = int(np.ceil(_FINER * delay / min(dt for _, dt in parts)))
     late = min(wanted, int(_LONGEST_STEP * delay / long))
@@ -515,8 +413,8 @@ def _record(
     return time, outputs[:, order], slopes[:, order]
 
 
-def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
-    """Return a record thinned to about `_KEPT` samples, the first ones kept."""
+def _thin_record(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _Real]:
+    """Return a record thinned to about `_KEPT` samples, with all of the first ones."""
     every = max(1, round(len(time) / _KEPT))
     keep = np.unique(
         np.concatenate([np.arange(min(len(time), _KEPT // 5)), np.arange(0, len(time), every)])
@@ -525,11 +423,14 @@ def _thinned(time: _Real, value: _Real, torque: _Real) -> tuple[_Real, _Real, _R
 
 
 def _wind(
-    cascade: Cascade, judged: Judged, system: StateSpace, wind: Wind | tuple[ArrayLike, ArrayLike]
+    cascade: Cascade,
+    judged: JudgedLoop,
+    system: StateSpace,
+    wind: Wind | tuple[ArrayLike, ArrayLike],
 ) -> WindResponse:
     expected, facts = None, {}
     if isinstance(wind, Wind):
-        expected, needed = _expected(cascade, judged, wind)
+        expected, needed = _expected_rms(cascade, judged, wind)
         time, torque = wind.series(max(needed, wind.duration / _LONGEST))
         facts = {
             "mean_speed": wind.mean_speed,
@@ -545,7 +446,7 @@ def _wind(
     if np.isnan(rest):
         rest, first = 0.0, 0.0
     else:
-        first = torque[0]  # it acts since minus infinity
+        first = torque[0]  # constant before the record
     u = np.zeros((len(time), 4))
     u[:, _DISTURBANCE] = torque - first
     error = linear_response(system, u, float(time[1] - time[0]))[1][:, _POINTING] + rest * first
@@ -555,8 +456,8 @@ def _wind(
     return WindResponse(*names, time, torque, error, rms, peak, mean, expected, facts)
 
 
-def _expected(cascade: Cascade, judged: Judged, wind: Wind) -> tuple[float, float]:
-    """Return the rms error by the spectrum, and the interval of a time series in s."""
+def _expected_rms(cascade: Cascade, judged: JudgedLoop, wind: Wind) -> tuple[float, float]:
+    """Return the rms error by the spectrum, and the sampling interval of a time series in s."""
     low = min(judged.w[0] / _TWO_PI, 1e-3 * wind.mean_speed / 1200.0)
     edges = np.unique(
         np.concatenate([np.geomspace(low, judged.w[-1] / _TWO_PI, 2000), judged.w / _TWO_PI])
@@ -592,7 +493,7 @@ def _series(given: tuple[ArrayLike, ArrayLike]) -> tuple[_Real, _Real]:
     if step <= 0 or len(uneven):
         where = int(uneven[0]) if len(uneven) else 0
         raise DataError(
-            f"wind: times have to be equally spaced and increase; after {time[where]:g} s comes"
+            f"wind: times must be equally spaced and increasing; {time[where]:g} s is followed by"
             f" {time[where + 1]:g} s, but most intervals are {step:g} s"
         )
     return time, values
@@ -605,7 +506,7 @@ def _unit(cascade: Cascade, name: str, velocity: bool) -> str:
 
 
 def _disturbance_names(cascade: Cascade) -> tuple[str, str, str, str]:
-    """Return input, its unit, pointing, its unit."""
+    """Return the disturbance input, its unit, the pointing output, its unit."""
     wiring, plant = cascade.wiring, cascade.plant
     assert wiring.disturbance is not None
     unit = plant.input_units[plant.inputs.index(wiring.disturbance)]

@@ -1,4 +1,4 @@
-"""`Wind`: the torque of gusty wind by Davenport's spectrum."""
+"""`Wind`: torque of gusty wind with Davenport's spectrum."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MOST = 2**20
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """A wind of mean speed V with gusts u, and its torque c (V + u)^2 to first order in u.
+    """Wind of mean speed V with gusts u, and its torque c (V + u)^2 to first order in u.
 
     The gusts have the spectrum of Davenport (1961), "The spectrum of horizontal gustiness near the
     ground in high winds", Q. J. R. Meteorol. Soc. 87, 194-211:
@@ -34,24 +34,25 @@ class Wind:
     Parameters
     ----------
     mean_speed : float
-        V in m/s, 10 m above ground in the spectrum's sense, above 0.
+        V in m/s, above 0; 10 m above ground for the spectrum.
     coefficient : float
         c in N m / (m/s)^2 (N / (m/s)^2 for a force), other than 0.
     roughness : float, optional
-        Surface drag coefficient: 0.005 in open country, up to 0.05 in a city, by Davenport.
+        Surface drag coefficient: 0.005 in open country, up to 0.05 in a city (Davenport).
     turbulence : float, optional
-        Standard deviation of u over V, in place of `roughness`: sqrt(6 roughness).
+        Standard deviation of u over V, sqrt(6 roughness), instead of `roughness`.
     duration : float
-        Of the series in s.
+        Duration of the series in s.
     dt : float, optional
-        Its interval in s; by default fine enough for the loop.
+        Sampling interval of the series in s; by default fine enough for the loop.
     seed : int
-        Of the phases.
+        Seed of the random phases.
 
     Raises
     ------
     OptionError
-        If a number is out of its range, or not one of `roughness` and `turbulence` is given.
+        If a number is out of its range, or not exactly one of `roughness` and `turbulence` is
+        given.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class Wind:
                 f"wind: coefficient is {self.coefficient!r}; expected N m / (m/s)^2, other than 0"
             )
         if (self.roughness is None) == (self.turbulence is None):
-            raise OptionError("wind: expected roughness or turbulence, one of the two")
+            raise OptionError("wind: expected roughness or turbulence, not both")
         if (
             isinstance(self.seed, bool)
             or not isinstance(self.seed, int | np.integer)
@@ -105,7 +106,7 @@ class Wind:
 
     @property
     def drag(self) -> float:
-        """Surface drag coefficient, given or from the turbulence."""
+        """Surface drag coefficient, as given or from the turbulence."""
         return (
             float(self.roughness)
             if self.roughness is not None
@@ -146,7 +147,7 @@ class Wind:
         Parameters
         ----------
         freq : array_like of float, shape (n_f,)
-            Upper ends in Hz; inf is allowed.
+            Upper limits in Hz; inf is allowed.
 
         Returns
         -------
@@ -154,11 +155,11 @@ class Wind:
             In (m/s)^2.
         """
         X = _LENGTH * np.asarray(freq, dtype=np.float64) / self.mean_speed
-        # 1 - (1 + x)^(-1/3) without the loss of digits where x is small
+        # 1 - (1 + x)^(-1/3) without loss of digits for small x
         return np.asarray(6.0 * self.drag * self.mean_speed**2 * -np.expm1(-np.log1p(X**2) / 3.0))
 
     def torque_variance(self, edges: _Real) -> _Real:
-        """Return the variance of the torque between neighbouring frequencies.
+        """Return the variance of the torque between consecutive frequencies.
 
         Parameters
         ----------
@@ -175,26 +176,26 @@ class Wind:
         )
 
     def series(self, dt: float | None = None) -> tuple[_Real, _Real]:
-        """Draw a series of the torque.
+        """Return a random series of the torque.
 
-        A sum of cosines at multiples of 1 / duration with phases drawn at random (Shinozuka &
-        Deodatis 1991, Appl. Mech. Rev. 44, 191-204), each with the variance of the spectrum about
-        it, up to half the sampling rate.
+        A sum of cosines at multiples of 1 / duration with random phases (Shinozuka & Deodatis 1991,
+        Appl. Mech. Rev. 44, 191-204), each with the variance of the spectrum around it, up to half
+        the sampling rate.
 
         Parameters
         ----------
         dt : float, optional
-            Interval in s, where the wind has none.
+            Interval in s if the wind has none.
 
         Returns
         -------
         time, torque : ndarray of float, shape (n,)
-            In s, in N m.
+            In s and N m.
 
         Raises
         ------
         OptionError
-            If there is no interval, or it makes too few or too many samples.
+            If the interval is missing, or gives too few or too many samples.
         """
         step = self.dt if self.dt is not None else dt
         if step is None:
@@ -202,8 +203,8 @@ class Wind:
         n = 2 * round(0.5 * self.duration / step)
         if not 16 <= n <= _MOST:
             raise OptionError(
-                f"wind: {self.duration:g} s in intervals of {step:g} s are {n}; expected 16 to"
-                f" {_MOST}"
+                f"wind: {self.duration:g} s in intervals of {step:g} s give {n} samples; expected"
+                f" 16 to {_MOST}"
             )
         lines = np.arange(1, n // 2)
         edges: _Real = np.arange(1, n // 2 + 1) - np.float64(0.5)
