@@ -59,7 +59,7 @@ def plant(
     print_text(describe_plant_result(made))
     table = loaded.table(PlantTable)
     assert table is not None
-    if not made.met:
+    if not made.holds_tolerance:
         print_text(
             f"\nNo plant is written; what was reached: {folder / PLANT_PAGE} and {folder / CONTROL}"
         )

@@ -95,7 +95,7 @@ def test_a_run_writes_the_plant_of_the_updated_model(ran: Path) -> None:
         "diagonal",
         "single-frequency",
     }
-    assert any("goes beyond the data" in note for note in found["notes"])
+    assert any("extends beyond the data" in note for note in found["notes"])
     assert updyn.read_plant(out / "plant-sampled.json").dt == 0.002
 
 
@@ -114,7 +114,7 @@ def test_check_says_what_the_plant_will_be(
     assert main(["check", str(folder / "job.toml")]) == 0
     out, _ = capsys.readouterr()
     assert "Plant from 1 to 30 Hz, tolerance 2 %: 1 input (12:X), 2 outputs (tip, twist)" in out
-    assert "goes beyond the data, 0.6349 to 22.7 Hz" in out
+    assert "extends beyond the data, 0.6349 to 22.7 Hz" in out
 
 
 def test_the_plant_of_a_finished_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,7 +153,7 @@ def test_without_a_run_it_is_of_the_model_as_it_stands(
 ) -> None:
     shutil.rmtree(folder / "job")
     assert main(["plant", str(folder / "job.toml")]) == 0
-    assert "The model as it stands, NOT updated" in capsys.readouterr().out
+    assert "The original model, NOT updated" in capsys.readouterr().out
     assert record(folder / "job")["updated"] is False
     assert "Not updated" in (folder / "job" / "plant.html").read_text(encoding="utf-8")
     plant = updyn.read_plant(folder / "job" / "plant.json")
@@ -180,12 +180,12 @@ def test_where_the_tolerance_is_not_met_no_plant_is_left(
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("starts = 0", "starts = 1", "job.toml:8: [method] is not that of the run in"),
-        ('["part1", ', "[", "job.toml:5: [parameter] is not that of the run in"),
+        ("starts = 0", "starts = 1", "job.toml:8: [method] differs from that of the run in"),
+        ('["part1", ', "[", "job.toml:5: [parameter] differs from that of the run in"),
         (
             "[plant]",
             "[[damping]]\ngroups = ['part1']\nloss_factor = 0.01\n[plant]",
-            "[damping] is not that of the run",
+            "[damping] differs from that of the run",
         ),
         (
             'inputs = ["12:X"]',
@@ -213,13 +213,13 @@ def test_data_that_have_changed_are_seen(folder: Path, capsys: pytest.CaptureFix
     changed = updyn.FRF(frf.freq, 1.01 * frf.values, frf.responses, frf.references, frf.quantity)
     updyn.write_frf(changed, folder / "chain.uff")
     assert main(["plant", str(folder / "job.toml")]) == 2
-    assert "the measurement is not that of the run" in " ".join(capsys.readouterr().err.split())
+    assert "the measurement differs from that of the run" in " ".join(capsys.readouterr().err.split())
 
 
 def test_folders_and_jobs_that_cannot_be(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     job = folder / "job.toml"
     assert main(["plant", str(job), "--run", str(folder / "gone")]) == 2
-    assert "there is no finished run in" in " ".join(capsys.readouterr().err.split())
+    assert "no finished run in" in " ".join(capsys.readouterr().err.split())
     job.write_text(job.read_text().replace('files = "', "").partition("[plant]")[0])
     assert main(["plant", str(job)]) == 2
     assert "the job has no [plant]" in " ".join(capsys.readouterr().err.split())
@@ -263,7 +263,7 @@ def test_a_run_keeps_its_plant_where_the_servo_cannot_be(
     job.write_text(job.read_text().partition("[uncertainty]")[0] + SERVO + "crossover = 2.0\n")
     assert main(["run", str(job)]) == 3
     out, _ = capsys.readouterr()
-    assert "note: [servo] is left out:" in out
+    assert "note: [servo] is omitted:" in out
     assert updyn.read_plant(folder / "job" / "plant.json").outputs == ("tip", "twist")
     found = record(folder / "job")
     assert (found["servo"], found["met"]) == (None, True)
@@ -320,7 +320,7 @@ def test_the_plant_of_one_of_several_tests(
     job.write_text(text.replace("test = 'plain'", "test = 'loaded'"))
     assert main(["plant", str(job), "--out", str(folder / "elsewhere")]) == 0
     said = capsys.readouterr().out
-    assert "as it stood in test 'loaded', with its added masses" in said
+    assert "in test 'loaded', with its added masses" in said
     plant = updyn.read_plant(folder / "elsewhere" / "plant.json")
     assert off(updyn.read_model(out / "loaded" / "model.h5"), plant).max() <= 0.021
     assert off(updyn.read_model(out / "plain" / "model.h5"), plant).max() > 0.1

@@ -75,7 +75,7 @@ def test_what_is_written_out_says_the_same(job, tmp_path):
 def test_a_band_beyond_the_data_is_said(job):
     ready = prepare(load_job(job(PORTS + "band = [1.0, 90.0]\n")))
     said = beyond_the_data(band_of_plant(ready.job, ready.tests[0].freq), ready.tests[0].freq)
-    assert "1 to 90 Hz, goes beyond the data, 0.63" in said
+    assert "1 to 90 Hz, extends beyond the data, 0.63" in said
     assert beyond_the_data((1.0, 20.0), ready.tests[0].freq) == ""
 
 
@@ -102,8 +102,8 @@ def test_a_band_beyond_the_data_is_said(job):
             9,
             "weights without a name",
         ),
-        ('inputs = [{ name = "a" }]\noutputs = ["5:X"]\n', 9, "expected dof, or weights by DOF"),
-        ('inputs = ["12:X"]\noutputs = ["5:X",\n"5:X"]\n', 11, "two outputs are called '5:X'"),
+        ('inputs = [{ name = "a" }]\noutputs = ["5:X"]\n', 9, "expected either dof or weights by DOF"),
+        ('inputs = ["12:X"]\noutputs = ["5:X",\n"5:X"]\n', 11, "two outputs are named '5:X'"),
         (PORTS + 'quantity = "mobilty"\n', 11, "did you mean 'mobility'"),
         (
             PORTS + 'quantity = ["mobility", "mobility"]\n',
@@ -126,7 +126,7 @@ def test_a_band_beyond_the_data_is_said(job):
         ),
         (PORTS + 'files = ["plant.matt"]\n', 11, "did you mean '.mat'"),
         (PORTS + 'files = ["result.json"]\n', 11, "expected the name of another file"),
-        (PORTS + 'files = ["a.h", "A.h"]\n', 11, "a file stands twice"),
+        (PORTS + 'files = ["a.h", "A.h"]\n', 11, "two of the files have the same name"),
         (PORTS + 'test = "first"\n', 11, "this job has one"),
     ],
 )
@@ -167,12 +167,12 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
     ("table", "line", "said"),
     [
         ('torqe = "M"\n', 13, "unknown key 'torqe' in [servo]; did you mean 'torque'"),
-        ('torque = "N"\n', 13, "the plant has no input of that name; valid: 'M', 'gust'"),
+        ('torque = "N"\n', 13, "the plant has no input with that name; valid: 'M', 'gust'"),
         ('torque = "M"\nvelocity = "sped"\n', 14, "did you mean 'speed'"),
         (
             'velocity = "speed"\ncontroller = { kp = 1 }\n',
             12,
-            "missing key 'torque': which of the inputs 'M', 'gust'?",
+            "missing key 'torque': expected one of 'M', 'gust'",
         ),
         ('torque = "M"\ncontroller = { kp = 1 }\n', 12, "missing key 'velocity'"),
         (
@@ -183,11 +183,11 @@ CONTROLLER = 'torque = "M"\nvelocity = "speed"\n[servo.controller]\n'
         ('motor = "12:X"\n', 12, "expected motor and load"),
         ('motor = "12:X"\nload = "13:X"\n', 14, "load 13:X is not among the 12 DOFs"),
         ("ratio = 3\n", 13, "servo.ratio is checked with motor and load"),
-        (CONTROLLER, 15, "expected kp, or crossover to size it by rule"),
+        (CONTROLLER, 15, "expected either kp, or crossover to size it by rule"),
         (
             CONTROLLER + "kp = 1\ncrossover = 3\n",
             16,
-            "expected kp, or crossover to size it by rule; one of the two",
+            "expected either kp, or crossover to size it by rule",
         ),
         (CONTROLLER + "kp = 1\nti_ratio = 3\n", 17, "ti_ratio sizes a gain by rule"),
         (CONTROLLER + "crossover = 1\nratio = 0\n", 17, "ratio is 0.0; expected a number other"),

@@ -197,7 +197,7 @@ def test_tables_of_the_plant(made, parts):
         assert f"{abs(pole) / (2 * np.pi):.5g}" in text
         assert f"{-pole.real / abs(pole):.3g}" in text
     assert "1 rigid-body mode with a pole at 0" in text
-    assert "goes beyond the data, 2 to 80 Hz" in text
+    assert "extends beyond the data, 2 to 80 Hz" in text
     # a number of the key figures keeps its percent sign where the line is broken
     assert re.search(r"asked [\d.]+\N{NO-BREAK SPACE}%</small>", text)
 

@@ -1,3 +1,3 @@
-"""Control tables of a job: their checks, the plant that they ask for, and its record."""
+"""Control tables of a job: their checks, the requested plant and its record."""
 
-import updyn.job  # noqa: F401  # its schema holds tables of this package: it has to be loaded first
+import updyn.job  # noqa: F401  # first, as its schema uses tables of this package

@@ -1,4 +1,4 @@
-"""Checks of ``[plant]`` and ``[servo]`` before a run: by the text, the model and the data."""
+"""Checks of ``[plant]`` and ``[servo]`` before a run, against the text, the model and the data."""
 
 from __future__ import annotations
 
@@ -34,18 +34,7 @@ _PORTS = {
 
 
 def check_control_tables(job: Job) -> None:
-    """Check ``[plant]`` by the text of the job.
-
-    Parameters
-    ----------
-    job : Job
-        All its tests included.
-
-    Raises
-    ------
-    JobError
-        If names, counts or frequencies contradict each other, with the line.
-    """
+    """Check ``[plant]`` of a job against the text, with all its tests."""
     table = job.table(PlantTable)
     if table is None:
         return
@@ -53,7 +42,7 @@ def check_control_tables(job: Job) -> None:
         names = [port.name for port in getattr(table, f"{key[:-1]}_ports")]
         for number, name in enumerate(names):
             if name in names[:number]:
-                text = f"plant: two {key} are called {name!r}; give one of them another name"
+                text = f"plant: two {key} are named {name!r}; give one of them another name"
                 raise JobError(
                     text,
                     key=("plant", key, number),
@@ -90,7 +79,7 @@ def check_control_tables(job: Job) -> None:
 
 
 def part_of_plant(job: Job) -> int:
-    """Return the position of the test whose configuration the plant has; by default the first."""
+    """Return the index of the test whose configuration the plant has; by default the first."""
     table = job.table(PlantTable)
     if table is None or table.test is None:
         return 0
@@ -98,15 +87,7 @@ def part_of_plant(job: Job) -> int:
 
 
 def band_of_plant(job: Job, freq: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the band of the plant: its own, else that of the test.
-
-    Parameters
-    ----------
-    job : Job
-        With ``[plant]``.
-    freq : ndarray of float
-        Frequencies of the data of the test in Hz, ascending.
-    """
+    """Return the band of the plant in Hz: as stated, or that of the data of the test."""
     table = job.table(PlantTable)
     assert table is not None
     if table.band is not None:
@@ -116,41 +97,18 @@ def band_of_plant(job: Job, freq: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def beyond_the_data(band: tuple[float, float], freq: NDArray[np.float64]) -> str:
-    """Return a note where a band goes beyond the data, else an empty text.
-
-    Parameters
-    ----------
-    band : (float, float)
-        In Hz.
-    freq : ndarray of float
-        Frequencies of the data in Hz, ascending.
-    """
+    """Return a note if a band extends beyond the data, else an empty text."""
     low, high = float(freq[0]), float(freq[-1])
     if band[0] >= low * (1 - 1e-9) and band[1] <= high * (1 + 1e-9):
         return ""
     return (
-        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, goes beyond the data, {low:.4g}"
-        f" to {high:.4g} Hz: out there the model was not compared with a measurement."
+        f"The band of the plant, {band[0]:.4g} to {band[1]:.4g} Hz, extends beyond the data,"
+        f" {low:.4g} to {high:.4g} Hz: the model was not compared with measurements outside them."
     )
 
 
 def check_control(job: Job, models: Sequence[Model], data: Sequence[NDArray[np.float64]]) -> None:
-    """Check ``[plant]`` and ``[servo]`` by the model and the data.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    models : sequence of Model
-        One for each of its tests.
-    data : sequence of ndarray of float
-        Frequencies of the data of each, in Hz, ascending.
-
-    Raises
-    ------
-    JobError
-        If a DOF is not in the model, or the band does not fit the sampling, with the line.
-    """
+    """Check ``[plant]`` and ``[servo]`` against models and data frequencies of the tests."""
     table = job.table(PlantTable)
     if table is None:
         return
@@ -192,7 +150,7 @@ def _check_servo_on(servo: ServoTable, model: Model) -> None:
 
 # -- [servo] --------------------------------------------------------------------------------------
 def check_servo_table(job: Job) -> None:
-    """Check ``[servo]`` by the text of the job and the names of the plant's ports."""
+    """Check ``[servo]`` against the text of the job and the names of the plant's ports."""
     servo = job.table(ServoTable)
     plant = job.table(PlantTable)
     if servo is None:
@@ -207,7 +165,7 @@ def check_servo_table(job: Job) -> None:
         name = getattr(servo, key)
         if name is not None and name not in ports[what]:
             text = (
-                f"servo.{key} = {name!r}: the plant has no {what} of that name;"
+                f"servo.{key} = {name!r}: the plant has no {what} with that name;"
                 f" {suggest(name, ports[what])}"
             )
             raise JobError(
@@ -244,11 +202,11 @@ def check_servo_table(job: Job) -> None:
         return
     if servo.velocity is None:
         raise JobError(
-            "servo: missing key 'velocity', the output that the velocity loop reads", key=("servo",)
+            "servo: missing key 'velocity', the output of the velocity loop", key=("servo",)
         )
     if servo.torque is None and len(ports["input"]) > 1:
         names = ", ".join(map(repr, ports["input"]))
-        raise JobError(f"servo: missing key 'torque': which of the inputs {names}?", key=("servo",))
+        raise JobError(f"servo: missing key 'torque': expected one of {names}", key=("servo",))
     for number, table in enumerate(servo.controller.notch):
         with key_path("servo", "controller", "notch", number):
             table.notch()

@@ -24,19 +24,13 @@ if TYPE_CHECKING:
 
 __all__ = ["CONTROL", "PLANT", "PLANT_PAGE", "SERVO", "plant_outputs", "write_plant_files"]
 
-#: The page and the record of a plant.
+#: Page and record of a plant.
 PLANT_PAGE = "plant.html"
 CONTROL = "control.json"
 
 
 def plant_outputs(table: PlantTable) -> tuple[str, ...]:
-    """Return the names of the files that ``updyn plant`` writes; a run writes all but the page.
-
-    Parameters
-    ----------
-    table : PlantTable
-        ``[plant]`` of the job.
-    """
+    """Return the names of the files that ``updyn plant`` writes; a run omits the page."""
     return (*table.files, *table.sampled_files, PLANT_PAGE, CONTROL)
 
 
@@ -69,12 +63,12 @@ class _PlantJobTable(JobTable):
         callback: Callable[[Progress], bool | None] | None,
         engine: Any,
     ) -> PlantResult | None:
-        """Return the plant; None where the update was stopped or has failed.
+        """Return the plant; None if the update was stopped or has failed.
 
         Warns
         -----
         UpdynWarning
-            If it does not hold its tolerance.
+            If the plant does not hold its tolerance.
         """
         from updyn.uncertainty.draws import Draws
 
@@ -93,7 +87,7 @@ class _PlantJobTable(JobTable):
                 say=_shown(callback),
                 strict=False,
             )
-        if not plant_result.met:
+        if not plant_result.holds_tolerance:
             text = f"{prepared.job.path}: no plant is written: {plant_result.message}"
             warnings.warn(text, UpdynWarning, stacklevel=4)
         return plant_result
@@ -106,7 +100,7 @@ class _PlantJobTable(JobTable):
 
 
 class _ServoJobTable(JobTable):
-    """``[servo]``: checked here; the work is that of ``[plant]``."""
+    """``[servo]``: checked here, evaluated with ``[plant]``."""
 
     schema = ServoTable
 
@@ -122,7 +116,7 @@ SERVO = _ServoJobTable()
 
 
 def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str], object] | None:
-    """Return a function that shows the name of a stage as progress of the run."""
+    """Return a function that reports the name of a stage as progress of the run."""
     if callback is None:
         return None
     from updyn.updating.fit.monitor import Progress as Step
@@ -131,17 +125,7 @@ def _shown(callback: Callable[[Progress], bool | None] | None) -> Callable[[str]
 
 
 def write_plant_files(plant_result: PlantResult, job: Job, folder: Path) -> None:
-    """Write the files that ``[plant]`` names, and the record.
-
-    Parameters
-    ----------
-    plant_result : PlantResult
-        The plant result.
-    job : Job
-        Its job.
-    folder : Path
-        Where to write.
-    """
+    """Write the files that ``[plant]`` names, and the record."""
     table = job.table(PlantTable)
     assert table is not None
     for made, names in (

@@ -1,4 +1,4 @@
-"""The plant of a job as text: what the job asks for, and the result."""
+"""Text of the plant of a job: the request and the result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from updyn.text_table import counted, text_table
 
 __all__ = ["describe_plant_result", "describe_request"]
 
-#: For what a tolerance holds.
+#: Error measure of a tolerance.
 _MEASURES = {"relative": "relative error", "peak": "error as a share of the peak"}
 
 
@@ -60,7 +60,7 @@ def describe_plant_result(made: PlantResult) -> str:
 
 
 def _zeros(plant: Plant) -> str:
-    """Return how far the antiresonances have moved, as text."""
+    """Return the shift of the antiresonances as text."""
     known = [zero for zero in plant.zero_shift if not math.isnan(zero.shift)]
     text = f"{counted(len(plant.zero_shift), 'antiresonance')}"
     if known:
@@ -75,7 +75,7 @@ def _zeros(plant: Plant) -> str:
 
 
 def _conversions(made: PlantResult) -> str:
-    """Return the table of the conversions of the damping, all modes kept, and of the plant."""
+    """Return a table of the conversions of the damping (with all modes) and of the plant."""
     rows = []
     for c in made.conversions:
         cells = [_percent(c.relative_error), _percent(c.error), _percent(c.peak_error)]

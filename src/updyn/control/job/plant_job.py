@@ -1,4 +1,4 @@
-"""`plant_job`: make and write the plant of a finished run, or of a model as it stands."""
+"""`plant_job`: make and write the plant of a finished run, or of a model without a run."""
 
 from __future__ import annotations
 
@@ -37,22 +37,14 @@ if TYPE_CHECKING:
 
 __all__ = ["check_plant_out", "default_plant_out", "plant_job"]
 
-#: Tables that do not change the update.
+#: Tables that do not affect the update.
 _LATER = ("title", "plant", "servo", "uncertainty", "output")
 
 
 def default_plant_out(job: Job) -> Path:
-    """Return the folder of a plant where none is named.
+    """Return the default folder of a plant: that of the job's run.
 
-    Parameters
-    ----------
-    job : Job
-        The job.
-
-    Returns
-    -------
-    Path
-        That of the job's run; of a job file that a run has written, its own folder.
+    For a job file that a run has written, this is the folder of the file.
     """
     if _written_by_run(job):
         return job.path.parent
@@ -60,30 +52,15 @@ def default_plant_out(job: Job) -> Path:
 
 
 def _written_by_run(job: Job) -> bool:
-    """Whether a run wrote the job file."""
+    """Return whether a run wrote the job file."""
     return is_of_a_run(job.path)
 
 
 def check_plant_out(job: Job, out: str | Path) -> Path:
-    """Check that a plant may be written to a folder, and that the job asks for one.
+    """Return the folder of a plant after a check that it can be written.
 
-    Parameters
-    ----------
-    job : Job
-        The job.
-    out : path
-        The folder; it need not exist.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    JobError
-        If the job has no ``[plant]``, or the folder is a file, cannot be written, or holds an input
-        of the job under the name of a file of the plant.
+    Raises JobError if the job has no ``[plant]``, or the folder is a file, is not writable, or
+    contains an input of the job under the name of a file of the plant.
     """
     table = job.table(PlantTable)
     if table is None:
@@ -102,9 +79,9 @@ def plant_job(
 ) -> PlantResult:
     """Make the plant of a job and write its files.
 
-    It is that of the updated model where the job has been run: by default the result is sought in
-    `out`, and in the job's own folder of results. Where there is none, it is that of the model as
-    it stands, and says so.
+    The plant is that of the updated model if the job has been run: without `run`, the result is
+    searched in `out` and in the job's results folder. Without a result it is that of the original
+    model, which the source states.
 
     Parameters
     ----------
@@ -113,11 +90,11 @@ def plant_job(
     out : path, optional
         The folder; by default that of the job's run.
     run : path, optional
-        The folder of the finished run, where it is another.
+        The folder of the finished run, if it is another.
     prepared : Prepared, optional
-        From `prepare`, where it was called before.
+        Result of `prepare`, if already available.
     engine : None, int, dask.distributed Client or Engine
-        Where a family of plants is made, as for `updyn.update`.
+        Engine for a family of plants, as for `updyn.update`.
     say : callable, optional
         Called with the name of each stage.
 
@@ -125,28 +102,28 @@ def plant_job(
     -------
     PlantResult
         In `out`: the files that ``[plant]`` names, ``control.json`` and ``plant.html``, replaced
-        together. Where no plant holds the tolerance, no file of a plant is there
-        afterwards, not even of an earlier one; record and page say what was reached.
+        together. If no plant holds the tolerance, `out` contains no plant file afterwards, not even
+        of an earlier call; record and page state the error reached.
 
     Raises
     ------
     InputError
-        If the job, a file or the folder cannot be used, or the run is of another job; nothing is
-        written then.
+        If the job, a file or the folder is invalid, or the run is of another job; nothing is
+        written.
     SolverError
-        If the model has no answer at a line; nothing is written.
+        If the model has no response at a frequency; nothing is written.
     """
     out = check_plant_out(job, default_plant_out(job) if out is None else out)
     table = job.table(PlantTable)
     assert table is not None
     ready = prepare(job) if prepared is None else prepared
     with open_folder(out):
-        check_plant_out(job, out)  # once more: now no other run can change it
+        check_plant_out(job, out)  # again, now that no other run can change the folder
         with job.located():
-            found = _finished(ready, out, run)
+            found = _read_finished_run(ready, out, run)
         if found is None:
             result = draws = None
-            source = "The model as it stands, NOT updated: there is no finished run of the job."
+            source = "The original model, NOT updated: the job has no finished run."
         else:
             result, draws, where = found
             source = f"The updated model of the run in {str(where)!r} ({result.status})."
@@ -159,15 +136,12 @@ def plant_job(
 
 
 # -- the finished run -----------------------------------------------------------------------------
-def _finished(
+def _read_finished_run(
     ready: Prepared, out: Path, run: str | Path | None
 ) -> tuple[UpdateResult, Draws | None, Path] | None:
-    """Return the result of the finished run, draws of its unknowns, and its folder.
+    """Return the result of the finished run, draws of its parameters, and its folder; None without.
 
-    Raises
-    ------
-    JobError
-        If there is none in the folder that was named, or the run is of another job or other data.
+    Raises JobError if a named folder contains no run, or the run is of another job or other data.
     """
     from updyn.store.result import read_result
 
@@ -184,13 +158,13 @@ def _finished(
         if not same or result.model.dofs.labels != test.model.dofs.labels:
             what = "model" if same else "measurement"
             raise JobError(
-                f"the {what} is not that of the run in {str(folder)!r} any more; run the job again",
+                f"the {what} differs from that of the run in {str(folder)!r}; run the job again",
                 job.path,
             )
         return result, _draws(folder, result), folder
     if run is not None:
         raise JobError(
-            f"there is no finished run in {str(run)!r}: no {inside.as_posix()!r}", job.path
+            f"no finished run in {str(run)!r}: expected the file {inside.as_posix()!r}", job.path
         )
     return None
 
@@ -204,32 +178,26 @@ def _folders(job: Job, out: Path) -> Iterator[Path]:
 
 
 def _check_same(job: Job, folder: Path) -> None:
-    """Check that a run was one of this job, as far as the update goes.
-
-    Raises
-    ------
-    JobError
-        If a table differs; it is named.
-    """
+    """Raise JobError if a table that affects the update differs between a job and a run."""
     try:
         then = parse_toml((folder / "job.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise JobError(
-            f"the run in {str(folder)!r} has no job.toml that can be read; run the job again",
+            f"the run in {str(folder)!r} has no readable job.toml; run the job again",
             job.path,
         ) from error
     now = parse_toml(resolved_job(job, folder))
     for table in dict.fromkeys([*now, *then]):
         if table not in _LATER and now.get(table) != then.get(table):
             text = (
-                f"[{table}] is not that of the run in {str(folder)!r}; run the job again, or choose"
-                " another --out"
+                f"[{table}] differs from that of the run in {str(folder)!r}; run the job again, or"
+                " choose another --out"
             )
             raise JobError(text, key=(table,))
 
 
 def _draws(folder: Path, result: UpdateResult) -> Draws | None:
-    """Return the draws of a bootstrap or a sampling; None without usable ones."""
+    """Return the draws of a bootstrap or a sampling; None without usable draws."""
     from updyn.store.uncertainty import read_uncertainty
     from updyn.uncertainty.draws import Draws
 
@@ -245,7 +213,7 @@ def _draws(folder: Path, result: UpdateResult) -> Draws | None:
 
 
 def _same(a: FRF | ModeSet, b: FRF | ModeSet) -> bool:
-    """Whether two measurements hold the same values."""
+    """Return whether two measurements have the same values."""
     if isinstance(a, FRF) and isinstance(b, FRF):
         return a.values.shape == b.values.shape and np.array_equal(a.values, b.values)
     return isinstance(a, ModeSet) and isinstance(b, ModeSet) and a.digest == b.digest

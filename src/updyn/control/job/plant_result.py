@@ -1,4 +1,4 @@
-"""`PlantResult`: plant, comparison with the model, family and servo of a job; `make_plant`."""
+"""`PlantResult`: plant, comparison with the model, family and servo of a job."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ __all__ = ["PlantResult", "make_plant"]
 _Real = NDArray[np.float64]
 _Complex = NDArray[np.complex128]
 
-#: Lines of the comparison with the model that are spread over the band.
+#: Number of lines over the band for the comparison with the model.
 _SPREAD = 300
-#: Lines about each mode, in its half widths.
+#: Offsets of lines around each mode, in half widths.
 _AROUND = np.array([-6.0, -3.0, -1.5, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 1.5, 3.0, 6.0])
-#: DOFs above which the response of the model is computed by a reduced model.
+#: Number of DOFs above which the response of the model is computed with a reduced model.
 _LARGE = 20_000
 #: Certified relative error of that reduced model.
 _ACCURACY = 1e-6
-#: Largest number of channels that get a weight, where no servo says which.
+#: Largest number of channels with a weight, without a servo that selects them.
 _WEIGHTS = 9
-#: A channel below this share of its peak is rounding.
+#: Share of its peak below which a channel is rounding.
 _UNCOUPLED = 1e-10
-#: Largest number of modes that get lines about them.
+#: Largest number of modes with lines around them.
 _MODES = 80
 
 
@@ -59,25 +59,25 @@ class PlantResult:
     Attributes
     ----------
     title : str
-        Of the job.
+        Title of the job.
     model : Model
-        The model of which the plant is made.
+        The model of the plant.
     updated : bool
         Whether it is the updated model.
     source : str
-        Where the model is from, in a sentence.
+        A sentence on the source of the model.
     band : (float, float)
         In Hz.
     tolerance : float
-        Requested largest error.
+        Largest permitted error.
     measure : {"relative", "peak"}
-        Of which error.
+        Measure of this error.
     plant : Plant or None
-        None where no order holds the tolerance.
+        None if no order holds the tolerance.
     message : str
-        Why there is none.
+        The reason for a missing plant.
     conversions : tuple of ConversionError
-        Ways to convert the damping, side by side.
+        Conversions of the damping, for comparison.
     freq : ndarray of float, shape (n_f,)
         Lines at which plant and model are compared, in Hz.
     exact : ndarray of complex, shape (n_f, n_y, n_u)
@@ -89,14 +89,14 @@ class PlantResult:
     family : PlantFamily or None
         Plants drawn from the uncertainty of the update.
     weights : mapping of (int, int) to UncertaintyWeight
-        Weights that cover the family, by position of output and input: of the channels of the
-        servo's loops, or of all.
+        Weights that cover the family, by index of output and input: of the channels of the servo's
+        loops, or of all channels.
     servo : Servo or None
         The controller of ``[servo]`` on the plant, or on the family.
     drive : DriveFigures or None
-        The figures of the drive.
+        Figures of the drive.
     nonlinear : tuple of Nonlinear
-        The loop with backlash or friction.
+        Results of the loop with backlash or friction.
     notes : tuple of str
         Remarks in sentences.
     """
@@ -123,23 +123,20 @@ class PlantResult:
     notes: tuple[str, ...] = ()
 
     @property
-    def met(self) -> bool:
-        """Whether there is a plant within the tolerance."""
+    def holds_tolerance(self) -> bool:
+        """Whether a plant within the tolerance exists."""
         return self.plant is not None
 
     def channel_errors(self, measure: str = "peak") -> _Real:
-        """Return the largest error of each channel at `freq`, (n_y, n_u).
-
-        Parameters
-        ----------
-        measure : {"peak", "relative"}
-            As a share of the channel's peak, or of its size at each line; at an antiresonance of
-            the level one half-power width beside it.
-        """
+        """Return the largest error of each channel over `freq`, shape (n_y, n_u), as `errors`."""
         return np.asarray(self.errors(measure).max(axis=0))
 
     def errors(self, measure: str) -> _Real:
-        """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u), as above."""
+        """Return the errors of each channel at `freq`, shape (n_f, n_y, n_u).
+
+        As a share of the channel's peak (``"peak"``) or of its magnitude at each line
+        (``"relative"``); at an antiresonance, of the magnitude one half-power width away.
+        """
         assert self.freq is not None
         assert self.exact is not None
         assert self.answer is not None
@@ -161,35 +158,11 @@ def make_plant(
 ) -> PlantResult:
     """Make the plant, family and servo of a job.
 
-    Parameters
-    ----------
-    ready : Prepared
-        The job, with such a table.
-    result : UpdateResult or JointResult or None
-        The update; None: the plant is made of the model as it stands.
-    source : str
-        Where the model is from, in a sentence.
-    draws : Draws, optional
-        Of the unknowns, from bootstrap or sampling, for the family.
-    engine : object
-        Where the family is made, as for `updyn.update`.
-    say : callable, optional
-        Called with the name of each stage.
-    strict : bool
-        Whether a servo that cannot be had is an error; else a note says why, and the plant is there
-        all the same.
-
-    Returns
-    -------
-    PlantResult
-        Without a plant where no order holds the tolerance.
-
-    Raises
-    ------
-    JobError
-        If the plant cannot be made for another reason, with the line.
-    SolverError
-        If the model has no answer at a line.
+    Without a `result` the plant is that of the original model; `source` is a sentence on the
+    source of the model. `draws` of the parameters from a bootstrap or sampling make the family, on
+    `engine`. With `strict`, a failing servo is an error; else a note states the reason. The result
+    has no plant if no order holds the tolerance. Raises JobError with the line of the job if the
+    plant fails for another reason, SolverError if the model has no response at a frequency.
     """
     job, number = ready.job, part_of_plant(ready.job)
     table = job.table(PlantTable)
@@ -223,9 +196,9 @@ def make_plant(
     extra: dict[str, Any] = {"conversions": side_by_side, "message": message}
     if made is not None:
         stage("plant: against the model")
-        extra |= {"plant": made, **_compared(made, model, job)}
+        extra |= {"plant": made, **_compare_plant(made, model, job)}
         if table.sampling is not None:
-            extra["sampled"] = _sampled(table.sampling, made)
+            extra["sampled"] = _sample_plant(table.sampling, made)
         if table.family:
             stage("plant: family")
             extra["family"], said = _family(table, one, given, draws, engine)
@@ -250,7 +223,7 @@ def _servo(
     plants: tuple[Plant | PlantFamily | None, Plant | None],
     strict: bool,
 ) -> tuple[dict[str, Any], str]:
-    """Return drive and servo, and a note where one of them cannot be computed."""
+    """Return drive and servo, and a note if one of them cannot be computed."""
     out: dict[str, Any] = {}
     plant, sampled_plant = plants
     try:
@@ -264,7 +237,7 @@ def _servo(
     except UpdynError as error:
         if strict:
             raise
-        return out, f"[servo] is left out: {error}"
+        return out, f"[servo] is omitted: {error}"
     return out, ""
 
 
@@ -273,13 +246,13 @@ def _unconverged_note(result: UpdateResult | None) -> str:
     if result is None or result.status == "converged":
         return ""
     return (
-        f"The update has ended as {result.status!r}: {result.message} The plant is of the model"
-        " that it left."
+        f"The update ended as {result.status!r}: {result.message} The plant is of the model"
+        " at this point."
     )
 
 
 def _test_note(ready: Prepared, number: int) -> str:
-    """Return a note on what was added to the structure or held for the test."""
+    """Return a note on additions to the structure and supports in the test."""
     table = ready.tests[number].job.test
     changes = {
         "held DOFs": table.grounded,
@@ -290,7 +263,7 @@ def _test_note(ready: Prepared, number: int) -> str:
     if not made:
         return ""
     which = f"test {table.name!r}" if len(ready.tests) > 1 else "the test"
-    return f"The plant is of the structure as it stood in {which}, with its {' and '.join(made)}."
+    return f"The plant is of the structure in {which}, with its {' and '.join(made)}."
 
 
 # -- parts ----------------------------------------------------------------------------------------
@@ -300,7 +273,7 @@ def _side_by_side(model: Model, given: dict[str, Any]) -> tuple[ConversionError,
 
 
 def _plant(table: PlantTable, model: Model, given: dict[str, Any]) -> tuple[Plant | None, str]:
-    """Return the plant, or None and the reason where no order holds the tolerance."""
+    """Return the plant, or None and the reason if no order holds the tolerance."""
     try:
         with key_path("plant"):
             how: dict[str, Any] = {"route": table.route, "error": table.error}
@@ -309,7 +282,7 @@ def _plant(table: PlantTable, model: Model, given: dict[str, Any]) -> tuple[Plan
         return None, str(error)
 
 
-def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
+def _compare_plant(made: Plant, model: Model, job: Job) -> dict[str, Any]:
     """Return lines, response of the model and response of the plant."""
     from updyn.dynamics.response import response
     from updyn.frf import QUANTITIES
@@ -330,18 +303,7 @@ def _compared(made: Plant, model: Model, job: Job) -> dict[str, Any]:
 
 
 def lines_of(plant: Plant) -> _Real:
-    """Return lines that resolve each mode of a plant.
-
-    Parameters
-    ----------
-    plant : Plant
-        A continuous one.
-
-    Returns
-    -------
-    ndarray of float, shape (n_f,)
-        In Hz, ascending, both ends of the band included.
-    """
+    """Return lines in Hz over the band of a continuous plant that resolve each mode."""
     low, high = plant.band
     low = max(low, 1e-4 * high)
     poles = plant.poles[plant.poles.imag > 0]
@@ -356,7 +318,7 @@ def lines_of(plant: Plant) -> _Real:
     return np.asarray(lines[apart])
 
 
-def _sampled(table: SamplingTable, made: Plant) -> Plant:
+def _sample_plant(table: SamplingTable, made: Plant) -> Plant:
     with key_path("plant", "sampling"):
         return sampled(made, table.dt, method=table.method, delay=table.delay)
 
@@ -372,7 +334,7 @@ def _family(
     if result is None:
         return (
             None,
-            "There is no family: the model is not updated, so its uncertainty is unknown.",
+            "No family: the model is not updated, so its uncertainty is unknown.",
         )
     how: dict[str, Any] = {
         "n": table.family,
@@ -385,13 +347,13 @@ def _family(
     try:
         return plant_family(result, tolerance=table.tolerance, **how, **given), ""
     except UpdynError as error:
-        return None, f"There is no family: {error}"
+        return None, f"No family: {error}"
 
 
 def _weights(
     job: Job, family: PlantFamily
 ) -> tuple[dict[tuple[int, int], UncertaintyWeight], list[str]]:
-    """Return a weight of each channel of the servo's loops, else of each channel; and notes."""
+    """Return a weight for each channel of the servo's loops, else for each channel; and notes."""
     servo = job.table(ServoTable)
     everything = list(np.ndindex(len(family.outputs), len(family.inputs)))
     has_loops = servo is not None and servo.controller is not None
@@ -410,6 +372,6 @@ def _weights(
             notes.append(f"No weight covers {family.outputs[i]} over {family.inputs[j]}: {error}")
     if len(chosen) < len(everything) and not has_loops:
         notes.append(
-            f"Weights of the first {len(chosen)} of {len(everything)} channels were sought."
+            f"Weights were fitted for the first {len(chosen)} of {len(everything)} channels."
         )
     return out, notes

@@ -1,4 +1,4 @@
-"""``control.json``: the plant result for other programs. Strict JSON; inf and nan are null."""
+"""``control.json``: the plant result for other programs, in strict JSON (null for inf and nan)."""
 
 from __future__ import annotations
 
@@ -52,24 +52,18 @@ _WIND = (
 
 
 def control_record(result: PlantResult) -> dict[str, Any]:
-    """Return what was made as a dict that `json.dumps` writes without inf or nan.
-
-    Parameters
-    ----------
-    result : PlantResult
-        What the job gave.
+    """Return a plant result as a dict without inf or nan, for `json.dumps`.
 
     Returns
     -------
     dict
-        ``title``; ``updated``, whether the plant is of the updated model, and ``source``; ``band``
-        in Hz; ``tolerance``, ``tolerance_of`` and ``met``, whether it was; ``message``, why there
-        is no plant; ``plant``, None where there is none: ``relative_error``, ``error``,
-        ``peak_error``, ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``,
-        ``poles`` (``re``, ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with
-        the errors of each, ``zeros``; ``conversions`` of the damping, side by side; ``sampled``,
-        ``family``, ``servo`` and ``drive``, None where not asked for; ``nonlinear``, limit cycles;
-        ``notes``; ``versions``.
+        ``title``; ``updated``, whether the model is updated, and its ``source``; ``band`` in Hz;
+        ``tolerance``, ``tolerance_of`` and ``met``, whether it is held; ``message``, the reason for
+        a missing plant; ``plant`` or None: ``relative_error``, ``error``, ``peak_error``,
+        ``route``, ``order``, ``rigid``, ``inputs``, ``outputs``, ``modes_hz``, ``poles`` (``re``,
+        ``im`` in rad/s, ``frequency_hz``, ``damping_ratio``), ``channels`` with their errors,
+        ``zeros``; ``conversions`` of the damping for comparison; ``sampled``, ``family``, ``servo``
+        and ``drive``, None if not requested; ``nonlinear``, limit cycles; ``notes``; ``versions``.
     """
     return {
         "title": result.title,
@@ -78,11 +72,11 @@ def control_record(result: PlantResult) -> dict[str, Any]:
         "band": plain(result.band),
         "tolerance": plain(result.tolerance),
         "tolerance_of": result.measure,
-        "met": result.met,
+        "met": result.holds_tolerance,
         "message": result.message,
         "plant": None if result.plant is None else _plant(result, result.plant),
         "conversions": [plain(asdict(c)) for c in result.conversions],
-        "sampled": None if result.sampled is None else _sampled(result.sampled),
+        "sampled": None if result.sampled is None else _sampled_record(result.sampled),
         "family": _family(result),
         "servo": None if result.servo is None else servo_record(result.servo),
         "nonlinear": [nonlinear_record(found) for found in result.nonlinear],
@@ -93,15 +87,7 @@ def control_record(result: PlantResult) -> dict[str, Any]:
 
 
 def write_control_record(result: PlantResult, path: str | Path) -> None:
-    """Write `control_record` to a file, replaced as a whole once it is complete.
-
-    Parameters
-    ----------
-    result : PlantResult
-        What the job gave.
-    path : path
-        File to write, usually ``control.json``.
-    """
+    """Write `control_record` to a file, usually ``control.json``, atomically."""
     from updyn.io.atomic import write_json
 
     write_json(control_record(result), path)
@@ -149,7 +135,7 @@ def _port(port: Port, unit: str) -> dict[str, Any]:
     return {"name": port.name, "unit": unit, "weights": plain(dict(port.weights))}
 
 
-def _sampled(plant: Plant) -> dict[str, Any]:
+def _sampled_record(plant: Plant) -> dict[str, Any]:
     return {
         "dt": plant.dt,
         "delay": plant.delay,
@@ -183,22 +169,17 @@ def _weights(result: PlantResult) -> list[dict[str, Any]]:
 
 
 def servo_record(servo: Servo) -> dict[str, Any]:
-    """Return a servo as a dict that `json.dumps` writes without inf or nan.
-
-    Parameters
-    ----------
-    servo : Servo
-        From `updyn.servo`.
+    """Return a servo as a dict without inf or nan, for `json.dumps`.
 
     Returns
     -------
     dict
-        ``stable``, of every loop and member of a family; ``controller``; the names of the ports;
+        ``stable``, for every loop and member of a family; ``controller``; the names of the ports;
         ``bandwidth`` in Hz; ``poles`` of the closed loop (``re``, ``im`` in rad/s);
-        ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` as
-        `updyn.control.servo.margins.Margins` has them, and ``worst`` over the family; ``sampled``:
-        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z), or None; ``robust``:
-        of each `updyn.control.servo.margins.RobustMargin` what it holds, and ``meaning``; ``step``,
+        ``velocity_loop``, ``position_loop`` and ``torque_loop``: ``margins`` with the fields of
+        `updyn.control.servo.margins.Margins`, and ``worst`` over the family; ``sampled`` or None:
+        ``dt`` in s, ``delay`` in intervals, the same loops, ``poles`` (z); ``robust``: the fields
+        of each `updyn.control.servo.margins.RobustMargin`, and ``meaning``; ``step``,
         ``disturbance_step`` and ``wind``: figures, without the series; ``notes``.
     """
     loops = {loop.name: _loop(loop) for loop in servo.loops}
@@ -252,7 +233,7 @@ def _figures(found: Any, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _figures_or_none(found: Any, names: tuple[str, ...]) -> dict[str, Any] | None:
-    """Return some attributes of an object, None without it."""
+    """Return some attributes of an object, or None for None."""
     if found is None:
         return None
     return _figures(found, names)
@@ -263,18 +244,7 @@ def _complex(values: Any) -> list[dict[str, float]]:
 
 
 def drive_record(drive: DriveFigures) -> dict[str, Any]:
-    """Return the figures of a drive as a dict that `json.dumps` writes without inf or nan.
-
-    Parameters
-    ----------
-    drive : DriveFigures
-        From `updyn.drive_figures`.
-
-    Returns
-    -------
-    dict
-        What `updyn.control.servo.drive.DriveFigures` holds, by the same names.
-    """
+    """Return the fields of `DriveFigures` as a dict without inf or nan, for `json.dumps`."""
     out = plain(asdict(drive))
     assert isinstance(out, dict)
     if drive.bandwidth is not None:
@@ -283,20 +253,15 @@ def drive_record(drive: DriveFigures) -> dict[str, Any]:
 
 
 def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
-    """Return a loop with backlash or friction as a dict for `json.dumps`, without inf or nan.
-
-    Parameters
-    ----------
-    found : Nonlinear
-        What the job gave.
+    """Return a loop with backlash or friction as a dict without inf or nan, for `json.dumps`.
 
     Returns
     -------
     dict
-        ``kind``, ``where``, ``law`` (its numbers); ``linear_stable``; ``cycles``, one dict each
-        with what `updyn.control.nonlinear.balance.LimitCycle` holds but the describing function;
-        ``simulation``, None where there is none: ``verdict``, ``amplitude``, ``frequency`` and so
-        on; ``begun``, ``disputed`` and ``note``.
+        ``kind``, ``where``, ``law`` (its parameters); ``linear_stable``; ``cycles``, the fields of
+        each `updyn.control.nonlinear.balance.LimitCycle` except the describing function;
+        ``simulation`` or None: ``verdict``, ``amplitude``, ``frequency`` and so on; ``begun``,
+        ``disputed`` and ``note``.
     """
     names = ("verdict", "amplitude", "peak", "frequency", "periods", "unit")
     cycle = ("amplitude", "frequency", "stable", "loeb", "third", "unit", "doubt")
@@ -308,6 +273,6 @@ def nonlinear_record(found: Nonlinear) -> dict[str, Any]:
         "cycles": [_figures(c, cycle) for c in found.cycles],
         "simulation": _figures_or_none(found.simulation, names),
         "begun": found.begun,
-        "disputed": found.disputed,
+        "disputed": found.disagreement,
         "note": found.note,
     }

@@ -27,35 +27,20 @@ __all__ = [
     "nonlinear_of",
     "servo_of",
 ]
-#: Periods of a limit cycle that are simulated where the job states no duration.
+#: Number of simulated periods of a limit cycle if the job states no duration.
 _PERIODS = 40
 #: The same without a limit cycle, in periods of the bandwidth.
 _SETTLING = 6
-#: Amplitude at which a simulation begins, over that of the limit cycle.
+#: Ratio of the initial amplitude of a simulation to that of the limit cycle.
 _OUTSIDE = 1.2
-#: Steps in a period of the band's upper end.
+#: Number of steps in a period of the upper end of the band.
 _STEPS = 40
-#: Largest number of steps where the job states no duration.
+#: Largest number of steps if the job states no duration.
 _MOST = 300_000
 
 
 def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures | None:
-    """Return the figures of the drive; None where the job names no motor and load.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    model : Model
-        The structure.
-    band : (float, float)
-        Of the plant, in Hz.
-
-    Raises
-    ------
-    JobError
-        If they cannot be computed, with the line.
-    """
+    """Return the figures of the drive; None if the job names no motor and load."""
     table = job.table(ServoTable)
     if table is None or table.motor is None or table.load is None:
         return None
@@ -64,22 +49,7 @@ def drive_of(job: Job, model: Model, band: tuple[float, float]) -> DriveFigures 
 
 
 def servo_of(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None) -> Servo | None:
-    """Return the servo on a plant, or on its family; None where the job has no controller.
-
-    Parameters
-    ----------
-    job : Job
-        The job.
-    plant : Plant or PlantFamily
-        Continuous.
-    sampled : Plant, optional
-        The nominal one, sampled with its delay.
-
-    Raises
-    ------
-    JobError
-        If the controller does not fit the plant, with the line.
-    """
+    """Return the servo on a plant or its family; None if the job has no controller."""
     table = job.table(ServoTable)
     if table is None or table.controller is None:
         return None
@@ -107,7 +77,7 @@ def servo_of(job: Job, plant: Plant | PlantFamily, sampled: Plant | None = None)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nonlinear:
-    """A loop with one nonlinearity.
+    """Results of a loop with one nonlinearity.
 
     Attributes
     ----------
@@ -124,7 +94,7 @@ class Nonlinear:
     begun : str
         Initial state of the simulation, in words.
     note : str
-        Why there is no simulation; empty where there is one.
+        The reason for a missing simulation; else empty.
     """
 
     kind: str
@@ -136,19 +106,19 @@ class Nonlinear:
     note: str = ""
 
     @property
-    def disputed(self) -> str:
-        """A sentence where prediction and simulation disagree; empty where they agree."""
+    def disagreement(self) -> str:
+        """A sentence if prediction and simulation disagree; else empty."""
         if self.simulation is None:
             return ""
         predicted = any(c.stable for c in self.cycles)
         verdict = self.simulation.verdict
         if predicted and verdict in ("decays", "at rest"):
             return (
-                "The simulation does not confirm the stable limit cycle that is predicted: trust"
+                "The simulation does not confirm the predicted stable limit cycle: trust"
                 " the simulation."
             )
         if verdict == "limit cycle" and not predicted:
-            return "The simulation ends in a limit cycle that is not predicted."
+            return "The simulation ends in a limit cycle that was not predicted."
         return ""
 
     def summary(self) -> str:
@@ -156,28 +126,14 @@ class Nonlinear:
         parts = [f"{self.kind.capitalize()} {self.where}", self.cycles.summary()]
         if self.simulation is not None:
             parts.append(f"In time, {self.begun}: {self.simulation.summary()}")
-        return "\n".join(filter(None, [*parts, self.disputed, self.note]))
+        return "\n".join(filter(None, [*parts, self.disagreement, self.note]))
 
 
 def nonlinear_of(job: Job, model: Model, plant: Plant, servo: Servo) -> tuple[Nonlinear, ...]:
     """Return limit cycles and simulation for each ``[[servo.nonlinear]]`` of a job.
 
-    Parameters
-    ----------
-    job : Job
-        The job.
-    model : Model
-        The structure.
-    plant : Plant
-        Its plant.
-    servo : Servo
-        The loop.
-
-    Raises
-    ------
-    JobError
-        If a mesh cannot be opened, no plant holds the tolerance with it, or a number is out of its
-        range, with the line.
+    Raises JobError with the line of the job if a mesh cannot be opened, no plant holds the
+    tolerance with it, or a number is out of its range.
     """
     servo_table = job.table(ServoTable)
     out = []
@@ -195,18 +151,18 @@ def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Ser
         "velocity": servo.velocity,
         "position": servo.position,
     }
-    name = _unused(table.kind, plant)
+    name = _unused_name(table.kind, plant)
     if table.kind == "friction":
         assert table.level is not None
         law: Nonlinearity = CoulombFriction(table.level, table.breakaway)
-        extended = _extended(job, model, plant, servo, Port.at(table.at, name), "mobility")
+        extended = _extend_plant(job, model, plant, servo, Port.at(table.at, name), "mobility")
         cycles = limit_cycles(extended, servo.controller, law, name, **loop)
         where = f"at {table.at}"
     else:
         assert table.mesh is not None
         assert table.gap is not None
         gap = opened(model, table.mesh, table.at, name=name)
-        extended = _extended(job, gap.model, plant, servo, gap.port, "receptance")
+        extended = _extend_plant(job, gap.model, plant, servo, gap.port, "receptance")
         frequency = table.frequency or servo.velocity_loop.margins.crossover or plant.band[1]
         law = gap.backlash(table.gap, frequency=frequency)
         cycles = limit_cycles(extended, servo.controller, law, name, **loop)
@@ -225,16 +181,16 @@ def _one(job: Job, table: NonlinearTable, model: Model, plant: Plant, servo: Ser
     return Nonlinear(table.kind, where, law, cycles, simulation, begun, note)
 
 
-def _unused(name: str, plant: Plant) -> str:
+def _unused_name(name: str, plant: Plant) -> str:
     while name in (*plant.inputs, *plant.outputs):
         name += "'"
     return name
 
 
-def _extended(
+def _extend_plant(
     job: Job, model: Model, plant: Plant, servo: Servo, port: Port, quantity: str
 ) -> Plant:
-    """Return the plant of the loop with an input and output where the nonlinearity acts."""
+    """Return the plant of the loop with an additional input and output at the nonlinearity."""
     outputs, quantities = [], []
     for name in dict.fromkeys((servo.velocity, servo.position)):
         if name is not None:
@@ -248,13 +204,13 @@ def _extended(
         plant.band,
         plant.tolerance,
         quantity=[*quantities, quantity],
-        error="peak",  # of the structure's own modes: a contact must not meet a jump of its twist
+        error="peak",  # modes of the structure itself: a contact must not cause a jump of its twist
         backend=job.method.backend,
     )
 
 
 def _largest(cycles: LimitCycles) -> LimitCycle | None:
-    """Return the stable cycle of the largest amplitude; one in doubt only if there is no other."""
+    """Return the stable cycle with the largest amplitude; a doubtful one only without others."""
     stable = [c for c in cycles if c.stable]
     return max(stable, key=lambda c: (not c.doubt, c.amplitude), default=None)
 
@@ -268,13 +224,10 @@ def _in_time(
     name: str,
     loop: dict[str, Any],
 ) -> tuple[Simulation | None, str, str]:
-    """Return the simulation, its initial state in words, and a note where there is none."""
+    """Return the simulation, its initial state in words, and a note if it is missing."""
     found = _largest(cycles)
     if found is None and not cycles.linear_stable:
-        note = (
-            "It is not simulated: the loop is unstable without it, and no stable limit cycle is"
-            " predicted."
-        )
+        note = "Not simulated: the linear loop is unstable, and no stable limit cycle is predicted."
         return None, "", note
     how: dict[str, Any]
     if found is not None:
@@ -289,11 +242,11 @@ def _in_time(
         begun = "after a step of the reference"
         outer = servo.loops[-1].margins.crossover
         lasting = _SETTLING / min(servo.bandwidth or plant.band[1], outer or plant.band[1])
-    # Each step is exact; only a contact that begins and ends within one step would be missed.
+    # Each step is exact; only a contact that begins and ends within one step is missed.
     step = 1.0 / (_STEPS * plant.band[1])
     duration = table.duration or min(lasting, _MOST * step)
     try:
         done = simulate(plant, servo.controller, law, duration, name, step=step, **how, **loop)
     except UpdynError as error:
-        return None, "", f"It is not simulated: {error}"
+        return None, "", f"Not simulated: {error}"
     return done, begun, ""

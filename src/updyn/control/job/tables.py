@@ -1,4 +1,4 @@
-"""Tables of a job file about control: ``[plant]``, what is handed to the servo designer."""
+"""Control tables of a job file: ``[plant]`` and ``[servo]``."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ __all__ = [
     "WindTable",
 ]
 
-#: Files of a plant where the job names none.
+#: Default files of a plant.
 PLANT_FILES = ("plant.mat", "plant.json", "plant.h")
 #: Suffixes of plant files.
 PLANT_SUFFIXES = (".mat", ".json", ".h", ".npz")
-#: Files of the folder that no plant may replace.
+#: File names that a plant may not use.
 _TAKEN = ("control.json", "result.json", "compare.json", MANIFEST)
-#: Keys of the controller that are of the rule by which it is sized.
+#: Keys of the rule that sizes the controller.
 _RULE = ("crossover", "ti_ratio", "kv_ratio")
 
 
 def _texts(given: Any) -> list[str]:
-    """Return a text or an array of texts as a list; an empty list if it is something else."""
+    """Return a text or an array of texts as a list; an empty list for other values."""
     if isinstance(given, str):
         return [given]
     if isinstance(given, list | tuple) and all(isinstance(text, str) for text in given):
@@ -66,7 +66,7 @@ def _quantities(given: Any) -> Any:
 
 
 def _ports(what: str) -> Callable[[Any], Any]:
-    """Return a validator that turns labels and tables, or one of them, into tables of ports."""
+    """Return a validator that converts labels and tables, or one of them, to tables of ports."""
 
     def several(given: Any) -> Any:
         items = [given] if isinstance(given, str | Mapping) else given
@@ -88,18 +88,18 @@ def _files(given: Any) -> Any:
         if PurePath(name).name != name or name in _TAKEN:
             raise ValueError(f"{name!r}: expected the name of another file, without a folder")
         if suffix not in PLANT_SUFFIXES:
-            message = f"{name!r}: its suffix says the format: {', '.join(PLANT_SUFFIXES)}"
+            message = f"{name!r}: expected one of the suffixes {', '.join(PLANT_SUFFIXES)}"
             close = nearest(suffix, PLANT_SUFFIXES)
             if close:
                 message += f"; did you mean {close[0]!r}?"
             raise ValueError(message)
     if len({name.casefold() for name in names}) < len(names):
-        raise ValueError("a file stands twice")
+        raise ValueError("two of the files have the same name")
     return tuple(names)
 
 
 class PortTable(Table):
-    """An input or output of the plant: a DOF, perhaps with a gear ratio; or weights by DOF."""
+    """An input or output of the plant: a DOF with an optional gear ratio, or weights by DOF."""
 
     name: str | None = None
     dof: str | None = None
@@ -110,28 +110,18 @@ class PortTable(Table):
     @model_validator(mode="after")
     def _valid(self) -> PortTable:
         if (self.dof is None) == (self.weights is None):
-            raise ValueError("expected dof, or weights by DOF; one of the two")
+            raise ValueError("expected either dof or weights by DOF")
         if self.weights is not None and self.name is None:
-            raise ValueError("weights without a name; give the port one")
+            raise ValueError("weights without a name; give the port a name")
         if self.dof is not None and self.rotation is not None:
-            raise ValueError("rotation belongs to weights; a DOF says itself what it is")
+            raise ValueError("rotation belongs to weights; the label of a DOF implies it")
         if self.ratio is not None and self.dof is None:
-            raise ValueError("ratio belongs to dof; put it into the weights")
+            raise ValueError("ratio belongs to dof; include it in the weights")
         self.port()
         return self
 
     def port(self) -> Port:
-        """Return the port.
-
-        Returns
-        -------
-        Port
-
-        Raises
-        ------
-        InputError
-            If a label or a number cannot be used.
-        """
+        """Return the port; raises InputError for an invalid label or number."""
         if self.weights is not None:
             assert self.name is not None
             return Port(self.name, self.weights, self.rotation)
@@ -142,7 +132,7 @@ class PortTable(Table):
 
 
 class SamplingTable(Table):
-    """``sampling`` of ``[plant]``: the same plant behind a hold, for a digital controller."""
+    """``sampling`` of ``[plant]``: the plant with a hold, for a digital controller."""
 
     dt: float = Field(gt=0)
     method: Literal["zoh", "tustin"] = "zoh"
@@ -171,24 +161,24 @@ class PlantTable(Table):
 
     @property
     def input_ports(self) -> tuple[Port, ...]:
-        """The inputs."""
+        """The input ports."""
         return tuple(table.port() for table in self.inputs)
 
     @property
     def output_ports(self) -> tuple[Port, ...]:
-        """The outputs."""
+        """The output ports."""
         return tuple(table.port() for table in self.outputs)
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What each output is."""
+        """The quantity of each output."""
         if isinstance(self.quantity, str):
             return (self.quantity,) * len(self.outputs)
         return self.quantity
 
     @property
     def sampled_files(self) -> tuple[str, ...]:
-        """Names of the files of the sampled plant; empty where none is asked for."""
+        """Names of the files of the sampled plant; empty without one."""
         if self.sampling is None:
             return ()
         return tuple(f"{PurePath(n).stem}-sampled{PurePath(n).suffix}" for n in self.files)
@@ -210,17 +200,7 @@ class NotchTable(Table):
     depth: float | None = None
 
     def notch(self) -> Notch:
-        """Return the filter.
-
-        Returns
-        -------
-        Notch
-
-        Raises
-        ------
-        OptionError
-            If a number is out of its range, or both ways to state the width are used.
-        """
+        """Return the filter; raises OptionError for conflicting keys or an invalid number."""
         dampings = self.model_dump(include={"zero_damping", "pole_damping"}, exclude_none=True)
         if self.width is None and self.depth is None:
             return Notch(self.frequency, **dampings)
@@ -233,7 +213,7 @@ class NotchTable(Table):
 
 
 class ControllerTable(Table):
-    """``[servo.controller]``: gains as stated, or sized by rule from the plant's inertia."""
+    """``[servo.controller]``: stated gains, or gains sized by rule from the plant's inertia."""
 
     kp: float | None = None
     ti: float | None = None
@@ -252,21 +232,15 @@ class ControllerTable(Table):
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What is stated, as `Controller` takes it, the rule left out."""
+        """The stated settings as arguments of `Controller`, without those of the rule."""
         out = self.model_dump(exclude={"notch", *_RULE}, exclude_none=True)
         return out | {"notches": tuple(table.notch() for table in self.notch)}
 
     def check(self) -> None:
-        """Check what can be known without the plant.
-
-        Raises
-        ------
-        OptionError
-            If a number is out of its range, or gains are both stated and sized by rule.
-        """
+        """Raise OptionError for an invalid number, or for gains both stated and sized by rule."""
         if (self.kp is None) == (self.crossover is None):
             raise OptionError(
-                "controller: expected kp, or crossover to size it by rule; one of the two",
+                "controller: expected either kp, or crossover to size it by rule",
                 key=("kp",),
             )
         given = self.settings
@@ -277,7 +251,7 @@ class ControllerTable(Table):
             ruled = next((key for key in _RULE if getattr(self, key) is not None), None)
             if ruled is not None:
                 raise OptionError(
-                    f"controller: {ruled} sizes a gain by rule; give crossover in place of kp",
+                    f"controller: {ruled} sizes a gain by rule; give crossover instead of kp",
                     key=(ruled,),
                 )
         for key in _RULE:
@@ -291,26 +265,10 @@ class ControllerTable(Table):
     def controller(
         self, plant: Plant, torque: str, velocity: str, position: str | None
     ) -> Controller:
-        """Return the controller.
+        """Return the controller, sized by the inertia of the plant if the table states a crossover.
 
-        Parameters
-        ----------
-        plant : Plant
-            Of whose inertia gains are sized by rule.
-        torque, velocity : str
-            Names of its input and output.
-        position : str or None
-            Name of the output that the position loop reads; None: gains of a position loop are not
-            sized by rule.
-
-        Returns
-        -------
-        Controller
-
-        Raises
-        ------
-        InputError
-            If the plant has no inertia to size gains by, or a number is out of its range.
+        Without a `position` output, the gain of the position loop is not sized. Raises InputError
+        if the plant has no inertia for the rule, or for an invalid number.
         """
         if self.crossover is None:
             return Controller(**self.settings)
@@ -333,7 +291,7 @@ class ControllerTable(Table):
 
 
 class WindTable(Table):
-    """``wind`` of ``[servo]``: gusts by Davenport's spectrum, at the input ``disturbance``."""
+    """``wind`` of ``[servo]``: gusts with Davenport's spectrum, at the input ``disturbance``."""
 
     mean_speed: float
     coefficient: float
@@ -344,17 +302,7 @@ class WindTable(Table):
     seed: int = 0
 
     def wind(self) -> Wind:
-        """Return the wind.
-
-        Returns
-        -------
-        Wind
-
-        Raises
-        ------
-        OptionError
-            If a number is out of its range.
-        """
+        """Return the wind; raises OptionError for an invalid number."""
         return Wind(**self.model_dump())
 
 
@@ -371,13 +319,7 @@ class NonlinearTable(Table):
     duration: float | None = Field(default=None, gt=0)
 
     def check(self) -> None:
-        """Check that the keys are those of the kind.
-
-        Raises
-        ------
-        OptionError
-            If one is missing, or belongs to the other kind.
-        """
+        """Raise OptionError if a key of the kind is missing, or one belongs to the other kind."""
         if self.kind == "backlash":
             own: tuple[str, ...] = ("mesh", "gap")
             others: tuple[str, ...] = ("level", "breakaway")
@@ -395,7 +337,7 @@ class NonlinearTable(Table):
 
 
 class ServoTable(Table):
-    """``[servo]``: which ports the loop uses, the controller, and what acts on it."""
+    """``[servo]``: ports of the loop, controller and disturbances."""
 
     torque: str | None = None
     velocity: str | None = None

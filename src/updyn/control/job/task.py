@@ -19,7 +19,9 @@ __all__ = ["PLANT"]
 
 def _plant(job: Path, out: Path, reporter: Reporter, _resume: bool) -> Ended:
     made = plant_job(load_job(job), out, say=reporter.say)
-    return Ended("plant made" if made.met else "tolerance not met", describe_plant_result(made))
+    return Ended(
+        "plant made" if made.holds_tolerance else "tolerance not met", describe_plant_result(made)
+    )
 
 
 PLANT = Task(
@@ -34,6 +36,6 @@ PLANT = Task(
         Field("tolerance", "tolerance (1)", "number"),
         Field("error", "error", "choice", ("relative", "peak")),
     ),
-    "Makes the plant of the latest run of this job, else of its model as it stands, with the"
+    "Makes the plant of the latest run of this job, or of its model without a run, with the"
     " margins of the loops of [servo].",
 )

@@ -62,7 +62,7 @@ def nonlinear_context(number: int, found: Nonlinear) -> dict[str, Any]:
         "kind": found.kind,
         "heading": f"{found.kind.capitalize()} {found.where}",
         "verdict": _verdict(found),
-        "notes": [found.disputed, found.note],
+        "notes": [found.disagreement, found.note],
         "reads": _READ[found.kind],
         "cycles": cycles,
         "caption": caption,

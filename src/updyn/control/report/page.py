@@ -35,7 +35,7 @@ def write_plant_page(result: PlantResult, path: str | PathLike[str]) -> Path:
 def render(result: PlantResult) -> str:
     """Return the page as text."""
     badge, kind = "Not updated", "warn"
-    if not result.met:
+    if not result.holds_tolerance:
         badge, kind = "Tolerance not met", "bad"
     elif result.updated:
         badge, kind = "Updated", "good"
