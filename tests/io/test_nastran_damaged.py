@@ -26,7 +26,7 @@ def read_whole_deck(path):
     deck = read_deck(path)
     for what in ("SPC", "MPC"):
         with contextlib.suppress(UpdynError):
-            deck.selected(what, None)
+            deck.select_set(what, None)
     changes = {name: {"stiffness": 1.1} for name in deck.groups}
     write_properties(changes, path, path.with_suffix(".out"))
 

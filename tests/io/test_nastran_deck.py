@@ -50,8 +50,8 @@ def test_groups_are_properties(deck):
     found = deck()
     assert list(found.groups) == ["PBAR 1", "PSHELL 2", "PELAS 3", "CONM2 15"]
     assert found.group("PSHELL 2").lines[0].number == 20
-    assert found.selected("SPC", None) == 1
-    assert found.selected("MPC", None) == 0
+    assert found.select_set("SPC", None) == 1
+    assert found.select_set("MPC", None) == 0
 
 
 def test_positions_and_edges(deck):
@@ -150,7 +150,7 @@ def test_included_files(deck, tmp_path):
             r"d.bdf:15: CBAR 12: no property 5; nearest: 3, 4, 2|nearest: 2, 3, 4",
         ),
         ("PBAR,1,1,", "PBAR,1,9,", r"d.bdf:19: PBAR 1: no material 9 among MAT1, MAT2.*nearest: 1"),
-        ("GRID,1,,0.", "GRID,2,,0.", r"d.bdf:10: grid|d.bdf:10: GRID 2 stands twice: also d.bdf:9"),
+        ("GRID,1,,0.", "GRID,2,,0.", r"d.bdf:10: grid|d.bdf:10: GRID 2 is defined twice: also d.bdf:9"),
         (
             "1.0     0.0     0.0",
             "1.x     0.0     0.0",
@@ -165,7 +165,7 @@ def test_included_files(deck, tmp_path):
         (
             "MAT1,1,2.1+11,,0.3,7850.,,,0.01",
             "MAT1,1,2.1+11,,0.3,7850.,,,0.01,5.",
-            r"d.bdf:22: '5.' in field 10; at most",
+            r"d.bdf:22: '5.' in field 10; expected at most",
         ),
         (
             "SPC1,1,",
@@ -192,16 +192,16 @@ def test_faults(deck, old, new, message):
 
 def test_sets_that_are_not_told(deck):
     with pytest.raises(
-        FormatError, match=r"SPC sets 1, but case control selects none; say which with spc="
+        FormatError, match=r"SPC sets 1, but case control selects none; select one with spc="
     ):
-        deck(DECK.replace("SPC = 1\n", "")).selected("SPC", None)
-    with pytest.raises(FormatError, match=r"no SPC set 2; there are: 1"):
-        deck().selected("SPC", 2)
+        deck(DECK.replace("SPC = 1\n", "")).select_set("SPC", None)
+    with pytest.raises(FormatError, match=r"no SPC set 2; available: 1"):
+        deck().select_set("SPC", 2)
     with pytest.raises(
-        FormatError, match=r"d.bdf:5: SPC sets 1, 3 in one deck; say which with spc="
+        FormatError, match=r"d.bdf:5: SPC sets 1, 3 in one deck; select one with spc="
     ):
-        deck(DECK.replace("METHOD = 1", "SPC = 3")).selected("SPC", None)
-    assert deck().selected("SPC", 0) == 0
+        deck(DECK.replace("METHOD = 1", "SPC = 3")).select_set("SPC", None)
+    assert deck().select_set("SPC", 0) == 0
 
 
 def test_cards_left_out(deck):
@@ -257,7 +257,7 @@ def test_continuations_belong_to_the_line_with_their_mark(deck):
     )
     np.testing.assert_allclose(geometry_of(deck(swapped)).xyz, [[1, 0, 0], [9, 1, 0]])
     # The lines of a card are in its order, not in that of the deck.
-    card = deck(swapped).named("CORD2R")[0]
+    card = deck(swapped).cards_named("CORD2R")[0]
     assert [line.number for line in card.lines] == [1, 4]
 
 
@@ -338,9 +338,9 @@ def test_replicators(deck, text):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("=,*1,==\n", r"d.bdf:1: '=' copies the line before it; expected a card of one line"),
-        ("GRID,1,,1.,2.\n=,*1\n", r"d.bdf:2: field 4 is blank, that of the line before '1.'"),
-        ("GRID,1\n=,*.5,==\n", r"d.bdf:2: field 2: '1' plus '.5'; expected two whole numbers"),
+        ("=,*1,==\n", r"d.bdf:1: '=' copies the preceding line; expected a card of one line"),
+        ("GRID,1,,1.,2.\n=,*1\n", r"d.bdf:2: field 4 is blank, but '1.' in the preceding line"),
+        ("GRID,1\n=,*.5,==\n", r"d.bdf:2: field 2: '1' plus '.5'; expected two integers"),
         ("GRID,1,,1.\n=,*1,,*1,==\n", r"d.bdf:2: field 4: '1.' plus '1'"),
         (
             "GRID,1\n=,%(5),==\n",
@@ -349,12 +349,12 @@ def test_replicators(deck, text):
         ("GRID,1\n=(4)\n", r"d.bdf:2: '=\(4\)' repeats a copy with increments"),
         ("GRID,1\n=,*1,==\n=100000\n", r"d.bdf:3: more than 100000 copies in a deck"),
         ("GRID,1\n=,*1,==\n=(2),7\n", r"d.bdf:3: '=\(2\),7'; expected ="),
-        ("GRID,1\n=,*1,==,5.\n", r"d.bdf:2: == copies all fields that follow"),
+        ("GRID,1\n=,*1,==,5.\n", r"d.bdf:2: == copies all following fields"),
         (
             "CORD2R,5,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n=,*1,==\n",
-            r"d.bdf:3: '=' copies the line before it; expected a card of one line",
+            r"d.bdf:3: '=' copies the preceding line; expected a card of one line",
         ),
-        ("GRID*,1,,1.,2.\n=,*1,==\n", r"d.bdf:2: a copy has fields of the width"),
+        ("GRID*,1,,1.,2.\n=,*1,==\n", r"d.bdf:2: the fields of a copy need the width"),
     ],
 )
 def test_replicators_that_are_not_read_are_refused(deck, text, message):
@@ -419,7 +419,7 @@ def test_files_that_double_are_refused_soon(deck, tmp_path):
         (tmp_path / f"f{n}.bdf").write_text(f"INCLUDE 'f{n + 1}.bdf'\n" * 2)
     (tmp_path / "f24.bdf").write_text("GRID,1\n")
     start = time.monotonic()
-    with pytest.raises(FormatError, match=r"f\d+.bdf:\d: INCLUDE 'f\d+.bdf': files "):
+    with pytest.raises(FormatError, match=r"f\d+.bdf:\d: INCLUDE 'f\d+.bdf': nested 20"):
         deck("INCLUDE 'f0.bdf'\n")
     with pytest.raises(FormatError, match=r"files are included again more than 100 times"):
         deck("INCLUDE 'f10.bdf'\n")

@@ -87,7 +87,7 @@ def folder(tmp_path):
 
 def test_order_of_the_g_set_from_the_deck(folder):
     with pytest.warns(
-        UpdynWarning, match=r"9 of 13 DOFs have no entry in any matrix .* the first of them 3:Y"
+        UpdynWarning, match=r"9 of 13 DOFs have no entry in any matrix .* the first is 3:Y"
     ):
         found = updyn.read_model(folder / "m.toml")
     assert found.dofs.labels == ["3:X", "5:X", "7:X", "7:RZ"]
@@ -134,14 +134,14 @@ def test_dmig_alone_brings_its_labels(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('deck = "wing.bdf"', "", r"m.toml: OUTPUT4 matrices have no labels: say dofs ="),
+        ('deck = "wing.bdf"', "", r"m.toml: OUTPUT4 matrices have no labels: add dofs ="),
         (
             'deck = "wing.bdf"',
             'dofs = ["3:X", "7:X"]',
             r"m.toml:5: matrix KGG is 13 x 13, but there are 2 DOFs",
         ),
         ("a.op4:KGG", "a.op4:KGH", r"a.op4: no matrix 'KGH'; did you mean 'KGG'"),
-        ("a.op4:KGG", "a.op4", r"a.op4: holds 2 matrices \(KGG, MGG\); say which"),
+        ("a.op4:KGG", "a.op4", r"a.op4: holds 2 matrices \(KGG, MGG\); select one"),
         (
             "a.op4:KGG",
             "b.op4:KGG",
@@ -150,7 +150,7 @@ def test_dmig_alone_brings_its_labels(tmp_path):
         (
             "a.op4:KGG",
             "wing.bdf",
-            r"m.toml:5: stiffness: 'wing.bdf' beside OUTPUT4, OUTPUT2 or DMIG files; expected one of",
+            r"m.toml:5: stiffness: 'wing.bdf' mixed with OUTPUT4, OUTPUT2 or DMIG files; expected one of",
         ),
         (
             "loss_factor",
@@ -162,7 +162,7 @@ def test_dmig_alone_brings_its_labels(tmp_path):
         (
             "loss_factor = 0.02",
             '[[group]]\nname = "a"\nmass = "a.op4:MGG"',
-            r"m.toml:8: group name 'a' stands twice",
+            r"m.toml:8: group name 'a' occurs twice",
         ),
     ],
 )

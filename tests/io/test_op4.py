@@ -96,7 +96,7 @@ def test_pyyeti_reads_ours(tmp_path, single, text, layout):
 
 def test_more_rows_than_one_word_counts(tmp_path):
     A = sp.coo_array(([1.0, 2.0, 3.0], ([0, 65535, 69999], [0, 0, 1])), shape=(70000, 2))
-    with pytest.raises(FormatError, match="70000 rows; from 65536 on use 'bigmat'"):
+    with pytest.raises(FormatError, match="70000 rows; use 'bigmat' from 65536 rows on"):
         write_op4({"A": A}, tmp_path / "a.op4", layout="strings")
     for text in (True, False):
         write_op4({"A": A}, tmp_path / "a.op4", text=text)
@@ -184,7 +184,7 @@ def test_text_with_one_triangle_and_fortran_exponents(tmp_path):
         (
             "       3       1       1\n 1.414213562E+00\n",
             "",
-            r"t.op4:5: the file ends where a column of matrix 'KLL'",
+            r"t.op4:5: the file ends, expected a column of matrix 'KLL'",
         ),
         (
             "2       1\n 1.000000000-100",
@@ -227,7 +227,7 @@ def test_selection_and_names(tmp_path):
     with pytest.raises(FormatError, match=r"a.op4: no matrix 'KGH'; did you mean 'KGG'"):
         select(found, "KGH", "a.op4")
     with pytest.raises(
-        FormatError, match=r"holds 3 matrices \(KGG, FULL, TALL\); say which: FILE:NAME"
+        FormatError, match=r"holds 3 matrices \(KGG, FULL, TALL\); select one: FILE:NAME"
     ):
         select(found, None, "a.op4")
     with pytest.raises(FormatError, match="matrix name 'K-1'; expected a letter"):

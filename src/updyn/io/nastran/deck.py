@@ -1,8 +1,8 @@
-"""A Nastran deck: its cards by kind, checked against each other, its groups and its geometry.
+"""A Nastran deck: its cards by kind with checked references, its groups and its geometry.
 
-The tables say what each card is: elements, their properties and materials, and which fields hold
-stiffness and mass. Fields are counted from 0 behind the name of the card: field 2 of the manuals is
-0 (MSC Nastran Quick Reference Guide, bulk data entries).
+The tables define the elements, their properties and materials, and the fields that hold stiffness
+and mass. Fields are counted from 0 after the name of the card: field 2 of the manuals is 0 (MSC
+Nastran Quick Reference Guide, bulk data entries).
 """
 
 from __future__ import annotations
@@ -56,16 +56,17 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Element:
-    """An element card.
+    """Layout of an element card.
 
     Parameters
     ----------
     nodes : tuple of int
         Fields of its grids, in order.
     properties : tuple of str
-        Property cards it may point to with its second field; empty: it is its own property.
+        Property cards that its second field may refer to; empty if the element holds its properties
+        itself.
     shape : Shape, optional
-        How it is drawn.
+        Shape in drawings.
     """
 
     nodes: tuple[int, ...]
@@ -105,11 +106,11 @@ ELEMENTS = {
     "CDAMP1": Element((2, 4), ("PDAMP",), LINE),
     "CDAMP2": Element((2, 4), (), LINE),
 }
-#: Elements that are their own property: a group each.
+#: Elements that hold their properties themselves: a group each.
 OWN = tuple(name for name, e in ELEMENTS.items() if not e.properties)
 PROPERTIES = tuple(dict.fromkeys(p for e in ELEMENTS.values() for p in e.properties))
 MATERIALS = ("MAT1", "MAT2", "MAT8", "MAT9")
-#: Ties between grids, and what holds them; they are of no group.
+#: Ties between grids, and supports; they belong to no group.
 TIES = ("RBAR", "RBE1", "RBE2", "RBE3", "MPC", "MPCADD", "SPC", "SPC1", "SPCADD")
 #: Cards that change neither stiffness nor mass.
 LOADS = (
@@ -124,7 +125,7 @@ LOADS = (
     "USET", "USET1",
 )  # fmt: skip
 
-#: Dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of
+#: Number of dimensions of the sections of PBARL and PBEAML (Quick Reference Guide, PBARL, figure of
 #: sections).
 _SECTIONS = {
     "ROD": 1, "TUBE": 2, "TUBE2": 2, "I": 6, "CHAN": 4, "T": 4, "BOX": 4, "BAR": 2, "CROSS": 4,
@@ -135,16 +136,16 @@ _SECTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """Which fields of a card hold what.
+    """Fields of a card that hold stiffness, mass and damping.
 
     Parameters
     ----------
     stiffness, mass : tuple of int
-        Fields to multiply.
+        Fields to multiply by the factor of stiffness or mass.
     loss : tuple of int
         Fields of the loss factor GE.
     viscous : tuple of int
-        Fields to multiply with the viscous damping.
+        Fields to multiply by the factor of viscous damping.
     """
 
     stiffness: tuple[int, ...] = ()
@@ -177,7 +178,7 @@ _VALUES = {
 
 
 #: Largest number of fields of the cards of fixed length (Quick Reference Guide). Lists (SPC1, RBE2,
-#: PCOMP, ...) and MAT8, which failure theories follow, have none.
+#: PCOMP, ...) and MAT8, which ends with failure theories, have no limit.
 _MOST_FIELDS = {
     "GRID": 8, "GRDSET": 8, "SPOINT": 8,
     "CORD1R": 8, "CORD1C": 8, "CORD1S": 8, "CORD2R": 11, "CORD2C": 11, "CORD2S": 11,
@@ -192,7 +193,7 @@ _MOST_FIELDS = {
 
 
 def _check_length(card: Card) -> None:
-    """Refuse a card with more fields than its kind has: one of them is out of place."""
+    """Refuse a card with more fields than its kind has, because one of them is misplaced."""
     most = _MOST_FIELDS.get(card.name)
     if most is None or len(card.fields) <= most:
         return
@@ -204,17 +205,17 @@ def _check_length(card: Card) -> None:
 
 
 def values(card: Card) -> Values:
-    """Return which fields of a property or material card hold stiffness, mass and loss factor.
+    """Return the fields of a property or material card that hold stiffness, mass and loss factor.
 
     Raises
     ------
     FormatError
-        If the section of a PBARL or PBEAML is not known, or a PBUSH holds what is not read.
+        If the section of a PBARL or PBEAML is unknown, or a PBUSH holds unsupported values.
     """
     if card.name == "PBARL":
         return Values((), (8 + _section(card),))
     if card.name == "PBEAML":
-        # A station has its dimensions and its mass; from the second one on SO and X/XB before them.
+        # Each station has its dimensions and its mass, preceded by SO and X/XB from the second on.
         n = _section(card) + 1
         return Values((), (8 + n - 1, *range(8 + 2 * n + 1, len(card.fields), n + 2)))
     if card.name == "PBEAM":
@@ -235,11 +236,11 @@ def _section(card: Card) -> int:
 
 def _masses_of_pbeam(card: Card) -> tuple[int, ...]:
     stations = ("YES", "YESA", "NO")
-    at = 8 if card.text(8) in stations else 16  # the line of stress points may be left out
+    at = 8 if card.text(8) in stations else 16  # the line of stress points is optional
     found = [7]
     while card.text(at) in stations:
         found.append(at + 7)
-        # The line of stress points of a station follows only SO = YES.
+        # A station has a line of stress points only if SO = YES.
         at += 16 if card.text(at) == "YES" else 8
     return (*found, at + 4, at + 5)
 
@@ -250,7 +251,7 @@ def _values_of_pbush(card: Card) -> Values:
     viscous: tuple[int, ...] = ()
     for at in range(1, len(card.fields), 8):
         kind = card.text(at)
-        six = card.filled(range(at + 1, at + 7))
+        six = card.nonempty(range(at + 1, at + 7))
         if kind == "K":
             stiffness = six
         elif kind == "GE":
@@ -259,7 +260,8 @@ def _values_of_pbush(card: Card) -> Values:
             viscous = six
         elif kind == "M" and any(card.reals(six)):
             raise card.error(
-                f"PBUSH {card.text(0)}: M (field {at + 2}) is not read; expected K, B and GE only"
+                f"PBUSH {card.text(0)}: M (field {at + 2}) is not supported; expected only K, B and"
+                " GE"
             )
         elif kind not in ("M", "RCV", "T", ""):
             raise card.error(
@@ -269,7 +271,7 @@ def _values_of_pbush(card: Card) -> Values:
 
 
 def materials_of(card: Card) -> tuple[int, ...]:
-    """Return the fields of a property card (or a CONROD) that name materials."""
+    """Return the fields of a property card (or a CONROD) that refer to materials."""
     if card.name == "PSHELL":
         fields: tuple[int, ...] = (1, 3, 5, 10)
     elif card.name == "PCOMP":
@@ -280,7 +282,7 @@ def materials_of(card: Card) -> tuple[int, ...]:
         fields = ()
     else:
         fields = (1,)
-    return card.filled(fields)
+    return card.nonempty(fields)
 
 
 SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
@@ -290,13 +292,13 @@ _MOST_POINTS = 1_000_000
 _KNOWN = (*_POINTS, *SYSTEMS, *ELEMENTS, *PROPERTIES, *MATERIALS, *TIES, *LOADS, "PARAM")
 _BULK = re.compile(r"\s*BEGIN\s+BULK|\s*BEGIN\s*$", re.IGNORECASE)
 _SELECTED = re.compile(r"\s*(SPC|MPC)\s*=\s*(\S+)\s*$", re.IGNORECASE)
-#: Several of one kind on one card: number of fields of each.
+#: Cards that can hold several entries: number of fields of each entry.
 _DOUBLE = {"PELAS": 4, "PDAMP": 2, "PMASS": 2, "CORD1R": 4, "CORD1C": 4, "CORD1S": 4}
 
 
 @dataclass(frozen=True)  # no slots, for the cached properties
 class NastranDeck:
-    """A deck whose cards fit together.
+    """A deck whose cards are consistent.
 
     Parameters
     ----------
@@ -312,24 +314,24 @@ class NastranDeck:
     case: tuple[Line, ...]
     cards: tuple[Card, ...]
 
-    def named(self, *names: str) -> list[Card]:
-        """Return the cards of these names, in order."""
+    def cards_named(self, *names: str) -> list[Card]:
+        """Return the cards with these names, in order."""
         return [card for card in self.cards if card.name in names]
 
     @cached_property
     def grids(self) -> dict[int, Card]:
         """Grid cards by number."""
-        return _by_number(self.named("GRID"), "GRID")
+        return _by_number(self.cards_named("GRID"), "GRID")
 
     @cached_property
     def points(self) -> dict[int, Card]:
-        """The cards that define the scalar points."""
+        """Scalar points: the defining card by number."""
         out: dict[int, Card] = {}
-        for card in self.named("SPOINT"):
+        for card in self.cards_named("SPOINT"):
             if card.text(1) == "THRU":
                 numbers: Sequence[int] = range(card.integer(0), card.integer(2) + 1)
             else:
-                numbers = card.integers(card.filled(range(len(card.fields))))
+                numbers = card.integers(card.nonempty(range(len(card.fields))))
             if len(out) + len(numbers) > _MOST_POINTS:
                 raise card.error(
                     f"SPOINT: more than {_MOST_POINTS} scalar points in the deck; expected fewer"
@@ -340,21 +342,21 @@ class NastranDeck:
     @cached_property
     def materials(self) -> dict[int, Card]:
         """Material cards by number."""
-        return _by_number(self.named(*MATERIALS), "material")
+        return _by_number(self.cards_named(*MATERIALS), "material")
 
     @cached_property
     def properties(self) -> dict[int, Card]:
         """Property cards by number."""
-        return _by_number(self.named(*PROPERTIES), "property")
+        return _by_number(self.cards_named(*PROPERTIES), "property")
 
     @cached_property
     def elements(self) -> list[Card]:
         """Element cards."""
-        return self.named(*ELEMENTS)
+        return self.cards_named(*ELEMENTS)
 
     @cached_property
     def groups(self) -> dict[str, Card]:
-        """By name: the property card of a group, or its element where that is its own property."""
+        """Groups by name: the property card, or the element if it holds its properties itself."""
         found: dict[str, Card] = {}
         for card in self.elements:
             own = self.group_of(card)
@@ -362,28 +364,22 @@ class NastranDeck:
         return found
 
     def group_of(self, element: Card) -> Card:
-        """Return the card of the group of an element: its property, or itself if it has none."""
+        """Return the card that defines the group of an element: its property, or the element."""
         if element.name in OWN:
             return element
-        # Where the number of the property is missing, it is that of the element.
+        # The default number of the property is the number of the element.
         return self.properties[element.integer(1, element.integer(0))]
 
     def materials_of(self, card: Card) -> list[Card]:
-        """Return the material cards that a property card (or a CONROD) names."""
+        """Return the material cards that a property card (or a CONROD) refers to."""
         return [self.materials[number] for number in card.integers(materials_of(card))]
 
     def nodes_of(self, element: Card) -> list[int]:
-        """Return the grids of an element that are given, in order."""
-        return element.integers(element.filled(ELEMENTS[element.name].nodes))
+        """Return the numbers of the grids of an element, in order."""
+        return element.integers(element.nonempty(ELEMENTS[element.name].nodes))
 
     def group(self, name: str) -> Card:
-        """Return the card of a group.
-
-        Raises
-        ------
-        FormatError
-            If there is none; the nearest names are given.
-        """
+        """Return the card that defines a group; raise a FormatError if it does not exist."""
         if name not in self.groups:
             raise FormatError(
                 f"no group {name!r} in the deck; {suggest(name, self.groups)}", self.path
@@ -391,24 +387,24 @@ class NastranDeck:
         return self.groups[name]
 
     def parameter(self, name: str, default: float) -> float:
-        """Return a number given by PARAM, the last one."""
+        """Return the value of the last PARAM card with this name."""
         value = default
-        for card in self.named("PARAM"):
+        for card in self.cards_named("PARAM"):
             if card.text(0) == name:
                 value = card.real(1)
         return value
 
-    def selected(self, what: str, given: int | None) -> int:
-        """Return the number of the SPC or MPC set that case control selects, 0 for none.
+    def select_set(self, what: str, given: int | None) -> int:
+        """Return the number of the SPC or MPC set in use (`what`), 0 for no set.
 
         Raises
         ------
         FormatError
-            If subcases select different sets, the set is not there, or there are sets and none is
-            selected.
+            If subcases select different sets, the set does not exist, or case control selects none
+            of several.
         """
         kinds = {"SPC": ("SPC", "SPC1", "SPCADD"), "MPC": ("MPC", "MPCADD")}[what]
-        sets = {card.integer(0) for card in self.named(*kinds)}
+        sets = {card.integer(0) for card in self.cards_named(*kinds)}
         option = f"{what.lower()}="
         chosen: dict[str, Line] = {}
         for line in self.case:
@@ -419,13 +415,13 @@ class NastranDeck:
             number = str(given)
         elif len(chosen) > 1:
             raise next(reversed(chosen.values())).error(
-                f"{what} sets {', '.join(sorted(chosen))} in one deck; say which with {option}"
+                f"{what} sets {', '.join(sorted(chosen))} in one deck; select one with {option}"
             )
         elif chosen:
             number = next(iter(chosen))
         elif sets:
             raise FormatError(
-                f"{what} sets {_list(sets)}, but case control selects none; say which with"
+                f"{what} sets {_list(sets)}, but case control selects none; select one with"
                 f" {option} (0 for none)",
                 self.path,
             )
@@ -433,32 +429,31 @@ class NastranDeck:
             return 0
         if not number.isdecimal() or (int(number) and int(number) not in sets):
             raise FormatError(
-                f"no {what} set {number}; there are: {_list(sets) or 'none'}", self.path
+                f"no {what} set {number}; available: {_list(sets) or 'none'}", self.path
             )
         return int(number)
 
 
 def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDeck:
-    """Read a deck and check that its cards fit together.
+    """Read a deck and check that its cards are consistent.
 
     Parameters
     ----------
     path : path
-        The main file: a whole deck, or bulk data alone.
+        The main file: a whole deck, or bulk data only.
     ignore : iterable of str, optional
-        Names of cards to leave out although they may change the structure. None: all that are not
-        known.
+        Names of cards to ignore although they may change the structure. None ignores all unknown
+        cards.
 
     Returns
     -------
     NastranDeck
-        Its cards.
 
     Raises
     ------
     FormatError
-        If an included file is missing, a card is not known, or one points to what is not there; the
-        message says file and line.
+        If an included file is missing, a card is unknown, or a card refers to a missing one; the
+        message gives file and line.
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore or ()}
@@ -471,37 +466,37 @@ def read_deck(path: str | Path, ignore: Iterable[str] | None = ()) -> NastranDec
             raise card.error(
                 f"card {card.name} is not known and may change the structure;"
                 f" {suggest(card.name, _KNOWN)} "
-                f'(to leave it out: ignore=["{card.name}"])'
+                f'(to ignore it: ignore=["{card.name}"])'
             )
         if card.name not in LOADS and card.name not in left_out:
-            cards += _single(card)
+            cards += _split_entries(card)
     deck = NastranDeck(path, tuple(case), tuple(cards))
     _check(deck)
     return deck
 
 
 def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
-    """Read the cards of a deck that say where points stand, and its elements.
+    """Read the grids, scalar points, coordinate systems and elements of a deck.
 
-    All others are left out, known or not, but for those that are called nearly as a card of points.
+    All other cards are ignored, except unknown cards with a name similar to these.
 
     Parameters
     ----------
     path : path
-        The main file: a whole deck, or bulk data alone.
+        The main file: a whole deck, or bulk data only.
     ignore : iterable of str
-        Names of cards to leave out besides.
+        Names of further cards to ignore.
 
     Returns
     -------
     NastranDeck
-        These cards; there need be no properties and materials.
+        These cards; properties and materials may be missing.
 
     Raises
     ------
     FormatError
-        If an included file is missing, a card may be one of points and is not known, or an element
-        is at a grid that is not there; the message says file and line.
+        If an included file is missing, an unknown card may define points, or an element refers to a
+        missing grid; the message gives file and line.
     """
     path = Path(path)
     left_out = {name.upper() for name in ignore}
@@ -512,18 +507,18 @@ def read_points(path: str | Path, ignore: Iterable[str] = ()) -> NastranDeck:
         if card.name in left_out:
             continue
         if card.name in points or card.name in ELEMENTS:
-            cards += _single(card)
+            cards += _split_entries(card)
         elif card.name not in _KNOWN and nearest(card.name, points):
             raise card.error(
-                f"card {card.name} is not known and may say where points stand;"
+                f"card {card.name} is not known and may define positions of points;"
                 f" {suggest(card.name, points)} "
-                f'(to leave it out: ignore=["{card.name}"])'
+                f'(to ignore it: ignore=["{card.name}"])'
             )
     return points_of(path, cards, case)
 
 
 def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> NastranDeck:
-    """Return a deck of cards that say where points stand, and of elements.
+    """Return a deck of grids, points, coordinate systems and elements.
 
     Parameters
     ----------
@@ -541,7 +536,7 @@ def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> N
     Raises
     ------
     FormatError
-        If there is no grid, or an element is at one that is not there.
+        If there is no grid, or an element refers to a missing one.
     """
     deck = NastranDeck(path, tuple(case), tuple(cards))
     _check_points(deck)
@@ -551,7 +546,7 @@ def points_of(path: Path, cards: Iterable[Card], case: Iterable[Line] = ()) -> N
 
 
 def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
-    """Return the lines of executive and case control, and those of bulk data."""
+    """Return the lines of executive and case control, and the lines of bulk data."""
     case: list[Line] = []
     bulk = lines
     for i, line in enumerate(lines):
@@ -562,15 +557,15 @@ def _sections(lines: list[Line]) -> tuple[list[Line], list[Line]]:
 
 
 def end_of(lines: Sequence[Line]) -> int:
-    """Return the position of the line ENDDATA; the number of lines where there is none."""
+    """Return the position of the line ENDDATA, or the number of lines without it."""
     for i, line in enumerate(lines):
         if line.text.strip().upper().startswith("ENDDATA"):
             return i
     return len(lines)
 
 
-def _single(card: Card) -> list[Card]:
-    """Return the entries of a card, of which some kinds have two."""
+def _split_entries(card: Card) -> list[Card]:
+    """Return the separate entries of a card; some kinds hold several."""
     _check_length(card)
     n = _DOUBLE.get(card.name)
     if n is None or len(card.fields) <= n:
@@ -584,7 +579,7 @@ def _by_number(cards: Iterable[Card], what: str) -> dict[int, Card]:
     for card in cards:
         number = card.integer(0)
         if number in out:
-            raise card.error(f"{what} {number} stands twice: also {out[number].lines[0].place}")
+            raise card.error(f"{what} {number} is defined twice: also {out[number].lines[0].place}")
         out[number] = card
     return out
 
@@ -595,13 +590,13 @@ def _list(numbers: Iterable[int]) -> str:
 
 def _near(number: int, known: Mapping[int, Card]) -> str:
     best = sorted(known, key=lambda n: abs(n - number))[:3]
-    return f"nearest: {_list(best)}" if best else "there is none"
+    return f"nearest: {_list(best)}" if best else "the deck has none"
 
 
 def _check_points(deck: NastranDeck) -> None:
     if not deck.grids and not deck.points:
         raise FormatError(
-            "no GRID card: not a deck, or bulk data that belongs to another file", deck.path
+            "no GRID card: not a deck, or a part of the bulk data of another file", deck.path
         )
 
 
@@ -627,8 +622,8 @@ def _check(deck: NastranDeck) -> None:
                     f"{card.name} {card.text(0)}: no material {number} among"
                     f" {', '.join(MATERIALS)}; " + _near(number, deck.materials)
                 )
-    for card in deck.named(*TIES):
-        for field, node in _tied(card):
+    for card in deck.cards_named(*TIES):
+        for field, node in _tied_grids(card):
             if node not in places:
                 raise card.error(
                     f"{card.name}: field {field + 2} names grid {node}; {_near(node, places)}"
@@ -653,8 +648,8 @@ def _check_property(deck: NastranDeck, element: Card) -> None:
         )
 
 
-def _tied(card: Card) -> list[tuple[int, int]]:
-    """Return (field, grid) of the grids that a tie or a support names."""
+def _tied_grids(card: Card) -> list[tuple[int, int]]:
+    """Return (field, grid) of the grids that a tie or a support refers to."""
     n = len(card.fields)
     if card.name == "MPC":
         at = [*range(1, n, 8), *range(4, n, 8)]
@@ -671,13 +666,13 @@ def _tied(card: Card) -> list[tuple[int, int]]:
         at = list(range(2, n))
     else:
         return []
-    return [(i, card.integer(i)) for i in card.filled(at) if card.text(i) != "THRU"]
+    return [(i, card.integer(i)) for i in card.nonempty(at) if card.text(i) != "THRU"]
 
 
 def _grids_of_rbe3(card: Card) -> list[int]:
-    """Return the fields of an RBE3 that name grids."""
-    # EID, blank, REFGRID, REFC, then WT, C, grids, the next WT, C, grids, ..., UM or ALPHA and what
-    # follows.
+    """Return the fields of an RBE3 that refer to grids."""
+    # EID, blank, REFGRID, REFC, then WT, C, grids, the next WT, C, grids, ..., UM or ALPHA and
+    # their values.
     found = [2]
     at = 4
     while at < len(card.fields):
@@ -702,7 +697,7 @@ class _System:
     axes: NDArray[np.float64]
 
     def basic(self, given: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the position in the basic system of coordinates in this one; angles in degrees."""
+        """Return the basic position of coordinates in this system; angles in degrees."""
         a, b, c = given
         if self.kind == "C":
             given = np.array([a * np.cos(np.radians(b)), a * np.sin(np.radians(b)), c])
@@ -720,7 +715,7 @@ class _System:
             return self.axes
         x, y, z = self.axes @ (position - self.origin)
         reach = float(np.hypot(x, y))
-        # On its axis the angle has no meaning; Nastran takes that of the x axis.
+        # The angle is undefined on the axis; Nastran uses the direction of the x axis.
         cos, sin = 1.0, 0.0
         if reach > 1e-9 * max(abs(z), 1e-30):
             cos, sin = x / reach, y / reach
@@ -740,22 +735,22 @@ _BASIC = _System("R", np.zeros(3), np.eye(3))
 
 
 class _Systems:
-    """The systems and grids of a deck, each computed when it is first needed."""
+    """Coordinate systems and grid positions of a deck, each computed on first use."""
 
     def __init__(self, deck: NastranDeck) -> None:
         self._deck = deck
         self._cards: dict[int, Card] = {}
-        for card in deck.named(*SYSTEMS):
+        for card in deck.cards_named(*SYSTEMS):
             number = card.integer(0)
             if number in self._cards:
-                raise card.error(f"coordinate system {number} stands twice")
+                raise card.error(f"coordinate system {number} is defined twice")
             self._cards[number] = card
         self._systems: dict[int, _System] = {0: _BASIC}
         self._positions: dict[int, NDArray[np.float64]] = {}
         self._open: set[int] = set()
         self._default_position = 0
         self._default_motion = 0
-        for card in deck.named("GRDSET")[:1]:
+        for card in deck.cards_named("GRDSET")[:1]:
             self._default_position = card.integer(1, 0)
             self._default_motion = card.integer(5, 0)
 
@@ -769,7 +764,7 @@ class _Systems:
         return self._positions[node]
 
     def motion(self, card: Card) -> _System:
-        """Return the system in which a grid moves."""
+        """Return the displacement system of a grid."""
         number = card.integer(5, self._default_motion)
         if number == -1:
             raise card.error(
@@ -786,13 +781,13 @@ class _Systems:
                     f" {suggest(str(number), known)}"
                 )
             if number in self._open:
-                raise asker.error(f"coordinate system {number} is defined by itself")
+                raise asker.error(f"the definition of coordinate system {number} refers to itself")
             self._open.add(number)
-            self._systems[number] = self._built(self._cards[number])
+            self._systems[number] = self._build_system(self._cards[number])
             self._open.discard(number)
         return self._systems[number]
 
-    def _built(self, card: Card) -> _System:
+    def _build_system(self, card: Card) -> _System:
         if card.name.startswith("CORD1"):
             A, B, C = (self.position(node, card) for node in card.integers((1, 2, 3)))
         else:
@@ -803,26 +798,26 @@ class _Systems:
         side = C - A
         across = np.cross(up, side)
         if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(up) * np.linalg.norm(side):
-            raise card.error(f"{card.name} {card.text(0)}: its three points stand on one line")
+            raise card.error(f"{card.name} {card.text(0)}: its three points are collinear")
         z = up / np.linalg.norm(up)
         y = across / np.linalg.norm(across)
         return _System(card.name[-1], A, np.array([np.cross(y, z), y, z]))
 
 
 def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
-    """Return positions (m, basic system), directions of displacement, edges and faces.
+    """Return positions (m, basic system), displacement directions, edges and faces.
 
     Raises
     ------
     FormatError
-        If a coordinate system or a grid is not there, or a system is not one.
+        If a coordinate system or a grid is missing, or a system is degenerate.
     OptionError
-        If the unit is not known.
+        If the unit is unknown.
     """
     scale = system(unit).length
     systems = _Systems(deck)
     nodes = sorted(deck.grids)
-    with np.errstate(all="ignore"):  # numbers that are out of all bounds are told by the geometry
+    with np.errstate(all="ignore"):  # Geometry reports positions that are not finite
         positions = [systems.position(node, deck.grids[node]) for node in nodes]
         motions = [systems.motion(deck.grids[node]) for node in nodes]
         axes = None
@@ -830,13 +825,13 @@ def geometry_of(deck: NastranDeck, unit: str = "m") -> Geometry:
             pairs = zip(motions, positions, strict=True)
             axes = np.array([motion.directions(position) for motion, position in pairs])
     with placed(deck.path):
-        drawn = _drawn(deck)
+        drawn = _corners_by_shape(deck)
         xyz = np.array(positions).reshape(-1, 3) * scale
         return Geometry(nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
 
 
-def _drawn(deck: NastranDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
-    """Return the elements by shape, with the grids at their corners."""
+def _corners_by_shape(deck: NastranDeck) -> list[tuple[Shape, NDArray[np.int64]]]:
+    """Return the corner grids of the elements, by shape."""
     found: dict[Shape, list[list[int]]] = {}
     for card in deck.elements:
         shape = ELEMENTS[card.name].shape

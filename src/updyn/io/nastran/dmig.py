@@ -1,8 +1,8 @@
 """DMIG: matrices by grid and component, as Nastran punches them (``.pch``) and reads them.
 
-The header card (``DMIG, NAME, 0, IFO, TIN, TOUT, ...``) says the form, 1 square, 6 symmetric (one
-triangle is enough) or 9 rectangular, and the type, 1 real single or 2 real double precision; the
-column cards hold entries by grid and component (MSC Nastran Quick Reference Guide, DMIG).
+The header card (``DMIG, NAME, 0, IFO, TIN, TOUT, ...``) defines the form (1 square, 6 symmetric
+with one triangle, 9 rectangular) and the type (1 real single, 2 real double precision). The column
+cards hold entries by grid and component (MSC Nastran Quick Reference Guide, DMIG).
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from updyn.io.nastran.fields import Line, text_of
 __all__ = ["DMIGMatrix", "read_dmig", "write_dmig"]
 
 _SQUARE, _SYMMETRIC = 1, 6
-_SAME = 1e-6  # what is left of equal entries, rounded to the digits of a punch file
+_SAME = 1e-6  # relative difference of equal entries, rounded to the digits of a punch file
 _LAST_GRID = 99999999
 _HEADER = 8  # fields of a header card
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]{0,7}")
-#: Lines of a deck or of a punch file that are no bulk data.
+#: Lines of a deck or of a punch file that are not bulk data.
 _TITLES = re.compile(r"(?:TITLE|SUBTITLE|LABEL)\s*=|BEGIN\s+BULK|ENDDATA", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DMIGMatrix:
-    """One square matrix with its degrees of freedom.
+    """A square matrix with its degrees of freedom.
 
     Parameters
     ----------
     name : str
         Upper case.
     matrix : scipy.sparse.csr_array, shape (n, n), float64
-        The entries, in the units of the program that wrote it; both triangles.
+        Both triangles, in the units of the program that wrote it.
     dofs : DofSet
-        The n degrees of freedom that have entries, by node, then direction.
+        The n degrees of freedom with entries, by node, then direction.
     """
 
     name: str
@@ -59,7 +59,7 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     Parameters
     ----------
     path : path
-        The file; cards other than DMIG are refused, as are complex and rectangular matrices.
+        The file. Cards other than DMIG, and complex or rectangular matrices, are refused.
 
     Returns
     -------
@@ -69,7 +69,7 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     Raises
     ------
     FormatError
-        If a card is not valid; the message says file and line.
+        If a card is not valid; the message gives file and line.
     """
     path = Path(path)
     cards = list(parse(_bulk(lines_of(path))))
@@ -77,7 +77,7 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
     columns: dict[str, list[Card]] = {}
     for card in cards:
         if card.name != "DMIG":
-            raise card.error(f"{card.name}: expected DMIG cards only")
+            raise card.error(f"{card.name}: expected only DMIG cards")
         name = card.text(0)
         if _NAME.fullmatch(name) is None:
             raise card.error(f"DMIG: field 2 is {name!r}; expected a name")
@@ -95,7 +95,7 @@ def read_dmig(path: str | Path) -> list[DMIGMatrix]:
         raise FormatError("no DMIG header card: DMIG, NAME, 0, form, type", path)
     for name, found in columns.items():
         if name not in headers:
-            raise found[0].error(f"DMIG {name}: a column, but no header card of that name")
+            raise found[0].error(f"DMIG {name}: a column without a header card of this name")
     return [_matrix(header, columns.get(name, [])) for name, header in headers.items()]
 
 
@@ -108,9 +108,9 @@ def _bulk(lines: Iterable[Line]) -> Iterator[Line]:
 def _check_header(card: Card) -> None:
     form = card.integer(2)
     kind = card.integer(3)
-    for at in card.filled((6, *range(_HEADER, len(card.fields)))):
+    for at in card.nonempty((6, *range(_HEADER, len(card.fields)))):
         raise card.error(
-            f"DMIG {card.text(0)}: field {at + 2} of the header is {card.fields[at]!r}; expected it"
+            f"DMIG {card.text(0)}: field {at + 2} of the header is {card.fields[at]!r}; expected"
             " blank (NAME, 0, IFO, TIN, TOUT, POLAR, blank, NCOL)"
         )
     if card.integer(5, 0):
@@ -123,7 +123,7 @@ def _check_header(card: Card) -> None:
     if kind not in (1, 2):
         why = ""
         if kind in (3, 4):
-            why = " (complex: damping goes into loss factors and viscous matrices)"
+            why = " (complex: give damping as loss factors or viscous matrices)"
         raise card.error(f"DMIG {card.text(0)}: type {kind}{why}; expected 1 or 2, real")
 
 
@@ -136,13 +136,13 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
     where: list[Card] = []
     for card in columns:
         column = _key(card, 1)
-        if card.filled((3,)):
-            raise card.error(f"DMIG {name}: field 5 is {card.text(3)!r}; expected it blank")
+        if card.nonempty((3,)):
+            raise card.error(f"DMIG {name}: field 5 is {card.text(3)!r}; expected blank")
         for start in range(4, max(len(card.fields), 5), 4):
             if card.real(start + 3, 0.0):
                 raise card.error(
                     f"DMIG {name}: field {start + 5} is {card.text(start + 3)!r}, an imaginary"
-                    " part; expected real entries, as the header says"
+                    " part; expected real entries, as stated in the header"
                 )
             rows.append(_key(card, start))
             at.append(column)
@@ -151,8 +151,8 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
     keys = np.unique(np.array(rows + at, dtype=np.int64))
     i = np.searchsorted(keys, rows)
     j = np.searchsorted(keys, at)
-    # Of a symmetric matrix an entry may stand on either side; one that stands on both has to be the
-    # same.
+    # An entry of a symmetric matrix may be in either triangle; if it is in both, the values have
+    # to agree.
     key = i * len(keys) + j
     if symmetric:
         key = np.maximum(i, j) * len(keys) + np.minimum(i, j)
@@ -162,12 +162,12 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
             continue
         pair = f"({_label(keys[i[two]])}, {_label(keys[j[two]])})"
         if i[one] == i[two]:
-            raise where[two].error(f"DMIG {name}: entry {pair} stands twice")
+            raise where[two].error(f"DMIG {name}: entry {pair} occurs twice")
         a, b = values[one], values[two]
         if abs(a - b) > _SAME * max(abs(a), abs(b), 1e-9 * max(map(abs, values))):
             raise where[two].error(
-                f"DMIG {name}: said to be symmetric (form 6), but entry {pair} is {b:g} and the one"
-                f" across {a:g}"
+                f"DMIG {name}: declared symmetric (form 6), but entry {pair} is {b:g} and its"
+                f" mirror entry {a:g}"
             )
     is_first = np.diff(key[order], prepend=-1) != 0
     kept = np.sort(order[is_first])
@@ -179,7 +179,7 @@ def _matrix(header: Card, columns: Sequence[Card]) -> DMIGMatrix:
 
 
 def _key(card: Card, at: int) -> int:
-    """Return node * 6 + direction of the grid and component in two fields."""
+    """Return node * 6 + direction of the grid and component in fields `at` and `at + 1`."""
     node = card.integer(at)
     component = card.integer(at + 1, 0)
     if not 0 <= component <= 6:
@@ -196,7 +196,7 @@ def _label(key: Any) -> str:
 def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> None:
     """Write symmetric matrices as DMIG cards in large fields.
 
-    The file is replaced as a whole once it is complete.
+    An existing file is replaced only once the new one is complete.
 
     Parameters
     ----------
@@ -211,26 +211,26 @@ def write_dmig(matrices: Mapping[str, Any], dofs: DofSet, path: str | Path) -> N
     Raises
     ------
     FormatError
-        If a name, a node, a size or a matrix cannot be written so.
+        If the format cannot hold a name, a node, a size or a matrix.
 
     Notes
     -----
-    A field has 16 characters: numbers come back to 10 digits or more.
+    A field has 16 characters, which keep at least 10 digits of a number.
     """
     path = Path(path)
     wrong = dofs.nodes[(dofs.nodes < 1) | (dofs.nodes > _LAST_GRID)]
     if len(wrong):
-        raise FormatError(f"node {wrong[0]}; grids are numbered from 1 to {_LAST_GRID}", path)
+        raise FormatError(f"node {wrong[0]}; expected grid numbers from 1 to {_LAST_GRID}", path)
     text = ""
     for name, given in matrices.items():
-        matrix = _checked(name, given, len(dofs), path)
+        matrix = _check_matrix(name, given, len(dofs), path)
         text += "".join(_cards(name.upper(), matrix, dofs))
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="ascii", newline="\n")
 
 
-def _checked(name: str, given: Any, n: int, path: Path) -> Any:
-    """Return a matrix that can be written, as CSC."""
+def _check_matrix(name: str, given: Any, n: int, path: Path) -> Any:
+    """Return a matrix as CSC; refuse one that DMIG cannot hold."""
     if _NAME.fullmatch(name) is None:
         raise FormatError(
             f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path

@@ -1,4 +1,4 @@
-"""Lines of bulk data and their fields: small, large and free; numbers as Nastran writes them.
+"""Lines of bulk data and their fields (small, large and free), and numbers in Nastran's notation.
 
 Exponents have D or no letter (``1.5-3``), in 8 or 16 characters.
 """
@@ -19,13 +19,7 @@ _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+)
 
 
 def real(cell: str) -> float:
-    """Read a number.
-
-    Raises
-    ------
-    ValueError
-        If the text is not a number.
-    """
+    """Return the number in a field; raise a ValueError if it is not a number."""
     found = _NUMBER.fullmatch(cell.strip())
     if found is None:
         raise ValueError(f"{cell!r} is not a number")
@@ -36,15 +30,9 @@ def real(cell: str) -> float:
 
 
 def text_of(value: float, width: int = 16) -> str:
-    """Write a number with a decimal point in at most `width` characters, as many digits as fit.
-
-    Raises
-    ------
-    ValueError
-        If the number is not finite.
-    """
+    """Format a finite number with a decimal point and as many digits as fit `width` characters."""
     if not math.isfinite(value):
-        raise ValueError(f"{value!r} has no text in a deck")
+        raise ValueError(f"{value!r} cannot be written to a deck")
     mantissa = repr(float(value)).split("e")[0]
     significant = len(mantissa.strip("-0.").replace(".", "").rstrip("0"))
     for digits in range(max(significant, 1), 0, -1):
@@ -59,7 +47,7 @@ def text_of(value: float, width: int = 16) -> str:
 
 
 def _with_point(text: str) -> str:
-    """Write a number as a deck has it: with a point, and an exponent without letter and zeros."""
+    """Return a number in deck notation: with a point, and an exponent without letter and zeros."""
     mantissa, _, exponent = text.partition("e")
     if "." not in mantissa:
         mantissa += "."
@@ -70,7 +58,7 @@ def _with_point(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of a deck, without comment and trailing blanks, and its place.
+    """A line of a deck with its place, without comment and trailing blanks.
 
     Lines of a binary file have no number.
     """
@@ -81,7 +69,7 @@ class Line:
 
     @property
     def place(self) -> str:
-        """File and line, for a message."""
+        """File and line, for messages."""
         return self.path.name if self.number is None else f"{self.path.name}:{self.number}"
 
     def error(self, message: str) -> FormatError:
@@ -117,13 +105,7 @@ class Row:
 
 
 def row_of(line: Line) -> Row:
-    """Return the fields of a line.
-
-    Raises
-    ------
-    FormatError
-        If it has too many, or is too long.
-    """
+    """Return the fields of a line; raise a FormatError if it has too many fields or is too long."""
     if "," in line.text:
         cells, tail, n = _free_fields(line)
         head = line.text.split(",")[0].strip()
@@ -139,19 +121,19 @@ def _free_fields(line: Line) -> tuple[list[str], str, int]:
     is_large = cells[0].startswith("*") or cells[0].endswith("*")
     n = 4 if is_large else 8
     if len(cells) > n + 2:
-        raise line.error(f"{len(cells)} fields; at most {n + 2} stand on a line")
+        raise line.error(f"{len(cells)} fields; expected at most {n + 2} on a line")
     tail = ""
     if len(cells) == n + 2:
         tail = cells[n + 1]
     if tail and _is_number(tail) and tail[0] not in "+*":
         raise line.error(
-            f"{tail!r} in field {n + 2}; at most {n} data fields stand on a line, then a"
+            f"{tail!r} in field {n + 2}; expected at most {n} data fields on a line, then a"
             " continuation"
         )
     cells = cells[1 : n + 1]
-    is_copy = line.text.lstrip().startswith("=")  # in which *1 is an increment
+    is_copy = line.text.lstrip().startswith("=")  # *1 is an increment there, not a mark
     if not tail and not is_copy and cells and _is_mark(cells[-1]):
-        tail = cells.pop()  # the mark may follow the last field that is there
+        tail = cells.pop()  # the mark may follow the last field directly
     return cells, tail, n
 
 
@@ -159,7 +141,7 @@ def _fixed_fields(line: Line) -> tuple[list[str], str, int]:
     """Return the cells of a line in columns, its continuation mark, and the number of fields."""
     text = line.text
     if len(text) > 80:
-        raise line.error(f"{len(text)} characters; a line has at most 80, comments after $ apart")
+        raise line.error(f"{len(text)} characters; expected at most 80 before comments ($)")
     is_large = text[:1] == "*" or text[:8].rstrip().endswith("*")
     width = 16 if is_large else 8
     cells = [text[start : start + width].strip() for start in range(8, 72, width)]

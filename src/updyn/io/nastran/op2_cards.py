@@ -1,9 +1,10 @@
 """Bulk data in OUTPUT2 files: grids, coordinate systems and elements, as cards of a deck.
 
 The tables GEOM1 and GEOM2 hold the bulk data entries that Nastran has read, in records of one kind,
-which start with three whole numbers that say which. Entries have a fixed number of words, which for
-some differs between MSC, NX and their releases; the first number for which all entries are sound is
-taken. Layouts: MSC Nastran and NX Nastran DMAP Programmer's Guides, data blocks GEOM1 and GEOM2.
+which start with an identifying key of three integers. Entries have a fixed number of words, which
+for some kinds differs between MSC, NX and their releases; the reader uses the first number for
+which all entries are valid. Layouts: MSC Nastran and NX Nastran DMAP Programmer's Guides, data
+blocks GEOM1 and GEOM2.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ __all__ = ["deck_of"]
 _POINTS = ("GEOM1", "GEOM1S", "GEOM1N")
 _ELEMENTS = ("GEOM2", "GEOM2S", "GEOM2N")
 _Key = tuple[int, ...]
-#: Start of the key behind the last entry.
+#: Start of the key after the last entry.
 _END = (65535, 65535)
 _GRID: _Key = (4501, 45, 1)
 _SPOINT: _Key = (5551, 49, 105)
@@ -41,20 +42,20 @@ _CORD2: Mapping[_Key, str] = {
     (2001, 20, 9): "CORD2C",
     (2201, 22, 10): "CORD2S",
 }
-#: Places of points that are computed by Nastran, not listed: CORD3G, and the like.
+#: Coordinate systems without listed positions, which Nastran computes: CORD3G, and the like.
 _NOT_READ: Mapping[_Key, str] = {(501, 5, 43): "CORD3G", (14301, 143, 651): "CORD3G"}
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """An element in the table GEOM2.
+    """Layout of an element in the table GEOM2.
 
     Parameters
     ----------
     name : str
         Its card.
     widths : tuple of int
-        Words of an entry; several where programs differ.
+        Words of an entry; several if programs differ.
     grids : tuple of int
         Words of its grids, in the order of the card.
     """
@@ -68,7 +69,7 @@ def _words(n: int) -> tuple[int, ...]:
     return tuple(range(2, 2 + n))
 
 
-#: The same element stands in the table of MSC and of NX under one key, as far as it is listed here.
+#: MSC and NX use the same key for all elements in this table.
 _ENTRIES: Mapping[_Key, _Entry] = {
     (2408, 24, 180): _Entry("CBAR", (16,), (2, 3)),
     (5408, 54, 261): _Entry("CBEAM", (18,), (2, 3)),
@@ -94,7 +95,7 @@ _ENTRIES: Mapping[_Key, _Entry] = {
     (4108, 41, 280): _Entry("CPENTA", (17,), _words(15)),
     (7308, 73, 253): _Entry("CHEXA", (22,), _words(20)),
 }
-#: Entries of GEOM2 that are no elements to draw.
+#: Entries of GEOM2 without elements to draw.
 _PASSED: frozenset[_Key] = frozenset({(5201, 52, 11)})
 
 
@@ -109,23 +110,23 @@ def deck_of(file: OP2File) -> NastranDeck:
     Returns
     -------
     NastranDeck
-        Without properties and materials. What stands twice in the same words, as the boundaries of
-        superelements do, is there once.
+        Without properties and materials. Identical entries, such as the boundaries of
+        superelements, are kept once.
 
     Raises
     ------
     AbsentError
         If the file has no table of grids.
     FormatError
-        If an entry is not valid, an element is at a grid that is not there, or there are coordinate
-        systems of a kind that is not read.
+        If an entry is not valid, an element refers to a missing grid, or a coordinate system is of
+        an unsupported kind.
 
     Warns
     -----
     UpdynWarning
-        If there are elements of other kinds; they are not drawn.
+        If elements of unknown kinds are not drawn.
     """
-    if not file.named(*_POINTS):
+    if not file.tables_named(*_POINTS):
         held = ", ".join(dict.fromkeys(block.name for block in file.blocks)) or "nothing"
         raise AbsentError(
             "holds no geometry (table GEOM1; Nastran writes it by PARAM,POST,-1 and"
@@ -145,7 +146,9 @@ def deck_of(file: OP2File) -> NastranDeck:
         elif key in _CORD2:
             found |= dict.fromkeys((_CORD2[key], fields) for fields in _cord2(file, raw))
         elif key in _NOT_READ:
-            raise FormatError(f"{_NOT_READ[key]}: such a coordinate system is not read", file.path)
+            raise FormatError(
+                f"{_NOT_READ[key]}: this kind of coordinate system is not supported", file.path
+            )
     records = list(_records(file, _ELEMENTS))
     for key, raw in records:
         if key == _SPOINT:
@@ -161,7 +164,7 @@ def deck_of(file: OP2File) -> NastranDeck:
             others[f"entries of the key {key}"] = None
     if others:
         warnings.warn(
-            f"{file.path}: elements that are not known are not drawn: {', '.join(others)}",
+            f"{file.path}: unknown elements are not drawn: {', '.join(others)}",
             UpdynWarning,
             stacklevel=4,
         )
@@ -171,7 +174,7 @@ def deck_of(file: OP2File) -> NastranDeck:
 def _records(file: OP2File, names: tuple[str, ...]) -> Iterator[tuple[_Key, bytes]]:
     """Yield keys and entries of the records of some tables."""
     start = 3 * file.size
-    for block in file.named(*names):
+    for block in file.tables_named(*names):
         for record in block.records:
             raw = file.data(record)
             if len(raw) < start:
@@ -181,29 +184,29 @@ def _records(file: OP2File, names: tuple[str, ...]) -> Iterator[tuple[_Key, byte
                 yield key, raw[start:]
 
 
-def _sound(
+def _decode_entries(
     file: OP2File,
     name: str,
     raw: bytes,
     layouts: tuple[np.dtype[Any], ...],
-    is_sound: Callable[[NDArray[Any]], bool],
+    is_valid: Callable[[NDArray[Any]], bool],
 ) -> NDArray[Any]:
-    """Return the entries of a record in the first layout in which all are sound."""
+    """Return the entries of a record in the first layout for which all are valid."""
     for layout in layouts:
         if len(raw) % layout.itemsize == 0:
             entries = np.frombuffer(raw, layout)
-            if is_sound(entries):
+            if is_valid(entries):
                 return entries
     widths = " or ".join(str(layout.itemsize // file.size) for layout in layouts)
     raise FormatError(
-        f"{name}: {len(raw) // file.size} words are no sound entries of {widths} words: damaged, or"
-        " of a release that is not known",
+        f"{name}: {len(raw) // file.size} words are not valid entries of {widths} words: damaged,"
+        " or of an unknown release",
         file.path,
     )
 
 
 def _layout(file: OP2File, parts: tuple[tuple[str, str, int], ...]) -> np.dtype[Any]:
-    """Return an entry of parts: name, kind (``i``, ``f``, or ``d`` of 8 bytes) and number."""
+    """Return the dtype of an entry of parts: name, kind (``i``, ``f``, 8-byte ``d``), number."""
     sizes = {"i": f"i{file.size}", "f": f"f{file.size}", "d": "f8"}
     return np.dtype([(name, file.order + sizes[kind], (n,)) for name, kind, n in parts])
 
@@ -214,7 +217,7 @@ def _grids(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
         _layout(file, (("ids", "i", 2), ("xyz", kind, 3), ("rest", "i", 3))) for kind in "fd"
     )
 
-    def is_sound(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NDArray[Any]) -> bool:
         ids, rest = entries["ids"], entries["rest"]
         return bool(
             (ids[:, 0] > 0).all()
@@ -224,7 +227,7 @@ def _grids(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
             and np.isfinite(entries["xyz"]).all()
         )
 
-    entries = _sound(file, "GRID", raw, layouts, is_sound)
+    entries = _decode_entries(file, "GRID", raw, layouts, is_valid)
     return [
         (str(node), str(system), *map(repr, xyz), str(motion))
         for (node, system), xyz, (motion, _, _) in zip(
@@ -236,10 +239,10 @@ def _grids(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
 def _cord1(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
     """Return the fields of CORD1R and the like: number, three grids."""
 
-    def is_sound(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NDArray[Any]) -> bool:
         return bool((entries["all"][:, [0, 3, 4, 5]] > 0).all())
 
-    entries = _sound(file, "CORD1", raw, (_layout(file, (("all", "i", 6),)),), is_sound)
+    entries = _decode_entries(file, "CORD1", raw, (_layout(file, (("all", "i", 6),)),), is_valid)
     return [tuple(map(str, row)) for row in entries["all"][:, [0, 3, 4, 5]].tolist()]
 
 
@@ -247,7 +250,7 @@ def _cord2(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
     """Return the fields of CORD2R and the like: number, reference system, three points."""
     layouts = tuple(_layout(file, (("ids", "i", 4), ("points", kind, 9))) for kind in "fd")
 
-    def is_sound(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NDArray[Any]) -> bool:
         ids = entries["ids"]
         return bool(
             (ids[:, 0] > 0).all()
@@ -256,7 +259,7 @@ def _cord2(file: OP2File, raw: bytes) -> list[tuple[str, ...]]:
             and np.isfinite(entries["points"]).all()
         )
 
-    entries = _sound(file, "CORD2", raw, layouts, is_sound)
+    entries = _decode_entries(file, "CORD2", raw, layouts, is_valid)
     return [
         (str(ids[0]), str(ids[3]), *map(repr, points))
         for ids, points in zip(entries["ids"].tolist(), entries["points"].tolist(), strict=True)
@@ -270,7 +273,7 @@ def _elements(
     layouts = tuple(_layout(file, (("all", "i", width),)) for width in entry.widths)
     known = np.array([0, *sorted(grids)])
 
-    def is_sound(entries: NDArray[Any]) -> bool:
+    def is_valid(entries: NDArray[Any]) -> bool:
         whole = entries["all"]
         return bool(
             (whole[:, 0] > 0).all()
@@ -278,7 +281,7 @@ def _elements(
             and whole[:, list(entry.grids)].any(axis=1).all()
         )
 
-    entries = _sound(file, entry.name, raw, layouts, is_sound)["all"]
+    entries = _decode_entries(file, entry.name, raw, layouts, is_valid)["all"]
     places = ELEMENTS[entry.name].nodes
     for row in entries.tolist():
         fields = [""] * (places[-1] + 1)

@@ -1,13 +1,13 @@
 """OUTPUT2 files: data blocks (tables and matrices), as Nastran's DMAP module OUTPUT2 writes them.
 
-The layout is that of the module's description in the MSC Nastran DMAP Programmer's Guide. Every
-item is a Fortran record: its length in bytes, the bytes, the length again (4 bytes each). A file
-starts with a date and two texts, in most cases, and ends with a key 0. A data block is its name, a
-trailer of seven words, a header, then its records, each behind a flag (1 in front of a column of a
-matrix, 0 elsewhere): parts behind the number of their words, then a number below 0. Words have 4
-bytes or 8, in either byte order; a text has 4 characters a word.
+The layout is described in the MSC Nastran DMAP Programmer's Guide. Every item is a Fortran record:
+its length in bytes, the bytes, the length again (4 bytes each). A file starts in most cases with a
+date and two texts, and ends with a key 0. A data block is its name, a trailer of seven words, a
+header, then its records, each after a flag (1 before a column of a matrix, 0 otherwise): parts
+after the number of their words, then a number below 0. Words have 4 or 8 bytes in either byte
+order; a text has 4 characters per word.
 
-pyNastran 1.4.1 reads such files, but neither installs nor loads beside NumPy 2.
+pyNastran 1.4.1 reads such files, but does not support NumPy 2.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from updyn.dofs import DofSet
 from updyn.errors import FormatError, UpdynWarning
 from updyn.io.items import placed
-from updyn.io.nastran.op4 import Collector, OP4Matrix, check_header, completed
+from updyn.io.nastran.op4 import Collector, OP4Matrix, check_header, complete_triangles
 
 __all__ = ["MAGIC", "Block", "OP2File", "g_set", "matrix_of", "refuse_element_blocks"]
 
-#: Bytes of the length in front of and behind every Fortran record.
+#: Bytes of the length before and after every Fortran record.
 _MARK = 4
 _TRAILER = 7  # words
 _COLUMNS, _ROWS, _FORM, _TYPE = 1, 2, 3, 4
@@ -38,7 +38,7 @@ _DOUBLE = 2
 _GRID, _SCALAR = 1, 2
 #: Matrices of single elements (stiffness, mass, viscous damping), and their dictionaries.
 _OF_ELEMENTS = ("KELM", "KDICT", "MELM", "MDICT", "BELM", "BDICT")
-#: Number of words of the first record: the date (3), or of a file without it a name (2).
+#: Number of words of the first record: the date (3), or a name (2) in files without a date.
 _DATE, _NAME = 3, 2
 
 
@@ -47,8 +47,8 @@ def _first_record(order: str, size: int, key: int) -> bytes:
     return mark + np.array(key, f"{order}i{size}").tobytes() + mark
 
 
-#: What the files start with: the number of words of the first record, by byte order and size of a
-#: word.
+#: First bytes of the files (the number of words of the first record), with the byte order and the
+#: size of a word.
 MAGIC: dict[bytes, tuple[str, int]] = {
     _first_record(order, size, key): (order, size)
     for order in "<>"
@@ -66,11 +66,11 @@ class Block:
     name : str
         Its name, upper case.
     trailer : tuple of int
-        Seven words; of a matrix the number of columns, of rows, form and type are 1 to 4.
+        Seven words; for a matrix, words 1 to 4 are the numbers of columns and rows, form and type.
     is_matrix : bool
-        Whether it is a matrix, with a record a column.
+        Whether it is a matrix, with one record per column.
     records : tuple of tuple of (int, int)
-        Of each record the parts: first byte and number of bytes in the file.
+        Parts of each record: first byte and number of bytes in the file.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Block:
 
 
 class OP2File:
-    """An OUTPUT2 file, of which the layout is read and checked as a whole.
+    """An OUTPUT2 file whose layout is read and checked completely.
 
     Parameters
     ----------
@@ -90,7 +90,8 @@ class OP2File:
     Raises
     ------
     FormatError
-        If it is no such file, is cut short, or is not laid out so; the message says at which byte.
+        If it is not an OUTPUT2 file, is truncated, or does not have the expected layout; the
+        message gives the byte.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -122,13 +123,7 @@ class OP2File:
         return b"".join(self._bytes[at : at + n].tobytes() for at, n in record)
 
     def words(self, raw: bytes, kind: str = "i") -> NDArray[Any]:
-        """Return bytes as words of a NumPy kind, ``"i"`` or ``"f"``.
-
-        Raises
-        ------
-        FormatError
-            If their number is not a whole number of words.
-        """
+        """Return bytes as words of a NumPy kind, ``"i"`` or ``"f"``."""
         if len(raw) % self.size:
             raise FormatError(
                 f"a record of {len(raw)} bytes, expected words of {self.size} bytes: damaged",
@@ -136,8 +131,8 @@ class OP2File:
             )
         return np.frombuffer(raw, f"{self.order}{kind}{self.size}")
 
-    def named(self, *names: str) -> list[Block]:
-        """Return the tables of these names, in order."""
+    def tables_named(self, *names: str) -> list[Block]:
+        """Return the tables with these names, in order."""
         return [block for block in self.blocks if block.name in names and not block.is_matrix]
 
     @property
@@ -152,7 +147,7 @@ class OP2File:
 
     # -- layout -----------------------------------------------------------------------------------
     def _head(self) -> int:
-        """Read the texts of the head, and return where the first data block starts."""
+        """Read the texts of the file header, and return the first byte of the first data block."""
         key, at = self._key(0)
         _, at = self._part(at, key)
         for _ in range(2):
@@ -170,8 +165,8 @@ class OP2File:
             start = at
             if at == len(self._bytes):
                 warnings.warn(
-                    f"{self.path}: the OUTPUT2 file has no mark of its end; if it was cut short"
-                    " between two data blocks, those that followed are missing",
+                    f"{self.path}: the OUTPUT2 file has no end mark; if it was truncated between"
+                    " two data blocks, the later blocks are missing",
                     UpdynWarning,
                     stacklevel=3,
                 )
@@ -179,7 +174,7 @@ class OP2File:
             key, at = self._key(at)
             if key == 0:
                 self._expect(
-                    at == len(self._bytes), at, f"{len(self._bytes) - at} bytes behind the end"
+                    at == len(self._bytes), at, f"{len(self._bytes) - at} bytes after the end"
                 )
                 return
             part, at = self._part(at, key)
@@ -198,7 +193,7 @@ class OP2File:
     def _records(
         self, name: str, at: int
     ) -> tuple[list[tuple[tuple[int, int], ...]], list[int], int]:
-        """Return the records of a data block, their flags, and where the next one starts."""
+        """Return the records of a data block, their flags, and the first byte of the next block."""
         records: list[tuple[tuple[int, int], ...]] = []
         flags: list[int] = []
         while True:
@@ -211,7 +206,7 @@ class OP2File:
                 return records, flags, at
             parts = []
             while key > 0:
-                # The row in front of the entries of a column is not counted.
+                # The row before the entries of a column is not counted.
                 part, at = self._part(at, key + flag)
                 parts.append(part)
                 key, at = self._key(at)
@@ -225,20 +220,20 @@ class OP2File:
             flags.append(flag)
 
     def _key(self, at: int) -> tuple[int, int]:
-        """Return the record of one word that starts at a byte, and where the next one starts."""
+        """Return the integer in the one-word record at a byte, and the byte after it."""
         after = at + self._one.size
-        self._expect(after <= len(self._bytes), at, "cut short")
+        self._expect(after <= len(self._bytes), at, "truncated")
         first, key, last = self._one.unpack_from(self._bytes, at)
         self._expect(first == last == self.size, at, f"no record of {self.size} bytes")
         return key, after
 
     def _part(self, at: int, words: int) -> tuple[tuple[int, int], int]:
-        """Return first byte and length of the record of so many words, and where the next is."""
-        return self._checked(at, words * self.size)
+        """Return first byte and length of a record of `words` words, and the byte after it."""
+        return self._check_record(at, words * self.size)
 
-    def _checked(self, at: int, n: int) -> tuple[tuple[int, int], int]:
+    def _check_record(self, at: int, n: int) -> tuple[tuple[int, int], int]:
         end = at + n + 2 * _MARK
-        self._expect(n > 0 and end <= len(self._bytes), at, f"no {n} bytes: cut short")
+        self._expect(n > 0 and end <= len(self._bytes), at, f"fewer than {n} bytes: truncated")
         for mark in (at, end - _MARK):
             (found,) = self._length.unpack_from(self._bytes, mark)
             self._expect(found == n, mark, f"found a length of {found} bytes, expected {n}")
@@ -248,7 +243,7 @@ class OP2File:
         return self.data((part,))
 
     def _text(self, part: tuple[int, int]) -> str:
-        """Return a text, of which each word holds four characters."""
+        """Return a text, stored with four characters per word."""
         raw = self._raw(part)
         words = [raw[i : i + 4] for i in range(0, len(raw), self.size)]
         return b"".join(words).decode("latin-1").strip("\0 ")
@@ -257,67 +252,42 @@ class OP2File:
         if not is_so:
             raise FormatError(
                 f"byte {at:,} of {len(self._bytes):,}: {message}; the OUTPUT2 file is damaged or"
-                " cut short",
+                " truncated",
                 self.path,
             )
 
 
 def refuse_element_blocks(file: OP2File, names: Sequence[str]) -> None:
-    """Refuse matrices of single elements, if any of some data blocks holds them.
+    """Raise a FormatError if any of the named data blocks holds matrices of single elements.
 
-    A dictionary gives an element's matrix as an address of Nastran's own storage (MSC Nastran DMAP
-    Programmer's Guide, data blocks KDICT and KELM), and no file is at hand to check its reading by.
-
-    Parameters
-    ----------
-    file : OP2File
-        The file.
-    names : sequence of str
-        Names of data blocks, in either case.
-
-    Raises
-    ------
-    FormatError
-        If one is of elements; the message says what to do instead.
+    A dictionary gives an element's matrix as an address of Nastran's internal storage (MSC Nastran
+    DMAP Programmer's Guide, data blocks KDICT and KELM); no file was available to verify a reader.
     """
     found = [name for name in names if name.upper() in _OF_ELEMENTS]
     if found:
         raise FormatError(
-            f"{', '.join(found)}: matrices of single elements are not read. Let updyn read the deck"
-            " (.bdf), whose element properties become groups; or let Nastran assemble the matrices"
-            " of each part, from decks with the elements of that part alone, and write them as"
+            f"{', '.join(found)}: matrices of single elements are not supported. Let updyn read the"
+            " deck (.bdf), whose element properties become groups; or let Nastran assemble the"
+            " matrices of each part from a deck with only its elements, and write them as"
             " OUTPUT4 files or DMIG cards (PARAM,EXTOUT,DMIGPCH)",
             file.path,
         )
 
 
 def g_set(file: OP2File) -> DofSet | None:
-    """Return the degrees of freedom of the g-set, in the order of KGG.
+    """Return the degrees of freedom of the g-set in the order of KGG, or None.
 
-    Parameters
-    ----------
-    file : OP2File
-        The file.
-
-    Returns
-    -------
-    DofSet or None
-        Six of each grid, X of each scalar point, by the table EQEXIN; None if it is not there, or
-        there are several, of superelements.
-
-    Raises
-    ------
-    FormatError
-        If the table is damaged.
+    They are six per grid and X per scalar point, by the table EQEXIN. None if this table is missing
+    or there are several (superelements).
     """
-    tables = file.named("EQEXIN", "EQEXINS")
+    tables = file.tables_named("EQEXIN", "EQEXINS")
     if len(tables) != 1:
         return None
     pairs = np.empty(0, np.int64)
     if len(tables[0].records) == 2:
         pairs = file.words(file.data(tables[0].records[1])).astype(np.int64)
     if not pairs.size or pairs.size % 2:
-        raise FormatError("EQEXIN: no pairs of point and place: damaged", file.path)
+        raise FormatError("EQEXIN: not pairs of point and position: damaged", file.path)
     nodes = pairs[::2]
     starts, kinds = np.divmod(pairs[1::2], 10)
     order = np.argsort(starts, kind="stable")
@@ -326,7 +296,7 @@ def g_set(file: OP2File) -> DofSet | None:
     expected = 1 + np.cumsum(count) - count
     if not (np.isin(kinds, (_GRID, _SCALAR)).all() and np.array_equal(starts, expected)):
         raise FormatError(
-            "EQEXIN: points whose places do not follow each other, or that are neither grids nor"
+            "EQEXIN: points with positions that are not consecutive, or that are neither grids nor"
             " scalar points",
             file.path,
         )
@@ -336,25 +306,7 @@ def g_set(file: OP2File) -> DofSet | None:
 
 
 def matrix_of(file: OP2File, block: Block) -> OP4Matrix:
-    """Return a matrix of an OUTPUT2 file.
-
-    Parameters
-    ----------
-    file : OP2File
-        The file.
-    block : Block
-        One of its data blocks, a matrix.
-
-    Returns
-    -------
-    OP4Matrix
-        Of a symmetric matrix both triangles.
-
-    Raises
-    ------
-    FormatError
-        If the matrix is complex, or is not as its trailer says.
-    """
+    """Return a matrix of an OUTPUT2 file; both triangles of a symmetric one."""
     columns, rows, form, kind = (block.trailer[at] for at in (_COLUMNS, _ROWS, _FORM, _TYPE))
     check_header(file.path, None, block.name, columns, rows, kind)
     if len(block.records) != columns:
@@ -375,5 +327,5 @@ def matrix_of(file: OP2File, block: Block) -> OP4Matrix:
                 )
             row = int(file.words(raw[: file.size])[0])
             collector.add(row, column, np.frombuffer(entries, number))
-    matrix = completed(file.path, block.name, collector.matrix(), form)
+    matrix = complete_triangles(file.path, block.name, collector.matrix(), form)
     return OP4Matrix(block.name, matrix, form)

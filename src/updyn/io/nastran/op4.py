@@ -1,10 +1,10 @@
 """OUTPUT4 files: matrices as Nastran's DMAP module OUTPUT4 writes them, in text or binary.
 
-The layout is that of the module's description in the MSC Nastran DMAP Programmer's Guide: a header
-(columns, rows, form, type, name), then a record a column, then a record of the column after the
-last. A column is dense, from its first to its last entry, or a run of strings (row, length,
-values), whose head is one word (rows up to 65535) or two (big matrix, told by a negative number of
-rows). Binary files come in either byte order, with words of 4 or of 8 bytes.
+The layout is described in the MSC Nastran DMAP Programmer's Guide: a header (columns, rows, form,
+type, name), then one record per column, then a record of the column after the last. A column is
+either dense, from its first to its last entry, or a sequence of strings (row, length, values),
+whose header is one word (rows up to 65535) or two (big matrix, marked by a negative number of
+rows). Binary files come in either byte order, with words of 4 or 8 bytes.
 """
 
 from __future__ import annotations
@@ -31,22 +31,21 @@ __all__ = [
     "Layout",
     "OP4Matrix",
     "check_header",
-    "completed",
+    "complete_triangles",
     "read_op4",
     "select",
     "write_op4",
 ]
 
-#: How a column is stored: from first to last entry, or as strings with heads of one or of two
-#: words.
+#: Storage of a column: from first to last entry, or as strings with headers of one or two words.
 Layout: TypeAlias = Literal["dense", "strings", "bigmat"]
 
 RECTANGULAR, SYMMETRIC = 2, 6
-#: From this number of rows the head of a string takes two words, whatever the sign of the number of
-#: rows.
+#: From this number of rows on, the header of a string has two words, independent of the sign of the
+#: number of rows.
 ROWS_OF_BIGMAT = 65536
 _SQUARE = 1
-_LARGEST = 10**8  # beyond any model; a damaged header would ask for all memory
+_LARGEST = 10**8  # above any model; a damaged header would request all memory
 _NAME = re.compile(r"[A-Z][A-Z0-9]{0,7}")
 
 
@@ -61,7 +60,7 @@ class OP4Matrix:
     matrix : scipy.sparse.csc_array, shape (rows, columns), float64
         The entries, in the units of the program that wrote it.
     form : int
-        1 square, 2 rectangular, 3 diagonal, 6 symmetric, 8 identity, ... as the file says.
+        1 square, 2 rectangular, 3 diagonal, 6 symmetric, 8 identity, ... as stated in the file.
     """
 
     name: str
@@ -75,20 +74,20 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     Parameters
     ----------
     path : path
-        The file: text or binary (either byte order, 4 or 8 bytes a word), single or double
+        The file: text or binary (either byte order, 4 or 8 bytes per word), single or double
         precision, real.
 
     Returns
     -------
     list of OP4Matrix
-        In the order of the file. Of a symmetric matrix (form 6) that is stored as one triangle both
-        are returned.
+        In the order of the file. Both triangles of a symmetric matrix (form 6), even if only one is
+        stored.
 
     Raises
     ------
     FormatError
-        If the file is cut short or damaged, holds complex numbers, or a matrix of form 6 is not
-        symmetric; the message says in which matrix, and on which line or in which record.
+        If the file is truncated or damaged, holds complex numbers, or a matrix of form 6 is not
+        symmetric; the message gives the matrix and the line or record.
     """
     path = Path(path)
     with path.open("rb") as file:
@@ -98,7 +97,8 @@ def read_op4(path: str | Path) -> list[OP4Matrix]:
     order = _byte_order(start)
     found = _read_text(path) if order is None else _read_binary(path, *order)
     return [
-        OP4Matrix(name, completed(path, name, matrix, form), form) for name, matrix, form in found
+        OP4Matrix(name, complete_triangles(path, name, matrix, form), form)
+        for name, matrix, form in found
     ]
 
 
@@ -114,23 +114,23 @@ Found = TypeVar("Found", bound=Named)
 
 
 def select(matrices: Iterable[Found], name: str | None, path: str | Path) -> Found:
-    """Return the matrix of that name, or the only one.
+    """Return the matrix with this name, or the only matrix if `name` is None.
 
     Raises
     ------
     FormatError
-        If the name is not there or stands twice, or there are several and no name is given.
+        If the name is missing or occurs twice, or no name selects one of several matrices.
     """
     matrices = list(matrices)
     names = [m.name for m in matrices]
     if name is None:
         if len(matrices) != 1:
             raise FormatError(
-                f"holds {len(matrices)} matrices ({', '.join(names)}); say which: FILE:NAME", path
+                f"holds {len(matrices)} matrices ({', '.join(names)}); select one: FILE:NAME", path
             )
         return matrices[0]
     if names.count(name.upper()) > 1:
-        raise FormatError(f"matrix {name!r} stands {names.count(name.upper())} times", path)
+        raise FormatError(f"matrix {name!r} occurs {names.count(name.upper())} times", path)
     if name.upper() not in names:
         raise FormatError(f"no matrix {name!r}; {suggest(name.upper(), names)}", path)
     return matrices[names.index(name.upper())]
@@ -145,7 +145,7 @@ def write_op4(
     single: bool = False,
     big_endian: bool = False,
 ) -> None:
-    """Write matrices to an OUTPUT4 file, the file replaced as a whole once it is complete.
+    """Write matrices to an OUTPUT4 file; an existing file is replaced once the new one is complete.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def write_op4(
     path : path
         The file to write.
     text : bool
-        Text instead of binary, with enough digits for every number to come back exactly.
+        Text instead of binary, with enough digits to recover every number exactly.
     layout : {"bigmat", "strings", "dense"}
         How columns are stored. "strings" is for up to 65535 rows.
     single : bool
@@ -165,7 +165,7 @@ def write_op4(
     Raises
     ------
     FormatError
-        If a name or a matrix cannot be written so.
+        If the format cannot hold a name or a matrix.
     """
     path = Path(path)
     if layout not in ("dense", "strings", "bigmat"):
@@ -174,7 +174,7 @@ def write_op4(
         )
     if not matrices:
         raise FormatError("no matrix to write", path)
-    ready = [_checked(name, given, path, layout) for name, given in matrices.items()]
+    ready = [_check_matrix(name, given, path, layout) for name, given in matrices.items()]
     with atomic_path(path) as temporary:
         if text:
             _write_text(ready, temporary, layout, single)
@@ -201,8 +201,8 @@ def check_header(
         )
     if kind in (3, 4):
         raise FormatError(
-            f"matrix {name!r} is complex (type {kind}); expected real: damping goes into loss"
-            " factors and viscous matrices",
+            f"matrix {name!r} is complex (type {kind}); expected real: give damping as loss"
+            " factors or viscous matrices",
             path,
             where,
         )
@@ -215,7 +215,7 @@ def check_header(
 
 
 class Collector:
-    """The entries of one matrix as they are read, each checked to lie inside."""
+    """Collects the entries of a matrix as they are read, and checks their positions."""
 
     def __init__(self, path: Path, name: str, rows: int, columns: int) -> None:
         self._path, self._name, self.shape = path, name, (rows, columns)
@@ -224,7 +224,7 @@ class Collector:
         self._values: list[Any] = []
 
     def add(self, row: int, column: int, values: Any, line: int | None = None) -> None:
-        """Take consecutive values of a column, rows and columns counted from 1."""
+        """Add consecutive values of a column; rows and columns are counted from 1."""
         if not (
             1 <= column <= self.shape[1] and row >= 1 and row + len(values) - 1 <= self.shape[0]
         ):
@@ -239,7 +239,7 @@ class Collector:
         self._values.append(np.asarray(values, dtype=np.float64))
 
     def matrix(self) -> Any:
-        """Return what was taken."""
+        """Return the sparse matrix of the entries."""
         if not self._values:
             return sp.csc_array(self.shape, dtype=np.float64)
         rows = np.concatenate(self._rows)
@@ -255,20 +255,20 @@ class Collector:
         if twice.size:
             column, row = divmod(int(key[twice[0]]), self.shape[0])
             raise FormatError(
-                f"matrix {self._name!r}: entry ({row + 1}, {column + 1}) stands twice", self._path
+                f"matrix {self._name!r}: entry ({row + 1}, {column + 1}) occurs twice", self._path
             )
         return sp.csc_array(
             sp.coo_array((values[keep], (rows[keep], columns[keep])), shape=self.shape)
         )
 
 
-def completed(path: Path, name: str, matrix: Any, form: int) -> Any:
+def complete_triangles(path: Path, name: str, matrix: Any, form: int) -> Any:
     """Return both triangles of a matrix of form 6; refuse one that is not symmetric."""
     if form != SYMMETRIC:
         return matrix
     if matrix.shape[0] != matrix.shape[1]:
         raise FormatError(
-            f"matrix {name!r} is {matrix.shape[0]} x {matrix.shape[1]} and said to be symmetric",
+            f"matrix {name!r} is {matrix.shape[0]} x {matrix.shape[1]} but declared symmetric",
             path,
         )
     lower = sp.tril(matrix, -1)
@@ -281,14 +281,14 @@ def completed(path: Path, name: str, matrix: Any, form: int) -> Any:
         i = int(difference.row[worst]) + 1
         j = int(difference.col[worst]) + 1
         raise FormatError(
-            f"matrix {name!r} is said to be symmetric (form 6), but entries ({i}, {j}) and ({j},"
+            f"matrix {name!r} is declared symmetric (form 6), but entries ({i}, {j}) and ({j},"
             f" {i}) differ by {difference.data[worst]:.3g}",
             path,
         )
     return matrix
 
 
-def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
+def _check_matrix(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
     if _NAME.fullmatch(name.upper()) is None:
         raise FormatError(
             f"matrix name {name!r}; expected a letter, then up to 7 letters and digits", path
@@ -303,7 +303,8 @@ def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
     matrix.eliminate_zeros()
     if layout == "strings" and matrix.shape[0] >= ROWS_OF_BIGMAT:
         raise FormatError(
-            f"matrix {name!r} has {matrix.shape[0]} rows; from {ROWS_OF_BIGMAT} on use 'bigmat'",
+            f"matrix {name!r} has {matrix.shape[0]} rows; use 'bigmat' from {ROWS_OF_BIGMAT} rows"
+            " on",
             path,
         )
     if matrix.shape[0] != matrix.shape[1]:
@@ -316,7 +317,7 @@ def _checked(name: str, given: Any, path: Path, layout: Layout) -> OP4Matrix:
 
 
 def _columns(matrix: Any) -> Iterator[tuple[int, Any, Any]]:
-    """Yield number from 1, rows and values of the columns of a CSC matrix that have entries."""
+    """Yield number (from 1), rows and values of the non-empty columns of a CSC matrix."""
     for j in range(matrix.shape[1]):
         some = slice(matrix.indptr[j], matrix.indptr[j + 1])
         if some.start != some.stop:
@@ -330,14 +331,14 @@ def _full(rows: Any, values: Any, number: Any = np.float64) -> NDArray[Any]:
     return full
 
 
-# -- heads of strings: two words (length and row), or one with the length in its upper half -----
+# -- headers of strings: two words (length and row), or one with the length in its upper half ---
 def _head_words(rows: int) -> int:
-    """Return the words of the head of a string, by the number of rows that the file gives."""
+    """Return the number of words in the header of a string, by the number of rows in the file."""
     return 2 if rows < 0 or rows >= ROWS_OF_BIGMAT else 1
 
 
 def _row_and_length(head: Sequence[int]) -> tuple[int, int]:
-    """Return row and number of words of a string by its head, which counts itself."""
+    """Return row and number of words of a string; the length in the header includes the header."""
     if len(head) == 2:
         length, row = head
     else:
@@ -346,7 +347,7 @@ def _row_and_length(head: Sequence[int]) -> tuple[int, int]:
 
 
 def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
-    """Return the head of a string of so many words."""
+    """Return the header of a string of `words` words."""
     if layout == "bigmat":
         return words + 1, row
     return (row + ((words + 1) << 16),)
@@ -355,7 +356,7 @@ def _head(row: int, words: int, layout: Layout) -> tuple[int, ...]:
 # -- text ---------------------------------------------------------------------------------------
 
 _TEXT_FORMAT = re.compile(r"(\d{1,4})\s*[EDed]\s*(\d{1,4})\s*\.\s*(\d+)")
-#: Values a line, width and digits behind the point, by whether they are of single precision.
+#: Values per line, width and digits after the point, by single precision or not.
 _TEXT_FIELDS = {False: (3, 26, 16), True: (5, 16, 8)}
 
 
@@ -369,7 +370,7 @@ def _read_text(path: Path) -> Iterator[tuple[str, Any, int]]:
 
 
 class _Lines:
-    """The lines of a file, counted."""
+    """The lines of a file, with a counter."""
 
     def __init__(self, path: Path, file: Iterable[str]) -> None:
         self.path = path
@@ -383,11 +384,11 @@ class _Lines:
         self.number += 1
         return line.rstrip("\r\n")
 
-    def wanted(self, what: str) -> str:
+    def require(self, what: str) -> str:
         line = self.next()
         if line is None:
             raise FormatError(
-                f"the file ends where {what} was expected: it is cut short", self.path, self.number
+                f"the file ends, expected {what}: it is truncated", self.path, self.number
             )
         return line
 
@@ -414,14 +415,14 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
     check_header(lines.path, lines.number, name, columns, rows, kind)
     layout = _TEXT_FORMAT.search(header, 4 * width + 8)
     if layout is None:
-        raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' behind the name")
+        raise lines.error(f"matrix {name!r}: no format such as '1P,5E16.9' after the name")
     a_line, field = int(layout[1]), int(layout[2])
     if not (a_line and field):
         raise lines.error(f"matrix {name!r}: no numbers fit into the format {layout[0]!r}")
     head = _head_words(rows)
     out = Collector(lines.path, name, abs(rows), columns)
     while True:
-        line = lines.wanted(f"a column of matrix {name!r}")
+        line = lines.require(f"a column of matrix {name!r}")
         column, row, n_words = lines.integers(
             line, 3, width, f"column, row and number of words in matrix {name!r}"
         )
@@ -430,14 +431,14 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
         if column > columns:
             _text_values(lines, n_words, a_line, field)
             return name, out.matrix(), form
-        if row:  # dense: here, and only here, what is counted is numbers, not words
+        if row:  # dense: n_words counts numbers here, not words
             out.add(row, column, _text_values(lines, n_words, a_line, field), lines.number)
             continue
         while n_words > 0:
             row, length = _text_string_head(lines, head, column)
             if length < 1 or length + head > n_words:
                 raise lines.error(
-                    f"column {column}: a string of {length} words; {n_words} are left in the column"
+                    f"column {column}: a string of {length} words; the column has {n_words} more"
                 )
             out.add(row, column, _text_values(lines, length // kind, a_line, field), lines.number)
             n_words -= length + head
@@ -445,14 +446,14 @@ def _text_matrix(lines: _Lines, header: str) -> tuple[str, Any, int]:
 
 def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
     """Return row and number of words of a string."""
-    line = lines.wanted(f"a string of column {column}")
+    line = lines.require(f"a string of column {column}")
     try:
         found = list(map(whole_of, line.split()))
     except ValueError:
         found = []
     if len(found) != head:
         raise lines.error(
-            f"{line.strip()[:60]!r}; expected the head of a string of column {column}: {head}"
+            f"{line.strip()[:60]!r}; expected the header of a string of column {column}: {head}"
             " integer(s)"
         )
     return _row_and_length(found)
@@ -461,7 +462,7 @@ def _text_string_head(lines: _Lines, head: int, column: int) -> tuple[int, int]:
 def _text_values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
     out = np.empty(n)
     for first in range(0, n, a_line):
-        line = lines.wanted("values")
+        line = lines.require("values")
         here = min(a_line, n - first)
         if line[here * width :].strip():
             raise lines.error(f"more than {here} value(s) of {width} characters on the line")
@@ -477,7 +478,7 @@ def _text_values(lines: _Lines, n: int, a_line: int, width: int) -> Any:
 
 
 def _write_text(matrices: Iterable[OP4Matrix], path: Path, layout: Layout, single: bool) -> None:
-    """Write checked matrices."""
+    """Write checked matrices as text."""
     a_line, width, digits = _TEXT_FIELDS[single]
     kind = 1 if single else 2
     with path.open("w", encoding="ascii", newline="\n") as file:
@@ -512,7 +513,7 @@ def _text_column(
 
 
 def _cells(values: Any, single: bool) -> str:
-    """Return lines of numbers."""
+    """Return the lines of text of the numbers."""
     a_line, width, digits = _TEXT_FIELDS[single]
     out = ""
     for start in range(0, len(values), a_line):
@@ -523,14 +524,14 @@ def _cells(values: Any, single: bool) -> str:
 
 
 # -- binary: Fortran records of words of 4 or 8 bytes, in either byte order ---------------------
-#: Bytes of a word by those of a header record.
+#: Bytes of a word, by the bytes of a header record.
 _HEADER_WORDS = {24: 4, 48: 8}
 #: Codes of `struct` for an integer of one word, by its bytes.
 _INTEGERS = {4: "i", 8: "q"}
 
 
 def _byte_order(start: bytes) -> tuple[str, int] | None:
-    """Return byte order and bytes a word by the first bytes of a file; None if it is not binary."""
+    """Return byte order and bytes per word by the first bytes of a file; None for text."""
     if len(start) < 4:
         return None
     for order in "<>":
@@ -569,10 +570,10 @@ class _Records:
             (length,) = struct.unpack(self.order + "i", marker)
         self._left -= 8 + length
         if length < 0 or self._left < 0:
-            raise self.error("the file is cut short or damaged")
+            raise self.error("the file is truncated or damaged")
         body = self._file.read(length)
         if self._file.read(4) != marker:
-            raise self.error("its length before and after it differ: the file is damaged")
+            raise self.error("the lengths before and after it differ: the file is damaged")
         return body
 
     def error(self, what: str) -> FormatError:
@@ -597,7 +598,7 @@ def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, An
     while True:
         body = records.next()
         if body is None:
-            raise records.error(f"the file ends within matrix {name!r}: it is cut short")
+            raise records.error(f"the file ends within matrix {name!r}: it is truncated")
         if len(body) < 3 * word:
             raise records.error(f"{len(body)} bytes; expected a column of matrix {name!r}")
         column, row, n_words = struct.unpack(f"{order}3{integer}", body[: 3 * word])
@@ -606,8 +607,8 @@ def _binary_matrix(records: _Records, header: bytes, word: int) -> tuple[str, An
         data = body[3 * word : (3 + n_words) * word]
         if n_words < 0 or len(data) != n_words * word:
             raise records.error(
-                f"column {column} of matrix {name!r} says {n_words} words, {len(body) // word - 3}"
-                " there"
+                f"column {column} of matrix {name!r} declares {n_words} words but has"
+                f" {len(body) // word - 3}"
             )
         if row:
             out.add(row, column, _binary_numbers(records, data, number))
@@ -627,16 +628,16 @@ def _binary_string(
     word: int,
     number: Any,
 ) -> int:
-    """Read one string that starts at byte `at`; return where it ends."""
+    """Read the string that starts at byte `at`; return the byte after it."""
     start = at + head * word
     if start > len(data):
-        raise records.error(f"column {column}: a string without its head")
+        raise records.error(f"column {column}: a string without a header")
     found = struct.unpack(f"{records.order}{head}{_INTEGERS[word]}", data[at:start])
     row, length = _row_and_length(found)
     end = int(start + length * word)
     if length < 1 or end > len(data):
         raise records.error(
-            f"column {column}: a string of {length} words at row {row}; the column has not so many"
+            f"column {column}: a string of {length} words at row {row}; the column has fewer"
         )
     out.add(row, column, _binary_numbers(records, data[start:end], number))
     return end

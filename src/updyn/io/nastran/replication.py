@@ -1,8 +1,8 @@
-"""Replicators of bulk data: lines that copy the line before them, with increments.
+"""Replicators of bulk data: lines that copy the preceding line, with increments.
 
-``=`` copies a field, ``==`` all fields that follow, ``*x`` and ``*(x)`` add x; ``=n`` and ``=(n)``
-alone on a line repeat the copy above n times (MSC Nastran Quick Reference Guide, "Bulk Data
-Entries", replication). ``%`` is not read, nor are copies of cards of several lines.
+``=`` copies a field, ``==`` all following fields, ``*x`` and ``*(x)`` add x; ``=n`` and ``=(n)``
+alone on a line repeat the preceding copy n times (MSC Nastran Quick Reference Guide, "Bulk Data
+Entries", replication). ``%`` and copies of cards of several lines are not supported.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ _WHOLE = re.compile(r"[+-]?\d+")
 
 
 def is_replicator(text: str) -> bool:
-    """Return whether a line copies the one before it."""
+    """Return whether a line copies the preceding line."""
     return text.lstrip().startswith("=")
 
 
 def expand(rows: Iterable[Row]) -> Iterator[Row]:
-    """Yield rows of bulk data, with the copies in place of the replicators.
+    """Yield rows of bulk data, with copies in place of the replicators.
 
     Raises
     ------
     FormatError
-        If there is nothing to copy, a field cannot be copied, or there are too many copies.
+        If no row precedes a replicator, a field cannot be copied, or there are too many copies.
     """
     last: Row | None = None  # the row to copy
     steps: dict[int, str] = {}
@@ -46,11 +46,11 @@ def expand(rows: Iterable[Row]) -> Iterator[Row]:
             continue
         if last is None or last.continues or last.tail:
             raise row.line.error(
-                f"{row.head!r} copies the line before it; expected a card of one line there,"
+                f"{row.head!r} copies the preceding line; expected a card of one line there,"
                 " without a continuation"
             )
         if row.head == "=":
-            last, steps = _copied(last, row)
+            last, steps = _copy_row(last, row)
             count, images = 1, iter([last])
         else:
             count = _count(row, steps)
@@ -66,36 +66,40 @@ def _count(row: Row, steps: dict[int, str]) -> int:
     found = _COUNT.fullmatch(row.head)
     if found is None or any(row.fields) or row.tail:
         raise row.line.error(
-            f"{row.line.text.strip()[:40]!r}; expected = (a copy of the line before), or =(n) alone"
+            f"{row.line.text.strip()[:40]!r}; expected = (a copy of the preceding line), or only"
+            " =(n)"
         )
     if not steps:
         raise row.line.error(
-            f"{row.head!r} repeats a copy with increments, such as =,*(1),==; expected one before"
+            f"{row.head!r} repeats a copy with increments; expected such a copy before it, for"
+            " instance =,*(1),=="
         )
     return int(found[1] or found[2])
 
 
-def _copied(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
-    """Return the copy that a row describes, and the increments of its fields."""
+def _copy_row(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
+    """Return the copy that a row defines, and the increments of its fields."""
     if len(row.fields) != len(last.fields):
-        raise row.line.error("a copy has fields of the width of the line before; write it out")
+        raise row.line.error(
+            "the fields of a copy need the width of the preceding line; write a full card instead"
+        )
     fields = list(last.fields)
     steps: dict[int, str] = {}
     for at, cell in enumerate(row.fields):
         if cell == "==":
             if any(row.fields[at + 1 :]):
-                raise row.line.error("== copies all fields that follow; expected none behind it")
+                raise row.line.error("== copies all following fields; expected no field after it")
             break
         step = _STEP.fullmatch(cell)
         if step is not None:
             steps[at] = (step[1] or step[2]).strip()
-            fields[at] = _stepped(last.fields, at, steps[at], 1, row)
+            fields[at] = _increment(last.fields, at, steps[at], 1, row)
         elif cell.startswith(("=", "%", "*")) and cell != "=":
             raise row.line.error(f"field {at + 2} is {cell!r}; expected =, ==, *(x) or a value")
         elif not cell and fields[at]:
             raise row.line.error(
-                f"field {at + 2} is blank, that of the line before {fields[at]!r}; expected = for"
-                " the same, == for all that follow"
+                f"field {at + 2} is blank, but {fields[at]!r} in the preceding line; expected = for"
+                " a copy, or == to copy all following fields"
             )
         elif cell != "=":
             fields[at] = cell
@@ -103,16 +107,16 @@ def _copied(last: Row, row: Row) -> tuple[Row, dict[int, str]]:
 
 
 def _images(last: Row, steps: dict[int, str], count: int, row: Row) -> Iterator[Row]:
-    """Yield copies of a row, each with the increments on top of the one before."""
+    """Yield copies of a row, each with the increments added to the previous one."""
     for k in range(1, count + 1):
         fields = list(last.fields)
         for at, step in steps.items():
-            fields[at] = _stepped(last.fields, at, step, k, row)
+            fields[at] = _increment(last.fields, at, step, k, row)
         yield replace(last, line=row.line, fields=tuple(fields))
 
 
-def _stepped(fields: Sequence[str], at: int, step: str, times: int, row: Row) -> str:
-    """Return a field plus a number of increments; both whole, or both with a point."""
+def _increment(fields: Sequence[str], at: int, step: str, times: int, row: Row) -> str:
+    """Return a field plus `times` increments; both integers, or both with a decimal point."""
     cell = fields[at]
     n_whole = sum(_WHOLE.fullmatch(text) is not None for text in (cell, step))
     try:
@@ -123,6 +127,6 @@ def _stepped(fields: Sequence[str], at: int, step: str, times: int, row: Row) ->
     except ValueError:
         pass
     raise row.line.error(
-        f"field {at + 2}: {cell!r} plus {step!r}; expected two whole numbers, or two with a decimal"
-        " point"
+        f"field {at + 2}: {cell!r} plus {step!r}; expected two integers, or two numbers with a"
+        " decimal point"
     )
