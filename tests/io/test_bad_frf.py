@@ -33,11 +33,11 @@ EXPECTED = {
     ),
     "averages_garbled.csv": "averages: 'many'; expected a whole number",
     "binary_cut_in_header.uff": "58b: the file ends within the dataset, before its data",
-    "binary_cut_short.uff": "cut short: 64 bytes of data follow from record 7, 31 are left",
+    "binary_cut_short.uff": "truncated: record 7 requires 64 bytes of data, 31 remain",
     "binary_head_missing.uff": (
         ":2: 58b: expected byte order, floating-point format, lines of text and bytes"
     ),
-    "binary_rubbish.uff": ":1: expected '    -1', which opens a dataset",
+    "binary_rubbish.uff": ":1: expected '    -1', the start of a dataset",
     "binary_through_text_mode.uff": (
         "a wrong count of points or bytes, or a file changed by a text-mode transfer"
     ),
@@ -46,11 +46,11 @@ EXPECTED = {
     ),
     "both_senses.csv": ":2: header: DOF 1:Z stands twice",
     "byte_count_wrong.uff": (
-        ":2: 58b: says 56 bytes of data; 64 follow from record 7, and stand there"
+        ":2: 58b: the first line declares 56 bytes of data, but the file has 64, as required by record 7"
     ),
     "byte_order_of_data_wrong.uff": (
-        ":2: 58b: numbers from 9.49e-322 to 3.24e+292 in size in the byte order that the first line"
-        " states, and from 1e-06 to 3e+04 in the other"
+        ":2: 58b: magnitudes from 9.49e-322 to 3.24e+292 in the byte order stated in the first line"
+        ", and from 1e-06 to 3e+04 in the other"
     ),
     "byte_order_wrong.uff": "byte order 7; expected 1 (little-endian) or 2 (big-endian)",
     "cell_empty.csv": ":4: column 2: '' is not a number",
@@ -77,15 +77,15 @@ EXPECTED = {
     "comments_only.csv": "no header: expected a line that starts with 'freq_Hz'",
     "decimal_comma.csv": ":4: column 2: '3,5' is not a number: a decimal comma",
     "decimal_comma_in_comma_table.csv": ":4: 6 cell(s); expected 3; decimals have a point",
-    "delimiter_missing.uff": ":17: expected '    -1', which opens a dataset, found '58'",
+    "delimiter_missing.uff": ":17: expected '    -1', the start of a dataset, found '58'",
     "delimiter_superfluous.uff": ":18: expected the number of a dataset, found '-1'",
-    "direction_0.uff": ":8: record 6: response direction 0 (scalar) at node 17 says no direction",
+    "direction_0.uff": ":8: record 6: response direction 0 (scalar) at node 17 defines no direction",
     "direction_9.uff": ":8: record 6: response direction 9; expected -6 to 6",
     "direction_garbled.uff": (
         ":8: record 6, response direction: expected a whole number in columns 52 to 55"
     ),
     "duplicate_pair.uff": (
-        ":18: frequency response function at response 4:-X, reference 1:Z stands twice: also on"
+        ":18: frequency response function at response 4:-X, reference 1:Z occurs twice: also on"
     ),
     "empty.csv": "the file is empty",
     "empty.uff": "the file is empty",
@@ -95,7 +95,7 @@ EXPECTED = {
     "header_cut_short.uff": ":2: dataset 58: 7 line(s); expected 11 of text before the data",
     "inf_abscissa.uff": "the abscissa of point 4 is not finite",
     "latin1.csv": "not a text in UTF-8 (invalid start byte at byte 4)",
-    "latin1_title_cut.uff": "dataset 58, opened on line 1, is not closed",
+    "latin1_title_cut.uff": "dataset 58, started on line 1, has no closing '    -1'",
     "lines_decrease.csv": ":4: 5 Hz does not exceed 10 Hz; lines must increase",
     "lines_differ.uff": (
         ":18: frequency response function at response 2:Z, reference 1:Z has 4 lines from 1 to"
@@ -104,9 +104,9 @@ EXPECTED = {
     "lines_differ_in_number.uff": (
         "has 3 lines from 1 to 2 Hz, the first FRF has 4 from 1 to 2.5 Hz"
     ),
-    "magnitude_only.uff": ":2: holds real ordinates, and magnitudes and decibels are no FRFs",
+    "magnitude_only.uff": ":2: holds real ordinates, which may be magnitudes or decibels",
     "matrix_incomplete.uff": "1 of 4 pairs of response / reference are missing: 2:Z / 2:Z",
-    "motion_over_motion.uff": ":11: records 9 and 10 say acceleration over acceleration",
+    "motion_over_motion.uff": ":11: records 9 and 10 state acceleration over acceleration",
     "nan_binary.uff": "the ordinate of point 3 is not finite",
     "nan_text.uff": "data: expected a number, found 'NaN'",
     "no_functions.uff": "it holds a geometry of 3 nodes (see updyn.io.read_geometry)",
@@ -119,8 +119,8 @@ EXPECTED = {
         ":14: record 6: response 3:X: geometry: node 3 has no position; nearest: 2, 1, 30"
     ),
     "node_position_garbled.uff": ":3: dataset 15, position: expected a number, found '5.x0000E-01'",
-    "node_twice.uff": ":4: node 1 stands twice: also on line 3",
-    "not_closed.uff": "dataset 58, opened on line 1, is not closed: no further '    -1'",
+    "node_twice.uff": ":4: node 1 is defined twice: also on line 3",
+    "not_closed.uff": "dataset 58, started on line 1, has no closing '    -1'; the file is truncated",
     "number_garbled.uff": ":14: data: expected a number, found '7.0O000E+00'",
     "number_missing.uff": ":2: expected the number of a dataset, found 'abc'",
     "oblique.uff": (
@@ -129,44 +129,44 @@ EXPECTED = {
     "ordinate_type_wrong.uff": ":9: record 7: ordinate data type 7; expected 2 or 4 (real), 5 or 6",
     "other_functions.uff": "it holds 1 time response",
     "pair_missing.csv": "header: H(1:Z/3:Z) has no column; expected re and im",
-    "points_absurd_binary.uff": "15999999984 bytes of data follow from record 7, 71 are left",
+    "points_absurd_binary.uff": "record 7 requires 15999999984 bytes of data, 71 remain",
     "points_none.uff": ":9: record 7: 0 points; expected at least 1",
-    "points_too_few.uff": "6 numbers follow from record 7 (points, type, spacing), found 8",
+    "points_too_few.uff": "record 7 (points, type, spacing) requires 6 numbers, found 8",
     "points_too_few_binary.uff": (
-        "64 bytes of data stand there; from record 7 (points, type, spacing) follow 48"
+        "found 64 bytes of data; record 7 (points, type, spacing) requires 48"
     ),
-    "points_too_many.uff": "10 numbers follow from record 7 (points, type, spacing), found 8",
+    "points_too_many.uff": "record 7 (points, type, spacing) requires 10 numbers, found 8",
     "quantity_inverse.csv": "quantity 'apparent mass' is a force over a motion",
     "quantity_misspelt.csv": "quantity 'acelerance': did you mean 'accelerance'",
     "quantity_mixed.uff": (
         "accelerance (dataset 58 on line 2) and mobility (line 18); expected one quantity"
     ),
     "quantity_twice.csv": "quantity is said twice: accelerance and mobility",
-    "quantity_unknown.uff": ":11: records 9 and 10 do not say what was measured",
+    "quantity_unknown.uff": ":11: records 9 and 10 do not define the measured quantity",
     "spacing_wrong.uff": ":9: record 7: abscissa spacing 3; expected 0 (uneven) or 1 (even)",
-    "strain_over_force.uff": "records 9 and 10 say strain over excitation force",
+    "strain_over_force.uff": "records 9 and 10 state strain over excitation force",
     "system_not_defined.uff": (
         ":4: node 2, displacement: coordinate system 5 is not defined in this file"
     ),
-    "system_not_orthogonal.uff": ":5: system 5: its axes are not three perpendicular directions",
+    "system_not_orthogonal.uff": ":5: system 5: its axes are not three orthogonal unit vectors",
     "text.uff": (
-        ":1: expected '    -1', which opens a dataset, found 'Measured on a Monday, see the"
+        ":1: expected '    -1', the start of a dataset, found 'Measured on a Monday, see the"
         " logbook.'"
     ),
-    "text_cut_short.uff": "8 numbers follow from record 7 (points, type, spacing), found 4",
+    "text_cut_short.uff": "record 7 (points, type, spacing) requires 8 numbers, found 4",
     "text_lines_wrong.uff": "12 lines of text before the data; expected 11",
     "trace_line_to_nowhere.uff": ":7: dataset 82: node 4 of the trace line has no position",
     "unit_contradicts_164.uff": (
-        ":17: record 9: unit 'm/s^2' contradicts dataset 164 on line 3, whose unit of acceleration"
-        " is 0.001 in SI; state scale="
+        ":17: record 9: unit 'm/s^2' contradicts dataset 164 on line 3, where the unit of acceleration"
+        " is 0.001 in SI; set scale="
     ),
     "unit_of_another_kind.uff": (
-        ":11: record 9: 'N' is a unit of force; expected one of acceleration; state scale="
+        ":11: record 9: 'N' is a unit of force; expected a unit of acceleration; set scale="
     ),
     "unit_unknown.uff": ":11: record 9: unit 'EU' of the acceleration is not known; valid: 'm/s^2'",
     "units_change.uff": ":9: dataset 164 contradicts the one on line 3",
     "units_contradict.uff": (
-        ":3: dataset 164: units code 1 goes with factors 1 (length) and 1 (force)"
+        ":3: dataset 164: units code 1 requires factors 1 (length) and 1 (force)"
     ),
 }
 

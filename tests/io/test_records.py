@@ -105,7 +105,7 @@ def test_units_of_dataset_164_without_labels(tmp_path):
 def test_other_functions_are_left_out_and_counted(tmp_path):
     frf = uff.ascii58(np.ones(4) + 0j)
     path = put(tmp_path / "a.uff", frf + b"".join(responses()))
-    with pytest.warns(UpdynWarning, match="left out: 1 frequency response function"):
+    with pytest.warns(UpdynWarning, match="ignored: 1 frequency response function"):
         assert updyn.read_records(path).shape == (3, 2, 8)
     with pytest.raises(FormatError, match=r"holds no time response .*; it holds 1 frequency resp"):
         updyn.read_records(put(tmp_path / "b.uff", frf))
@@ -114,18 +114,18 @@ def test_other_functions_are_left_out_and_counted(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda p: p[:-1], "channel '7:-Z force' stands 3 times, '4:Z' 2"),
+        (lambda p: p[:-1], "channel '7:-Z force' occurs 3 times, '4:Z' 2"),
         (
             lambda p: [*p[:-1], uff.ascii58(VALUES[2, 1] + 0j, (4, 3), **TIME | MOTION)],
             "a complex time response",
         ),
         (
             lambda p: [*p[:-1], uff.ascii58(VALUES[2, 1, :7], (4, 3), **TIME | MOTION)],
-            "a time response of 7 samples, that on line 2 has 8",
+            "a time response of 7 samples, but 8 on line 2",
         ),
         (
             lambda p: [*p[:-1], uff.ascii58(VALUES[2, 1], (4, 3), **TIME | MOTION | {"start": 1})],
-            "from 1 s in steps of 0.25 s, that on line 2 from 0 s",
+            "from 1 s in steps of 0.25 s, but on line 2 from 0 s",
         ),
         (
             lambda p: [
@@ -139,7 +139,7 @@ def test_other_functions_are_left_out_and_counted(tmp_path):
                 *p[:-1],
                 uff.ascii58(VALUES[2, 1], (4, 3), **TIME | MOTION | {"units": ("ms", "g", "")}),
             ],
-            "from 0 s in steps of 0.00025 s, that on line 2 from 0 s in steps of 0.25 s",
+            "from 0 s in steps of 0.00025 s, but on line 2 from 0 s in steps of 0.25 s",
         ),
         (
             lambda p: [
@@ -160,7 +160,7 @@ def test_other_functions_are_left_out_and_counted(tmp_path):
             ],
             "not evenly spaced",
         ),
-        (lambda p: [*p[:-1], p[-1][:-20]], "is not closed"),
+        (lambda p: [*p[:-1], p[-1][:-20]], "has no closing"),
     ],
 )
 def test_universal_files_that_are_not_sound(tmp_path, change, message):

@@ -52,7 +52,7 @@ def test_binary(path, ordinate, kind, big, x):
 @pytest.mark.parametrize("y", [Y.real, abs(Y), 20 * np.log10(abs(Y))])
 def test_real_ordinates_are_refused_unless_they_are_stated_to_be_frfs(path, write, ordinate, x, y):
     data = write(y, ordinate=ordinate, x=x)
-    with pytest.raises(FormatError, match=r"uff:2: holds real ordinates.*state real_valued=True"):
+    with pytest.raises(FormatError, match=r"uff:2: holds real ordinates.*set real_valued=True"):
         read(path, data)
     found = read(path, data, real_valued=True)
     np.testing.assert_allclose(found.values[:, 0, 0], y, rtol=5e-6)
@@ -155,7 +155,7 @@ def test_a_wrong_byte_order_is_refused(path, ordinate, big):
     y = rng.standard_normal(64) + 1j * rng.standard_normal(64)
     data = uff.binary58(y, ordinate=ordinate, big=big)
     head, wrong = (f"58b{n:6d}".encode() for n in ((2, 1) if big else (1, 2)))
-    with pytest.raises(FormatError, match=r"uff:2: 58b: numbers from .* byte order .* is wrong"):
+    with pytest.raises(FormatError, match=r"uff:2: 58b: magnitudes from .* byte order .* is wrong"):
         read(path, data.replace(head, wrong))
 
 
@@ -197,7 +197,7 @@ def test_quantity_follows_from_the_data_types(path, above, below, quantity):
     data = uff.ascii58(Y, types=(18, above, below))
     assert read(path, data).quantity == quantity
     assert read(path, data, quantity=quantity).quantity == quantity
-    with pytest.raises(FormatError, match=f"contradicts the file, which says '{quantity}'"):
+    with pytest.raises(FormatError, match=f"contradicts the file, which states '{quantity}'"):
         read(path, data, quantity="receptance" if above != 8 else "mobility")
 
 
@@ -205,7 +205,7 @@ def test_quantity_follows_from_the_data_types(path, above, below, quantity):
 def test_quantity_that_the_file_does_not_say_has_to_be_given(path, types):
     data = uff.ascii58(Y, types=types)
     with pytest.raises(
-        FormatError, match=r"case.uff:11: records 9 and 10 do not say .* give quantity="
+        FormatError, match=r"case.uff:11: records 9 and 10 do not define .* give quantity="
     ):
         read(path, data)
     assert read(path, data, quantity="accelerance").quantity == "accelerance"
@@ -264,7 +264,7 @@ def test_other_functions_are_left_out_with_a_warning_that_counts_them(path):
         uff.ascii58(Y.real, kind=2),
     ]
     with pytest.warns(
-        UpdynWarning, match=r"left out: 1 time response, 2 auto spectrum \(first: line 2\)"
+        UpdynWarning, match=r"ignored: 1 time response, 2 auto spectrum \(first: line 2\)"
     ):
         found = read(path, extra[0], GOOD, *extra[1:])
     assert found.values.shape == (4, 1, 1)
@@ -272,7 +272,7 @@ def test_other_functions_are_left_out_with_a_warning_that_counts_them(path):
 
 def test_datasets_of_other_numbers_are_named_in_the_source(path):
     found = read(path, uff.text(151, "model"), uff.text(2412, "x"), uff.text(2412, "y"), GOOD)
-    assert found.source == "case.uff, case; not read: dataset 151, dataset 2412 (2 times)"
+    assert found.source == "case.uff, case; ignored: dataset 151, dataset 2412 (2 times)"
 
 
 # -- the matrix ----------------------------------------------------------------------------------------------
@@ -291,7 +291,7 @@ def test_a_matrix_in_the_order_of_the_file(path):
 def test_a_part_can_be_read_alone_with_the_sense_asked_for(path):
     parts = grid()[:3]
     with pytest.raises(
-        FormatError, match=r"1 of 4 pairs .* missing: 2:X / 4:-Y. Read a complete part"
+        FormatError, match=r"1 of 4 pairs .* missing: 2:X / 4:-Y. Select a complete part"
     ):
         read(path, *parts)
     found = read(path, *parts, references=["1:-Z"])
@@ -318,7 +318,7 @@ def test_coherence_goes_to_its_pair(path):
     found = read(path, *reversed(cohs), *grid())
     np.testing.assert_array_equal(found.coherence[:, 1, 0], gamma[1])
     np.testing.assert_array_equal(found.coherence[:, 0, 1], gamma[2])
-    with pytest.warns(UpdynWarning, match="coherence belongs to 3 of 4 pairs"):
+    with pytest.warns(UpdynWarning, match="only 3 of 4 pairs of DOFs have a coherence"):
         assert read(path, *grid(), *cohs[:3]).coherence is None
 
 
@@ -326,7 +326,7 @@ def test_duplicates_are_averaged_when_told(path):
     pair = [uff.binary58(Y), uff.binary58(4 * Y)]
     with pytest.raises(
         FormatError,
-        match=r"frequency response function at response 1:Z, reference 1:Z stands twice",
+        match=r"frequency response function at response 1:Z, reference 1:Z occurs twice",
     ):
         read(path, *pair)
     np.testing.assert_allclose(
@@ -368,5 +368,5 @@ def test_units_of_mm_and_newton(path):
     data = uff.binary58(Y, (1, 3), (1, 3), units=("Hz", "mm/s^2", "N"))
     found = read(path, uff.units(10, 1000.0, 1.0), data)
     np.testing.assert_allclose(found.values[:, 0, 0], 1e-3 * Y, rtol=1e-15)
-    with pytest.raises(FormatError, match=r"units code 10 goes with factors 1000 .* and 1 \(force"):
+    with pytest.raises(FormatError, match=r"units code 10 requires factors 1000 .* and 1 \(force"):
         read(path, uff.units(10, 1000.0, 1000.0), data)

@@ -160,7 +160,7 @@ def test_a_direction_within_1e_6_of_an_axis_passes_and_one_beyond_does_not(path)
             assert read(path, *parts).responses.labels == ["1:X"]
         else:
             with pytest.raises(
-                FormatError, match=r"response 1:X is oblique: .*along none of the axes"
+                FormatError, match=r"response 1:X is oblique: .*parallel to no axis"
             ):
                 read(path, *parts)
 

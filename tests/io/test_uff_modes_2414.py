@@ -133,9 +133,9 @@ def test_frequency_and_damping_beside_an_eigenvalue(tmp_path: Path, first: Seque
 @pytest.mark.parametrize(
     ("first", "s", "message"),
     [
-        ((0.0, 62.8031, 0, 0, 0.01, 0), S, ":14: record 12: frequency 62.8031 Hz contradicts the eigenvalue .* 9.99.*; expected Hz here and rad/s"),
-        ((0.0, 9.99552, 0, 0, 0.01, 0), S / (2 * np.pi), ":14: record 12: frequency 9.99552 Hz contradicts the eigenvalue .* 1.59"),
-        ((0.0, 9.99552, 0, 0, 0.05, 0), S, ":14: record 12: damping ratios 0.05 and 0 contradict the eigenvalue .* 0.00999"),
+        ((0.0, 62.8031, 0, 0, 0.01, 0), S, ":14: record 12: frequency 62.8031 Hz contradicts the eigenvalue .*9.99.*; expected Hz here and rad/s"),
+        ((0.0, 9.99552, 0, 0, 0.01, 0), S / (2 * np.pi), ":14: record 12: frequency 9.99552 Hz contradicts the eigenvalue .*1.59"),
+        ((0.0, 9.99552, 0, 0, 0.05, 0), S, ":14: record 12: damping ratios 0.05 and 0 contradict the eigenvalue .*0.00999"),
         ((0.0, 9.99552, 0, 0, 1.0, 0), S, ":14: record 12: damping ratios 1 and 0 contradict"),
     ],
 )  # fmt: skip
@@ -203,7 +203,7 @@ def test_the_eigenvalue_of_a_normal_mode(tmp_path: Path, eigenvalue: float, is_r
 def test_other_data_are_left_out_with_a_warning(
     tmp_path: Path, other: dict[str, int], said: str
 ) -> None:
-    with pytest.warns(UpdynWarning, match=f"analysis data that are no modes are left out: {said}"):
+    with pytest.warns(UpdynWarning, match=f"analysis data other than modes are ignored: {said}"):
         assert len(updyn.read_modes(put(tmp_path, dataset(), dataset(**other)))) == 1
 
 
@@ -254,13 +254,13 @@ MODE_55 = uff.text(
         (dataset(characteristic=1, width=1), ":11: record 9: data characteristic 1 with 1 values"),
         (dataset(kind=3), ":11: record 9: data type 3; expected 2"),
         (dataset(first=(0.0, -1.0, 0, 0, 0, 0)), ":14: record 12: frequency -1 Hz"),
-        (dataset(first=(0.0, 0.0, 400.0, 0, 0, 0)), ":14: record 12: frequency 0 Hz beside"),
+        (dataset(first=(0.0, 0.0, 400.0, 0, 0, 0)), ":14: record 12: frequency 0 Hz with"),
         (dataset(first=(0.0, 10.0)), ":14: record 12: expected 6 numbers, found 2"),
         (dataset(analysis=3, kind=5, nodes={1: [1] * 6}), ":15: record 13: .* does not oscillate"),
         (dataset(nodes={1: [1.0, 2.0]}), ":17: record 15: expected 3 numbers, found 2"),
         (dataset(nodes={1: [np.nan, 0, 0]}), ":17: record 15: expected a number, found 'NAN'"),
         (dataset(nodes={1: [0.0, 0, 0]}), ":2: dataset 2414: the shape is zero"),
-        (dataset().replace(b"\n         2\n", b"\n         1\n"), "dataset 2414: node 1 stands twice"),
+        (dataset().replace(b"\n         2\n", b"\n         1\n"), "dataset 2414: node 1 occurs twice"),
         (dataset().replace(b"\n         2\n", b"\n       two\n"), ":18: record 14, node: expected a whole"),
         (uff.text(2414, "1", "x"), ":2: dataset 2414: 2 lines; expected at least 13"),
     ],

@@ -87,11 +87,11 @@ def test_directions_of_nodes_are_written_as_systems(path):
 
 
 def test_what_has_no_place_is_said(path):
-    with pytest.warns(UpdynWarning, match="no place for variance and averages; written"):
+    with pytest.warns(UpdynWarning, match="cannot hold variance and averages; written"):
         updyn.write_frf(frf(with_geometry=False), path)
     place = updyn.Geometry([1, 2, 3, 7], np.eye(4)[:, :3], faces=[[1, 2, 3, 3]])
     shell = replace(frf(with_geometry=False), variance=None, averages=None, geometry=place)
-    with pytest.warns(UpdynWarning, match="no place for faces; written"):
+    with pytest.warns(UpdynWarning, match="cannot hold faces; written"):
         updyn.write_frf(shell, path)
 
 
@@ -101,11 +101,11 @@ def test_what_has_no_place_is_said(path):
         ({"responses": ["1:X", "2:X", "123456789012:X"]}, "node 123456789012 does not fit"),
         (
             {"geometry": Geometry([1, 7], np.eye(3)[:2])},
-            r"DOF 2:-Y stands at a node that the geometry does not have",
+            r"DOF 2:-Y is at a node missing in the geometry",
         ),
         (
             {"geometry": Geometry([1, 2, 3, 7, 0], np.ones((5, 3)), [[0, 1]])},
-            "node 0, which in a universal file lifts",
+            "node 0, which means 'lift the pen'",
         ),
     ],
 )

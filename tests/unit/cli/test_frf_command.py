@@ -122,7 +122,7 @@ def test_local_models_of_a_lasting_force(tmp_path, capsys, estimator):
 
 def test_what_a_format_has_no_place_for_is_told_with_the_name_of_the_file(folder, capsys):
     assert main(["frf", put(folder, JOB.replace("test.nc", "test.uff"))]) == 0
-    assert f"note: {folder / 'test.uff'}: universal files have no place for variance" in (
+    assert f"note: {folder / 'test.uff'}: universal files cannot hold variance" in (
         capsys.readouterr().err
     )
 

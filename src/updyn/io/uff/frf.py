@@ -1,38 +1,29 @@
 """FRFs of universal files: functions of dataset 58, text or binary, as a complete matrix.
 
-What is read, and how:
-
 - Function type 4 is an FRF, type 6 the coherence of the same pair of DOFs (taken as gamma^2). Other
-  functions (time responses, spectra, multiple coherence) are left out with a warning that counts
-  them. Datasets of other numbers are normal in such files; they are named in ``FRF.source``.
-- The quantity follows from the data types of records 9 and 10. Where they say "unknown",
-  ``quantity=`` has to.
-- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, says no
-  direction: either ``scalar_direction=`` gives one, or the file is refused.
-- If a pair of DOFs is there with one sense and another pair with the opposite one (5:Z and 5:-Z),
-  the sense met first is taken and the values of the other change sign.
-- Every pair of response and reference has to be there, on the same lines. Nothing is interpolated
-  or filled in.
-- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 without a label,
-  or by ``scale=``: `updyn.io.uff.labels`.
-- Real ordinates are refused, as magnitudes and decibels are no FRFs, unless ``real_valued=True``
-  states that their phase is 0 or pi.
-- With a geometry in the file, its nodes must include those of the FRFs. Directions of a node with a
-  displacement system of its own are expressed in the global one, where they coincide with its axes
-  to 1e-6; oblique ones are refused. The geometry of the FRF therefore has no ``axes``;
-  `read_geometry` gives them. ``local_axes=True`` keeps labels and ``axes`` as the file has them,
-  for `updyn.match`.
+  functions (time responses, spectra, multiple coherence) are ignored with a warning that counts
+  them. Other datasets are normal in such files; ``FRF.source`` lists them.
+- The data types of records 9 and 10 define the quantity. If they are "unknown", ``quantity=`` is
+  required.
+- Direction codes +-1 to +-6 are X Y Z RX RY RZ with their sign. Code 0, a scalar, has no direction:
+  ``scalar_direction=`` is required.
+- If two pairs use opposite senses of a DOF (5:Z and 5:-Z), the reader keeps the first sense and
+  changes the sign of the other values.
+- Every pair of response and reference has to be present, at the same frequency lines. The reader
+  never interpolates or fills gaps.
+- Values are converted to SI by the unit labels of records 9 and 10, by dataset 164 if there is no
+  label, or by ``scale=``: `updyn.io.uff.labels`.
+- Real ordinates are refused, because they may be magnitudes or decibels, unless
+  ``real_valued=True`` states that their phase is 0 or pi.
+- If the file contains a geometry, its nodes must include those of the FRFs. Directions in a
+  displacement system of a node are converted to the global system if they coincide with its axes to
+  1e-6; oblique ones are refused. The geometry of the FRF therefore has no ``axes``; `read_geometry`
+  returns them. ``local_axes=True`` keeps labels and ``axes`` of the file, for `updyn.match`.
 
-The files are taken apart here and not by pyuff, which the tests use as a second opinion
-(`tests/io/test_pyuff.py` holds what follows). Of deviations that real files have, pyuff 2.5.8
-
-- cuts the exponents off numbers in fields of 14 columns, one a line, so that -2.5E-01 is read as
-  -2.5, without a word;
-- drops every function after a dataset with a line of text that ends in "-1", without a word;
-- ends the data of a 58b at bytes that look like a delimiter, and returns what is before them,
-  without a word;
-- raises "Error when reading data-set(s)" for fields of 14 columns, six a line, for exponents with
-  D, and for numbers separated by blanks.
+pyuff 2.5.8 is only a reference in the tests (`tests/io/test_pyuff.py`), because it misreads some
+real files without a warning: it removes exponents from numbers in fields of 14 columns, drops
+functions after a text line that ends in "-1", and ends the data of a 58b at bytes that look like a
+delimiter.
 """
 
 from __future__ import annotations
@@ -96,37 +87,38 @@ def read_frf(
     path : path
         The file.
     quantity : {"receptance", "mobility", "accelerance"}, optional
-        What was measured, where the file does not say; a contradiction is an error.
+        Measured quantity, required if the file does not state it; a contradiction is an error.
     duplicates : {"raise", "average"}
-        Several functions at one pair of DOFs: an error, or their mean, weighted with their
-        coherence where every one has it; the coherence is then the plain mean.
+        Treatment of several functions at one pair of DOFs: an error, or their mean. The mean is
+        weighted with the coherence if every function has one; the coherence is the plain mean.
     responses, references : iterable of str or Dof, optional
-        DOFs to read, in the order given and with a sense if wanted ("5:-Z"); all others are left
-        out, and need not be complete.
+        DOFs to read, in this order, optionally with a sense ("5:-Z"). All others are ignored and
+        may be incomplete.
     scalar_direction : str, optional
-        What direction code 0 stands for, for instance "Z" or "-RX".
+        Direction for code 0, for instance "Z" or "-RX".
     scale : float, optional
         Factor that converts the values of the file to SI. It replaces dataset 164 and the unit
         labels of records 9 and 10.
     real_valued : bool
-        The values are real: their phase is 0 or pi. Without it real ordinates are an error, as they
-        may be magnitudes or decibels; with it values that have an imaginary part are one.
+        Whether the values are real, with phase 0 or pi. If False, real ordinates are an error,
+        because they may be magnitudes or decibels; if True, values with an imaginary part are an
+        error.
     local_axes : bool
-        Keep the directions of nodes with a displacement system of their own, as ``axes`` of the
-        geometry: then `updyn.match` has to be told of the measurement before anything else uses it.
+        Keep the displacement directions of the nodes, as ``axes`` of the geometry. The measurement
+        then has to be matched with `updyn.match` before any other use.
 
     Returns
     -------
     FRF
-        Values in SI, DOFs in the order of the file, with the geometry where there is one.
+        Values in SI, DOFs in the order of the file, with the geometry of the file.
 
     Raises
     ------
     FormatError
-        If the file is damaged, does not say what it has to, contradicts itself or an argument, or a
-        pair is missing.
+        If the file is damaged, incomplete, contradicts itself or an argument, or a pair of DOFs is
+        missing.
     OptionError
-        If an option has no valid value.
+        If an option is not valid.
     """
     scalar = _options(duplicates, scalar_direction, scale)
     for name, given in (("local_axes", local_axes), ("real_valued", real_valued)):
@@ -145,7 +137,7 @@ def read_frf(
     measured = [f for f in functions if f.kind == _FRF]
     coherences = [f for f in functions if f.kind == _COHERENCE]
     if not measured:
-        raise AbsentError(_nothing(functions, collector, others), path)
+        raise AbsentError(_describe_absence(functions, collector, others), path)
     _warn_of_others(functions, path)
     found = _quantity(measured, quantity, path)
     measured = [_in_hertz(f, path) for f in measured]
@@ -157,7 +149,7 @@ def read_frf(
     def factor(function: Function, response: Dof, reference: Dof) -> float:
         if scale is not None:
             return scale
-        turns = _turns(response), _turns(reference)
+        turns = _is_rotation(response), _is_rotation(reference)
         return frf_factor(function, found, turns, collector.units, path)
 
     parts = assemble(
@@ -192,19 +184,17 @@ def read_geometry(path: str | Path, *, unit: str | None = None) -> Geometry:
     path : path
         The file.
     unit : {"m", "cm", "mm", "in", "ft"}, optional
-        Unit of length, where the file has no dataset 164, by default m; a contradiction is an
-        error.
+        Unit of length if the file has no dataset 164, by default m; a contradiction is an error.
 
     Returns
     -------
     Geometry
-        Positions in m in the global system; ``axes`` where a node has a displacement system of its
-        own.
+        Positions in m in the global system; ``axes`` if a node has a displacement system.
 
     Raises
     ------
     FormatError
-        If the file is damaged or holds no nodes, or its dataset 164 says another unit.
+        If the file is damaged or holds no nodes, or its dataset 164 contradicts the unit.
     OptionError
         If the unit is not known.
     """
@@ -227,13 +217,13 @@ def read_geometry(path: str | Path, *, unit: str | None = None) -> Geometry:
 
 
 def _with_length(units: Units, stated: float, unit: str, path: str | Path) -> Units:
-    """Return the units with the stated one of length (m), which is not to contradict the file."""
+    """Return the units with the stated unit of length (m); refuse a contradiction to the file."""
     if not units.line:
         return Units(1.0 / stated, units.force)
     if not np.isclose(units.length * stated, 1.0, rtol=1e-3, atol=0.0):
         raise FormatError(
-            f"unit {unit!r} contradicts dataset 164, by which a metre is {units.length:g} units of"
-            " length of the file",
+            f"unit {unit!r} contradicts dataset 164, which defines a metre as {units.length:g}"
+            " units of length of the file",
             path,
             units.line,
             key=("unit",),
@@ -254,33 +244,33 @@ def _options(duplicates: str, scalar_direction: str | None, scale: float | None)
     found = re.fullmatch(r"([+-]?)(R?[XYZ])", str(scalar_direction))
     if found is None:
         raise OptionError(
-            f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, with a sign if"
-            " wanted",
+            f"scalar_direction={scalar_direction!r}: expected one of X Y Z RX RY RZ, optionally"
+            " with a sign",
             key=("scalar_direction",),
         )
     return Dof(0, found[2], -1 if found[1] == "-" else 1)
 
 
-# -- what the functions are ---------------------------------------------------------------------
+# -- quantity and values ------------------------------------------------------------------------
 def _quantity(measured: Sequence[Function], given: str | None, path: str | Path) -> str:
     if given is not None:
         with placed(path), key_path("quantity"):
             check_quantity(given)
-    said: dict[str, int] = {}
+    stated: dict[str, int] = {}
     for function in measured:
         name = _one_quantity(function, path)
         if name is not None:
-            said.setdefault(name, function.line)
-    if len(said) > 1:
-        (a, first), (b, second) = list(said.items())[:2]
+            stated.setdefault(name, function.line)
+    if len(stated) > 1:
+        (a, first), (b, second) = list(stated.items())[:2]
         raise FormatError(
             f"holds {a} (dataset 58 on line {first}) and {b} (line {second}); expected one"
             " quantity",
             path,
         )
-    if given is not None and said and given not in said:
+    if given is not None and stated and given not in stated:
         raise FormatError(
-            f"quantity {given!r} contradicts the file, which says {next(iter(said))!r}",
+            f"quantity {given!r} contradicts the file, which states {next(iter(stated))!r}",
             path,
             key=("quantity",),
         )
@@ -290,17 +280,17 @@ def _quantity(measured: Sequence[Function], given: str | None, path: str | Path)
         if _one_quantity(function, path) is None:
             above, below = function.numerator, function.denominator
             raise FormatError(
-                f"records 9 and 10 do not say what was measured (data types {above.kind} over"
-                f" {below.kind}; expected 8, 11 or 12 over 13): give quantity='receptance',"
+                f"records 9 and 10 do not define the measured quantity (data types {above.kind}"
+                f" over {below.kind}; expected 8, 11 or 12 over 13): give quantity='receptance',"
                 " 'mobility' or 'accelerance'",
                 path,
                 above.line,
             )
-    return next(iter(said))
+    return next(iter(stated))
 
 
 def _one_quantity(function: Function, path: str | Path) -> str | None:
-    """Return what records 9 and 10 say; None where one of them leaves it open."""
+    """Return the quantity stated in records 9 and 10; None if one of them is unknown."""
     above, below = function.numerator.kind, function.denominator.kind
     line = function.numerator.line
     if above in FORCE and below in MOTION:
@@ -310,7 +300,7 @@ def _one_quantity(function: Function, path: str | Path) -> str | None:
             raise FormatError(str(error), path, line) from error
     if above not in (*MOTION, *UNKNOWN) or below not in (*FORCE, *UNKNOWN):
         raise FormatError(
-            f"records 9 and 10 say {type_name(above)} over {type_name(below)}; expected a"
+            f"records 9 and 10 state {type_name(above)} over {type_name(below)}; expected a"
             " displacement, velocity or acceleration over a force",
             path,
             line,
@@ -325,11 +315,11 @@ def _in_hertz(function: Function, path: str | Path) -> Function:
 
 
 def _check_values(function: Function, real_valued: bool, path: str | Path) -> None:
-    """Refuse real ordinates that are not stated to be FRFs, and complex ones that are not real."""
+    """Refuse real ordinates without `real_valued`, and complex ones with it."""
     if not function.is_complex and not real_valued:
         raise FormatError(
-            "holds real ordinates, and magnitudes and decibels are no FRFs; expected complex ones."
-            " If the values are real because their phase is 0 or pi, state real_valued=True",
+            "holds real ordinates, which may be magnitudes or decibels; expected complex ones."
+            " If the values are real because their phase is 0 or pi, set real_valued=True",
             path,
             function.line,
         )
@@ -342,12 +332,14 @@ def _check_values(function: Function, real_valued: bool, path: str | Path) -> No
         )
 
 
-def _turns(dof: Dof) -> bool:
+def _is_rotation(dof: Dof) -> bool:
     return dof.direction.startswith("R")
 
 
-# -- what else was there ------------------------------------------------------------------------
-def _nothing(functions: Sequence[Function], collector: Collector, others: Counter[int]) -> str:
+# -- other content ------------------------------------------------------------------------------
+def _describe_absence(
+    functions: Sequence[Function], collector: Collector, others: Counter[int]
+) -> str:
     held = []
     if functions:
         held.append(counted(Counter(f.name for f in functions)))
@@ -362,7 +354,7 @@ def _nothing(functions: Sequence[Function], collector: Collector, others: Counte
 
 
 def _datasets(others: Counter[int]) -> str:
-    """Return the datasets of other numbers, for a message."""
+    """Format the other datasets with their numbers of occurrences, for messages."""
     shown = []
     for number, times in sorted(others.items()):
         often = f" ({times} times)" if times > 1 else ""
@@ -375,7 +367,7 @@ def _warn_of_others(functions: Sequence[Function], path: str | Path) -> None:
     if left_out:
         kinds = counted(Counter(f.name for f in left_out))
         warnings.warn(
-            f"{path}: functions that are neither FRF nor coherence are left out: {kinds} (first:"
+            f"{path}: functions that are neither FRF nor coherence are ignored: {kinds} (first:"
             f" line {left_out[0].line})",
             UpdynWarning,
             stacklevel=3,
@@ -387,7 +379,7 @@ def _source(path: str | Path, first: Function, others: Counter[int]) -> str:
     if first.title and first.title.upper() != "NONE":
         source += f", {first.title}"
     if others:
-        source += f"; not read: {_datasets(others)}"
+        source += f"; ignored: {_datasets(others)}"
     return source
 
 
@@ -396,18 +388,18 @@ _PARALLEL = 1e-6
 
 
 class Directions:
-    """DOFs of the nodes and direction codes of a file, in the global system or that of the node.
+    """Converts nodes and direction codes of a file to DOFs in global or nodal directions.
 
     Parameters
     ----------
     path : path
         The file, for messages.
     scalar : Dof or None
-        Direction and sign that code 0 stands for.
+        Direction and sign for code 0.
     geometry : Geometry or None
         The nodes of the file, with their displacement directions.
     local : bool
-        Whether directions stay those of the node.
+        Whether to keep the directions of the nodes.
     """
 
     def __init__(
@@ -429,23 +421,23 @@ class Directions:
         what : str
             "response" or "reference".
         node, code : int
-            As record 6 has them.
+            As in record 6.
         line : int
-            Line of the dataset; record 6 stands six further on.
+            Line of the dataset; record 6 is six lines below.
 
         Raises
         ------
         FormatError
-            If the code is none, is 0 and nothing says what it stands for, the node is not in the
-            geometry, or the direction is oblique to the global axes and is not to stay as it is.
+            If the code is not valid, code 0 has no `scalar` direction, the node is not in the
+            geometry, or the direction is oblique to the global axes and `local` is False.
         """
         at = line + 6
         if not -6 <= code <= 6:
             raise FormatError(f"record 6: {what} direction {code}; expected -6 to 6", self.path, at)
         if code == 0 and self.scalar is None:
             raise FormatError(
-                f"record 6: {what} direction 0 (scalar) at node {node} says no direction: give"
-                " scalar_direction='Z' or what it is",
+                f"record 6: {what} direction 0 (scalar) at node {node} defines no direction: give"
+                " scalar_direction, for instance 'Z'",
                 self.path,
                 at,
             )
@@ -473,7 +465,7 @@ class Directions:
             shown = ", ".join(f"{v:.6g}" for v in vector)
             raise FormatError(
                 f"record 6: {what} {dof} is oblique: its displacement system turns it to ({shown})"
-                " in the global one, along none of the axes; keep the directions of nodes with"
+                " in the global system, parallel to no axis; keep the directions of nodes with"
                 " local_axes=True and match them with updyn.match ([match] of a job), or transform"
                 " the measurement to global directions first",
                 self.path,
@@ -490,13 +482,13 @@ class Parts:
     Attributes
     ----------
     freq : ndarray of float, shape (n_f,)
-        Lines in Hz.
+        Frequency lines in Hz.
     values : ndarray of complex, shape (n_f, n_responses, n_references)
         FRFs.
     coherence : ndarray of float, shape of `values`, or None
         Ordinary coherence.
     responses, references : DofSet
-        In the order of the file, or as asked for.
+        In the order of the file, or in the requested order.
     """
 
     freq: NDArray[np.float64]
@@ -507,7 +499,7 @@ class Parts:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Placed:
+class _Measured:
     function: Function
     response: Dof
     reference: Dof
@@ -522,7 +514,7 @@ class _Placed:
         return f"response {self.response}, reference {self.reference}"
 
     @property
-    def signed(self) -> NDArray[Any]:
+    def in_positive_sense(self) -> NDArray[Any]:
         """The ordinate in SI, for the positive senses of both DOFs."""
         return self.function.y * (self.factor * self.response.sign * self.reference.sign)
 
@@ -537,39 +529,38 @@ def assemble(
     responses: Iterable[str | Dof] | None,
     references: Iterable[str | Dof] | None,
 ) -> Parts:
-    """Put functions into a matrix.
+    """Assemble functions into a matrix.
 
     Parameters
     ----------
     measured, coherences : sequence of Function
         FRFs, and coherences.
     directions : Directions
-        Turns direction codes into DOFs.
+        Converts direction codes to DOFs.
     factor : callable
-        Returns the factor to SI of an FRF, given with its response and its reference.
+        Returns the factor to SI of an FRF with its response and its reference.
     average : bool
-        Whether functions at one pair are averaged; else they are an error.
+        Whether to average functions at the same pair; otherwise they are an error.
     responses, references : iterable of str or Dof, or None
-        DOFs to keep; None: all.
+        DOFs to keep; None keeps all.
 
     Returns
     -------
     Parts
-        The matrix.
 
     Raises
     ------
     FormatError
-        If a pair is missing or there twice, a DOF is not in the file, or abscissae differ.
+        If a pair is missing or repeated, a DOF is not in the file, or abscissae differ.
 
     Warns
     -----
     UpdynWarning
-        If coherence is left out because it does not belong to every FRF.
+        If coherence is ignored because it is not available for every FRF.
     """
     path = directions.path
-    rows = _Chosen("response", path)
-    columns = _Chosen("reference", path)
+    rows = _Side("response", path)
+    columns = _Side("reference", path)
     found = [_place(f, directions, factor) for f in measured]
     for item in found:
         rows.meet(item.response)
@@ -580,25 +571,25 @@ def assemble(
     cohs = _by_pair([_place(f, directions) for f in coherences], rows, columns)
     _complete(frfs, rows, columns, path)
     if not average:
-        _single([*frfs.values(), *cohs.values()], path)
+        _check_unique([*frfs.values(), *cohs.values()], path)
     freq = next(iter(frfs.values()))[0].function.x
     for items in (*frfs.values(), *cohs.values()):
         for item in items:
-            _same_lines(item, freq, path)
+            _check_lines(item, freq, path)
     shape = (len(freq), len(rows.kept), len(columns.kept))
     values = np.empty(shape, dtype=np.complex128)
-    coherence = np.empty(shape) if _usable(frfs, cohs, path) else None
+    coherence = np.empty(shape) if _coherence_is_complete(frfs, cohs, path) else None
     for i, r in enumerate(rows.kept):
         for j, c in enumerate(columns.kept):
             key = (_name(r), _name(c))
             sense = r.sign * c.sign
-            gamma = [_gamma(item, path) for item in cohs.get(key, ())]
-            values[:, i, j] = _mean([item.signed * sense for item in frfs[key]], gamma)
+            gamma = [_coherence(item, path) for item in cohs.get(key, ())]
+            values[:, i, j] = _mean([item.in_positive_sense * sense for item in frfs[key]], gamma)
             if coherence is not None:
                 coherence[:, i, j] = np.mean(gamma, axis=0)
     for array in (values, coherence):
         if array is not None:
-            array.flags.writeable = False  # so that FRF does not copy it
+            array.flags.writeable = False  # FRF does not copy read-only arrays
     return Parts(freq, values, coherence, rows.kept, columns.kept)
 
 
@@ -606,10 +597,10 @@ def _place(
     function: Function,
     directions: Directions,
     factor: Callable[[Function, Dof, Dof], float] | None = None,
-) -> _Placed:
+) -> _Measured:
     response = directions.dof("response", *function.response, function.line)
     reference = directions.dof("reference", *function.reference, function.line)
-    return _Placed(
+    return _Measured(
         function, response, reference, factor(function, response, reference) if factor else 1.0
     )
 
@@ -618,8 +609,8 @@ def _name(dof: Dof) -> tuple[int, str]:
     return dof.node, dof.direction
 
 
-class _Chosen:
-    """The DOFs of one side, in the order met, each with the sense met first; then those to keep."""
+class _Side:
+    """The DOFs of one side in order of occurrence, each in its first sense, and those to keep."""
 
     def __init__(self, what: str, path: str | Path) -> None:
         self.what = what
@@ -644,9 +635,9 @@ class _Chosen:
 
 
 def _by_pair(
-    items: Sequence[_Placed], rows: _Chosen, columns: _Chosen
-) -> dict[_Pair, list[_Placed]]:
-    out: dict[_Pair, list[_Placed]] = {}
+    items: Sequence[_Measured], rows: _Side, columns: _Side
+) -> dict[_Pair, list[_Measured]]:
+    out: dict[_Pair, list[_Measured]] = {}
     keep_rows = set(map(_name, rows.kept))
     keep_columns = set(map(_name, columns.kept))
     for item in items:
@@ -657,7 +648,7 @@ def _by_pair(
 
 
 def _complete(
-    frfs: Mapping[_Pair, list[_Placed]], rows: _Chosen, columns: _Chosen, path: str | Path
+    frfs: Mapping[_Pair, list[_Measured]], rows: _Side, columns: _Side, path: str | Path
 ) -> None:
     missing = []
     for c in columns.kept:
@@ -670,52 +661,52 @@ def _complete(
             shown += ", ..."
         raise FormatError(
             f"{len(missing)} of {len(rows.kept) * len(columns.kept)} pairs of response / reference"
-            f" are missing: {shown}. Read a complete part with responses=[...] and"
+            f" are missing: {shown}. Select a complete part with responses=[...] and"
             " references=[...]",
             path,
         )
 
 
-def _single(groups: Sequence[list[_Placed]], path: str | Path) -> None:
+def _check_unique(groups: Sequence[list[_Measured]], path: str | Path) -> None:
     for first, *more in groups:
         for second in more:
             raise FormatError(
-                f"{second.function.name} at {second.pair} stands twice: also on line"
-                f" {first.function.line}; choose duplicates='average' to take the mean",
+                f"{second.function.name} at {second.pair} occurs twice: also on line"
+                f" {first.function.line}; use duplicates='average' to average them",
                 path,
                 second.function.line,
             )
 
 
-def _same_lines(item: _Placed, freq: NDArray[np.float64], path: str | Path) -> None:
+def _check_lines(item: _Measured, freq: NDArray[np.float64], path: str | Path) -> None:
     x = item.function.x
     if len(x) == len(freq) and np.allclose(x, freq, rtol=1e-9, atol=0):
         return
     raise FormatError(
         f"{item.function.name} at {item.pair} has {len(x)} lines from {x[0]:g} to {x[-1]:g} Hz, the"
         f" first FRF has {len(freq)} from {freq[0]:g} to {freq[-1]:g} Hz (or differs in between):"
-        " lines are not aligned",
+        " expected the same frequency lines",
         path,
         item.function.line,
     )
 
 
-def _usable(
-    frfs: Mapping[_Pair, list[_Placed]], cohs: Mapping[_Pair, list[_Placed]], path: str | Path
+def _coherence_is_complete(
+    frfs: Mapping[_Pair, list[_Measured]], cohs: Mapping[_Pair, list[_Measured]], path: str | Path
 ) -> bool:
-    """Return whether every FRF has its coherence; warn where only some have."""
+    """Return whether every FRF has its coherence; warn if only some have."""
     with_it = [key for key, items in frfs.items() if len(cohs.get(key, ())) == len(items)]
     if cohs and len(with_it) < len(frfs):
         warnings.warn(
-            f"{path}: coherence belongs to {len(with_it)} of {len(frfs)} pairs of DOFs; it is left"
-            " out, as it has to be there for all or none",
+            f"{path}: only {len(with_it)} of {len(frfs)} pairs of DOFs have a coherence; the"
+            " coherence is ignored, because FRFs need it for all pairs or for none",
             UpdynWarning,
             stacklevel=4,
         )
     return bool(cohs) and len(with_it) == len(frfs)
 
 
-def _gamma(item: _Placed, path: str | Path) -> NDArray[np.float64]:
+def _coherence(item: _Measured, path: str | Path) -> NDArray[np.float64]:
     y = item.function.y
     if np.iscomplexobj(y) and (y.imag != 0).any():
         raise FormatError(
@@ -732,11 +723,11 @@ def _gamma(item: _Placed, path: str | Path) -> NDArray[np.float64]:
 def _mean(
     values: Sequence[NDArray[Any]], gamma: Sequence[NDArray[np.float64]]
 ) -> NDArray[np.complex128]:
-    """Return the mean, weighted line by line with the coherence where every function has one."""
+    """Return the mean, weighted at each line with the coherence if every function has one."""
     if len(values) == 1:
         return np.asarray(values[0], dtype=np.complex128)
     weights = np.ones((len(values), len(values[0])))
     if len(gamma) == len(values):
         weights = np.array(gamma)
-    weights[:, weights.sum(axis=0) == 0] = 1.0  # no coherence at all: the plain mean
+    weights[:, weights.sum(axis=0) == 0] = 1.0  # the plain mean if all coherences are zero
     return np.asarray((weights * np.array(values)).sum(axis=0) / weights.sum(axis=0))

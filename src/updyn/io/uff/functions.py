@@ -1,8 +1,8 @@
 """Dataset 58 of universal files, "function at nodal DOF", text and binary.
 
 Layout: SDRC, universal file format, dataset 58, revision of 23 April 1993, and the binary form 58b
-of UC-SDRL. The fields of its eleven lines of text are separated by column, the numbers of its data
-by blanks; both are counted.
+of UC-SDRL. The fields of its eleven lines of text are in fixed columns, the numbers of its data are
+separated by blanks; both are counted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from updyn.io.uff.datasets import (
 
 __all__ = ["FUNCTIONS", "Function", "Record8", "read_function"]
 
-#: Function types of record 6 that measurements come with.
+#: Function types of record 6 that occur in measurements.
 FUNCTIONS = {
     0: "general or unknown function",
     1: "time response",
@@ -47,26 +47,26 @@ FUNCTIONS = {
     26: "multiple coherence",
 }
 _WIDTH_6 = 80
-#: Sizes of measured numbers other than 0, in any unit.
+#: Range of measured magnitudes other than 0, in any unit.
 _USUAL = (1e-30, 1e30)
-#: Share of unusual numbers from which the byte order is checked. In the wrong byte order bits of
-#: the mantissa are the exponent: of normally distributed numbers 0.2 (single precision) or 0.9
-#: (double) are unusual.
+#: Fraction of unusual numbers above which the byte order is checked. In the wrong byte order, bits
+#: of the mantissa become the exponent: 0.2 (single precision) or 0.9 (double precision) of normally
+#: distributed numbers are then unusual.
 _MANY = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Record8:
-    """What one axis is (records 8 to 10).
+    """The definition of an axis (records 8 to 10).
 
     Attributes
     ----------
     kind : int
         Specific data type, for instance 12 for an acceleration.
     name : str
-        Axis label, for instance "Frequency"; empty where the file says NONE.
+        Axis label, for instance "Frequency"; empty if NONE in the file.
     unit : str
-        Label of its unit; empty where the file says NONE.
+        Unit label; empty if NONE in the file.
     line : int
         Line of the file.
     """
@@ -84,7 +84,7 @@ class Function:
     Attributes
     ----------
     line : int
-        Line of the file on which its number stands.
+        Line of the file with its number.
     kind : int
         Function type, see `FUNCTIONS`.
     title : str
@@ -98,9 +98,9 @@ class Function:
     is_complex : bool
         Whether the ordinate is complex.
     abscissa, numerator, denominator : Record8
-        What they are.
+        The axes.
     data : ndarray of float, shape (points, columns), or Payload
-        The numbers of a text, or the place of those of a binary dataset.
+        The numbers of a text dataset, or their place in a binary one.
     unit_of_x : float
         Factor that converts the abscissa to Hz or s.
     """
@@ -121,7 +121,7 @@ class Function:
 
     @property
     def name(self) -> str:
-        """What it is, for messages."""
+        """Name of the function type, for messages."""
         return FUNCTIONS.get(self.kind, f"function of type {self.kind}")
 
     @property
@@ -150,7 +150,7 @@ def _ordinate(
 
 
 def read_function(dataset: Dataset, path: str | Path) -> Function:
-    """Read a dataset 58.
+    """Read a dataset 58 and check its numbers.
 
     Parameters
     ----------
@@ -162,12 +162,11 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
     Returns
     -------
     Function
-        Its content; all numbers are finite, and as many as it says.
 
     Raises
     ------
     FormatError
-        If a field cannot be read, numbers are missing, superfluous, not finite, or the abscissa
+        If a field cannot be read, numbers are missing, superfluous or not finite, or the abscissa
         does not increase.
     """
     lines = dataset.body.split(b"\n", 11)
@@ -214,23 +213,23 @@ def read_function(dataset: Dataset, path: str | Path) -> Function:
 def _check_byte_order(
     payload: Payload, table: NDArray[np.float64], path: str | Path, line: int
 ) -> None:
-    """Refuse numbers of unusual size that are of usual size in the other byte order."""
-    if _share_of_unusual(table) < _MANY:
+    """Refuse numbers of unusual magnitude that have usual magnitudes in the other byte order."""
+    if _fraction_unusual(table) < _MANY:
         return
     other = payload.read(swapped=True)
-    if _share_of_unusual(other) == 0.0:
+    if _fraction_unusual(other) == 0.0:
         small, large = np.abs(table[table != 0]).min(), np.abs(table).max()
         raise FormatError(
-            f"58b: numbers from {small:.3g} to {large:.3g} in size in the byte order that the first"
-            f" line states, and from {np.abs(other).min():.3g} to {np.abs(other).max():.3g} in the"
-            " other: the byte order (1 little-endian, 2 big-endian) in columns 8 to 13 is wrong",
+            f"58b: magnitudes from {small:.3g} to {large:.3g} in the byte order stated in the first"
+            f" line, and from {np.abs(other).min():.3g} to {np.abs(other).max():.3g} in the other:"
+            " the byte order (1 little-endian, 2 big-endian) in columns 8 to 13 is wrong",
             path,
             line,
         )
 
 
-def _share_of_unusual(table: NDArray[np.float64]) -> float:
-    """Return the share of unusual sizes among the numbers other than 0."""
+def _fraction_unusual(table: NDArray[np.float64]) -> float:
+    """Return the fraction of nonzero numbers with unusual magnitudes."""
     size = np.abs(table[table != 0])
     low, high = _USUAL
     return 1.0 - float(((size >= low) & (size <= high)).mean()) if size.size else 0.0
@@ -240,14 +239,14 @@ def _record_6(
     line: bytes, path: str | Path, at: int
 ) -> tuple[int, tuple[int, int], tuple[int, int]]:
     """Return function type, response and reference."""
-    # A name that is not ASCII may have been padded by bytes or by characters.
+    # A name with other than ASCII characters may be padded to bytes or to characters.
     text = text_of(line).rstrip()
     as_bytes = line.decode("latin-1").rstrip()
     if text != as_bytes and len(text) != _WIDTH_6 and len(as_bytes) == _WIDTH_6:
         text = as_bytes
     if len(text) > _WIDTH_6:
         raise FormatError(
-            f"record 6: {len(text)} columns, expected {_WIDTH_6}: its fields cannot be told",
+            f"record 6: {len(text)} columns, expected {_WIDTH_6}: its fields are not identifiable",
             path,
             at,
         )
@@ -278,18 +277,18 @@ def _unless_none(label: str) -> str:
 def _numbers(
     dataset: Dataset, body: bytes, ordinate: int, even: int, points: int, path: str | Path
 ) -> NDArray[np.float64]:
-    """Return the numbers of a text."""
+    """Return the numbers of a text dataset."""
     count = points * columns_of(ordinate, even)
     found = reals(body)
     if found is not None and len(found) == count:
         return found
     lines = list(enumerate(body.split(b"\n"), dataset.line + 12))
     words = [(at, word) for at, line in lines for word in line.split()]
-    if len(words) < count:  # numbers that touch: "-1.00000E+100-1.00000E+100"
+    if len(words) < count:  # numbers without blanks between them: "-1.00000E+100-1.00000E+100"
         words = _by_column(lines, _widths(ordinate, even)) or words
     if len(words) != count:
         raise FormatError(
-            f"dataset 58: {count} numbers follow from record 7 (points, type, spacing), found"
+            f"dataset 58: record 7 (points, type, spacing) requires {count} numbers, found"
             f" {len(words)}",
             path,
             dataset.line,
@@ -309,13 +308,13 @@ def _widths(ordinate: int, even: int) -> list[int]:
 def _by_column(
     lines: Sequence[tuple[int, bytes]], widths: Sequence[int]
 ) -> list[tuple[int, bytes]]:
-    """Return the fields of lines; no fields if the columns are not those of the format."""
+    """Return the fields of lines in fixed columns; empty if the columns do not fit the format."""
     edges = [0, *accumulate(widths)]
     fields = []
     for at, line in lines:
         for start, end in pairwise(edges):
             field = line[start:end].strip()
-            if field and b"." not in field:  # a part of a number that was cut
+            if field and b"." not in field:  # a part of a number
                 return []
             if field:
                 fields.append((at, field))
@@ -331,8 +330,8 @@ def _check(found: Function, table: NDArray[np.float64], path: str | Path) -> Non
         start, step = found.even
         if not (np.isfinite(x).all() and (step > 0 or found.points == 1)):
             raise FormatError(
-                f"record 7: abscissa starts at {start:g} with steps of {step:g}; expected finite"
-                " numbers, ascending",
+                f"record 7: abscissa starts at {start:g} with steps of {step:g}; expected finite,"
+                " ascending numbers",
                 path,
                 found.line + 7,
             )

@@ -1,9 +1,9 @@
 """Nodes, coordinate systems, trace lines and units of universal files.
 
 Datasets 15 (nodes), 2411 (nodes, double precision), 18 and 2420 (coordinate systems), 82 (trace
-lines), 164 (units); layouts by SDRC. What they leave open is read as I-DEAS does:
+lines), 164 (units); layouts by SDRC. Ambiguities are resolved as in I-DEAS:
 
-- Systems 0 and 1 are the global Cartesian one unless the file defines them.
+- Systems 0 and 1 are the global Cartesian system unless the file defines them.
 - Rows 1 to 3 of a 2420 matrix are the axes of the system in the global one, row 4 is its origin.
 - Angles are in degrees; cylindrical is (r, azimuth, z), spherical (r, angle from z, azimuth).
 - Positions of dataset 15 are in the definition system. Those of 2411 are in the system of the part,
@@ -27,7 +27,7 @@ from updyn.io.uff.datasets import Dataset, real_field, text_of, whole_field, who
 
 __all__ = ["NUMBERS", "Collector", "Units"]
 
-#: Datasets that a `Collector` takes.
+#: Datasets that a `Collector` reads.
 NUMBERS = (15, 18, 82, 164, 2411, 2420)
 _GLOBAL = (0, 1)
 #: Length and force of one SI unit in the units of each code of dataset 164.
@@ -52,9 +52,9 @@ class Units:
     Attributes
     ----------
     length, force : float
-        Of metres and newtons.
+        Factors of metres and newtons.
     line : int
-        Line of the file; 0 where the file has no such dataset and SI is taken.
+        Line of the file; 0 for SI units without a dataset 164.
     """
 
     length: float = 1.0
@@ -79,7 +79,7 @@ class _System:
         return self.origin + local @ self.axes
 
     def directions(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the directions at a point of the global system as rows; azimuth 0 on the axis."""
+        """Return the directions (rows) at a point of the global system; azimuth 0 on the axis."""
         if self.kind == 0:
             return self.axes
         x, y, z = self.axes @ (point - self.origin)
@@ -106,7 +106,7 @@ def _cos(degrees: float) -> float:
 
 def _sin(degrees: float) -> float:
     """Return the sine, exact at multiples of 90 degrees."""
-    # Exact, so that a system turned by 90 degrees coincides with the global axes.
+    # Exact, because a system rotated by 90 degrees has to coincide with the global axes.
     quarter = degrees / 90.0
     if quarter == int(quarter):
         return (0.0, 1.0, 0.0, -1.0)[int(quarter) % 4]
@@ -125,14 +125,14 @@ class _Node:
 class Collector:
     """Collects the datasets of positions, systems, lines and units, then builds the geometry.
 
-    Systems may stand after the nodes that use them, so nothing is transformed before `geometry`.
+    Systems may follow the nodes that use them, so `geometry` transforms all positions at the end.
 
     Attributes
     ----------
     path : path
         The file, for messages.
     units : Units
-        What dataset 164 says.
+        Content of dataset 164.
     nodes, systems : dict
         As read, by number, in the unit of the file.
     traces : list
@@ -146,12 +146,12 @@ class Collector:
     traces: list[tuple[int, list[tuple[int, int]]]] = field(default_factory=list)
 
     def take(self, dataset: Dataset) -> None:
-        """Read one dataset whose number is in `NUMBERS`.
+        """Read a dataset whose number is in `NUMBERS`.
 
         Raises
         ------
         FormatError
-            If a field cannot be read, a node or system stands twice, or units contradict each
+            If a field cannot be read, a node or system is defined twice, or units contradict each
             other.
         """
         body = dataset.body.rstrip()
@@ -185,7 +185,7 @@ class Collector:
     ) -> Iterator[Sequence[tuple[int, str]]]:
         if len(lines) % size:
             raise FormatError(
-                f"{what}: expected {size} lines each, the last has {len(lines) % size}",
+                f"{what}: expected {size} lines for each, the last has {len(lines) % size}",
                 self.path,
                 lines[-1][0],
             )
@@ -210,7 +210,7 @@ class Collector:
             same = (before.definition, before.displacement) == (definition, displacement)
             if not (same and (before.xyz == xyz).all()):
                 raise FormatError(
-                    f"node {number} stands twice: also on line {before.line}", self.path, line
+                    f"node {number} is defined twice: also on line {before.line}", self.path, line
                 )
             return
         self.nodes[number] = _Node(line, definition, displacement, xyz)
@@ -221,7 +221,7 @@ class Collector:
             number, kind, reference, _, method = self._fields(line, text, 5, "dataset 18, system")
             if method != 1:
                 raise FormatError(
-                    f"dataset 18: method of definition {method}; expected 1", self.path, line
+                    f"dataset 18: definition method {method}; expected 1", self.path, line
                 )
             parent = self._system(reference, line, f"system {number}, reference")
             six = self._reals(third, a, 6, "dataset 18, points")
@@ -229,12 +229,12 @@ class Collector:
             on_x = parent.position(six[3:])
             on_xz = parent.position(self._reals(fourth, b, 3, "dataset 18, points"))
             x = on_x - origin
-            y = np.cross(on_xz - origin, x)  # z x X = Y: the third point lies on the side of +z
+            y = np.cross(on_xz - origin, x)  # z x X = Y: the third point is on the side of +z
             length = np.linalg.norm(x)
             is_plane = np.linalg.norm(y) > 1e-9 * length * np.linalg.norm(on_xz - origin)
             if not (length > 0 and is_plane):
                 raise FormatError(
-                    f"dataset 18: the three points of system {number} lie in a line",
+                    f"dataset 18: the three points of system {number} are collinear",
                     self.path,
                     line,
                 )
@@ -265,12 +265,12 @@ class Collector:
             )
         if not np.allclose(axes @ axes.T, np.eye(3), rtol=0, atol=1e-4):
             raise FormatError(
-                f"system {number}: its axes are not three perpendicular directions of length 1",
+                f"system {number}: its axes are not three orthogonal unit vectors",
                 self.path,
                 line,
             )
         if number in self.systems:
-            raise FormatError(f"system {number} stands twice", self.path, line)
+            raise FormatError(f"system {number} is defined twice", self.path, line)
         self.systems[number] = _System(kind, axes, origin)
 
     def _system(self, number: int, line: int, what: str) -> _System:
@@ -294,7 +294,9 @@ class Collector:
         for at, row in lines[2:]:
             path += self._fields(at, row, -(-len(row) // 10), "dataset 82, node")
         if len(path) < count or any(path[count:]):
-            raise FormatError(f"dataset 82: says {count} nodes, found {len(path)}", self.path, line)
+            raise FormatError(
+                f"dataset 82: expected {count} nodes, found {len(path)}", self.path, line
+            )
         pairs = [(a, b) for a, b in pairwise(path[:count]) if a and b]
         self.traces.append((line, pairs))
 
@@ -308,7 +310,7 @@ class Collector:
         force = real_field(words[1], "dataset 164, factor", self.path, line)
         if not (0 < length < np.inf and 0 < force < np.inf):
             raise FormatError(
-                f"dataset 164: factors {length:g} and {force:g}; expected positive ones",
+                f"dataset 164: factors {length:g} and {force:g}; expected positive numbers",
                 self.path,
                 line,
             )
@@ -317,7 +319,7 @@ class Collector:
             raise FormatError(f"dataset 164: units code {code}; expected 1 to 10", self.path, line)
         if expected is not None and not np.allclose((length, force), expected, rtol=1e-3, atol=0):
             raise FormatError(
-                f"dataset 164: units code {code} goes with factors {expected[0]:g} (length) and"
+                f"dataset 164: units code {code} requires factors {expected[0]:g} (length) and"
                 f" {expected[1]:g} (force), found {length:g} and {force:g}",
                 self.path,
                 line,
@@ -328,14 +330,14 @@ class Collector:
             )
         self.units = Units(length, force, line)
 
-    # -- the whole -------------------------------------------------------------------------------
+    # -- result ----------------------------------------------------------------------------------
     def geometry(self) -> Geometry | None:
-        """Return the geometry in m, or None where the file has no nodes.
+        """Return the geometry in m, or None if the file has no nodes.
 
         Raises
         ------
         FormatError
-            If a system is not defined or a trace line names an unknown node.
+            If a system is not defined or a trace line refers to an unknown node.
         """
         if not self.nodes:
             return None
@@ -359,7 +361,7 @@ class Collector:
                         self.path,
                         line,
                     )
-        # Everything so far is in the unit of the file; dataset 164 may stand anywhere in it.
+        # All numbers so far are in the unit of the file; dataset 164 may follow any dataset.
         turned = np.abs(np.array(axes) - np.eye(3)).max() > 0
         with placed(self.path):
             return Geometry(

@@ -1,11 +1,11 @@
 """Units of the values of dataset 58: the labels of records 8 to 10, and dataset 164.
 
-- A label states the unit of the values: by the format it takes precedence over the unit that a
-  program would derive. Labels are those of `updyn.units`; another one is an error.
-- An axis without a label has the unit of dataset 164, or the SI unit if there is no such dataset.
-- A label that contradicts dataset 164 is an error. The dataset has factors of length and force, so
-  it says nothing about g or about the unit of an angle.
-- A unit in brackets in the name of an axis, as in ``Accel (g)``, is no label, but must agree.
+- A label states the unit of the values: in the format it takes precedence over the unit that a
+  program would derive. Labels are those of `updyn.units`; others are an error.
+- An axis without a label has the unit of dataset 164, or the SI unit without this dataset.
+- A label that contradicts dataset 164 is an error. The dataset defines factors of length and force,
+  which do not affect g or the unit of an angle.
+- A unit in brackets in the name of an axis, as in ``Accel (g)``, is not a label, but must agree.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _TYPES = {
 }
 #: Data type and SI unit of an abscissa.
 _ABSCISSAE = {"time": (17, "s"), "frequency": (18, "Hz")}
-#: Names of the kinds of a unit, of translations and of rotations.
+#: Names of the kinds of a unit, for translations and for rotations.
 _NAMES = {
     "force": ("force", "moment"),
     "receptance": ("displacement", "angle"),
@@ -63,12 +63,12 @@ _GRAVITY = tuple(find_unit(label, "accelerance") for label in ("g", "mg"))
 _AT_THE_END = re.compile(r"[(\[]([^()\[\]]+)[)\]]$")
 #: Relative difference of equal factors: those of dataset 164 have at least four digits.
 _SAME = 1e-3
-_REMEDY = "; state scale=, the factor that converts the values to SI (9.80665 for g/N)"
+_REMEDY = "; set scale=, the factor that converts the values to SI (9.80665 for g/N)"
 
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """Numerator or denominator: its record, what it must be, and its unit without a label."""
+    """Numerator or denominator: its record, its required kind, and its unit without a label."""
 
     record: int
     axis: Record8
@@ -83,8 +83,8 @@ class _Side:
         return _NAMES[self.kind][self.angular]
 
     @property
-    def derived(self) -> float:
-        """SI value of the unit that follows from dataset 164."""
+    def unit_of_dataset(self) -> float:
+        """SI value of the unit derived from dataset 164."""
         if self.kind == "force":
             return 1.0 / (self.units.force * (self.units.length if self.angular else 1.0))
         return 1.0 if self.angular else 1.0 / self.units.length
@@ -93,9 +93,9 @@ class _Side:
         return (unit.kind, unit.angular) == (self.kind, self.angular)
 
     def agrees(self, unit: Unit) -> bool:
-        """Return whether dataset 164 allows a unit."""
+        """Return whether a unit agrees with dataset 164."""
         is_free = unit in _GRAVITY or (unit.angular and unit.kind != "force")
-        return is_free or not self.units.line or _is_same(unit.factor, self.derived)
+        return is_free or not self.units.line or _is_same(unit.factor, self.unit_of_dataset)
 
     def error(self, message: str) -> FormatError:
         return FormatError(
@@ -104,13 +104,13 @@ class _Side:
 
     def contradiction(self, label: str) -> str:
         return (
-            f"unit {label!r} contradicts dataset 164 on line {self.units.line}, whose unit of"
-            f" {self.name} is {self.derived:g} in SI"
+            f"unit {label!r} contradicts dataset 164 on line {self.units.line}, where the unit of"
+            f" {self.name} is {self.unit_of_dataset:g} in SI"
         )
 
 
 def type_name(kind: int) -> str:
-    """Return the name of a specific data type, for a message."""
+    """Return the name of a specific data type, for messages."""
     return _TYPES.get(kind, f"data type {kind}")
 
 
@@ -120,21 +120,12 @@ def _is_same(a: float, b: float) -> bool:
 
 # -- abscissa ------------------------------------------------------------------------------------
 def abscissa_factor(axis: Record8, kind: str, path: str | Path) -> float:
-    """Return the factor that converts an abscissa to Hz or s.
-
-    Parameters
-    ----------
-    axis : Record8
-        Record 8.
-    kind : {"frequency", "time"}
-        What it must be.
-    path : path
-        The file, for messages.
+    """Return the factor that converts an abscissa of this kind ("frequency", "time") to Hz or s.
 
     Raises
     ------
     FormatError
-        If it is something else, its unit is not known, or its name contradicts the unit.
+        If the axis is of another kind, its unit is unknown, or its name contradicts the unit.
     """
     number, si = _ABSCISSAE[kind]
     unit = find_unit(axis.unit or si, kind)
@@ -163,30 +154,19 @@ def frf_factor(
 ) -> float:
     """Return the factor that converts the values of an FRF to SI.
 
-    Parameters
-    ----------
-    function : Function
-        The FRF.
-    quantity : {"receptance", "mobility", "accelerance"}
-        What it is.
-    turns : (bool, bool)
-        Whether response and reference are rotations.
-    units : Units
-        Dataset 164.
-    path : path
-        The file, for messages.
+    `turns` states whether response and reference are rotations.
 
     Raises
     ------
     FormatError
-        If a label is not known, of another kind, or contradicts another one or dataset 164.
+        If a label is unknown, of another kind, or contradicts another one or dataset 164.
     """
     above, below = function.numerator, function.denominator
     motion = _Side(9, above, quantity, turns[0], units, _REMEDY, path)
     force = _Side(10, below, "force", turns[1], units, _REMEDY, path)
     ratio = split_ratio(above.unit)
     if ratio is None:
-        factors = _of_label(motion), _of_label(force)
+        factors = _unit_value(motion), _unit_value(force)
     else:
         _check_ratio(motion, force, ratio)
         factors = ratio[0].factor, ratio[1].factor
@@ -197,22 +177,10 @@ def frf_factor(
 
 
 def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[str, float]:
-    """Return the unit of a time response, and the factor that converts its values to that unit.
+    """Return the unit of a time response, and the factor that converts its values to this unit.
 
-    Parameters
-    ----------
-    function : Function
-        The time response.
-    units : Units
-        Dataset 164.
-    path : path
-        The file, for messages.
-
-    Returns
-    -------
-    (str, float)
-        The label of the file, known or not; without one the SI unit of its data type, or an empty
-        text if that is not known.
+    The unit is the label of the file, known or not; without a label the SI unit of its data type,
+    or an empty text if the type is unknown.
 
     Raises
     ------
@@ -228,19 +196,19 @@ def channel_unit(function: Function, units: Units, path: str | Path) -> tuple[st
     found = find_unit(label)
     if found:
         _check_unit(side, label, found)
-    _check_name(side, found.factor if found else side.derived)
+    _check_name(side, found.factor if found else side.unit_of_dataset)
     if label:
         return label, 1.0
     if kind == "force":
-        return "N m" if turns else "N", side.derived
-    return ("rad" if turns else "m") + RATES[kind], side.derived
+        return "N m" if turns else "N", side.unit_of_dataset
+    return ("rad" if turns else "m") + RATES[kind], side.unit_of_dataset
 
 
-def _of_label(side: _Side) -> float:
-    """Return the SI value of the unit of a label; without one, of the unit of dataset 164."""
+def _unit_value(side: _Side) -> float:
+    """Return the SI value of the unit of the label, by default of the unit of dataset 164."""
     label = side.axis.unit
     if not label:
-        return side.derived
+        return side.unit_of_dataset
     found = find_unit(label, side.kind) or find_unit(label)
     if found is None:
         raise side.error(
@@ -252,23 +220,23 @@ def _of_label(side: _Side) -> float:
 
 def _check_unit(side: _Side, label: str, unit: Unit) -> None:
     if not side.fits(unit):
-        raise side.error(f"{label!r} is a unit of {_name(unit)}; expected one of {side.name}")
+        raise side.error(f"{label!r} is a unit of {_name(unit)}; expected a unit of {side.name}")
     if not side.agrees(unit):
         raise side.error(side.contradiction(label))
 
 
 def _check_ratio(motion: _Side, force: _Side, ratio: tuple[Unit, Unit]) -> None:
-    """Refuse a ratio of record 9 that is of another kind, or contradicts another statement."""
+    """Refuse a ratio in record 9 that is of another kind or contradicts another label."""
     label = motion.axis.unit
     if not (motion.fits(ratio[0]) and force.fits(ratio[1])):
         raise motion.error(
-            f"{label!r} is a unit of {_name(ratio[0])} per {_name(ratio[1])}; expected one of"
+            f"{label!r} is a unit of {_name(ratio[0])} per {_name(ratio[1])}; expected a unit of"
             f" {motion.name} per {force.name}"
         )
     for side, unit in zip((motion, force), ratio, strict=True):
         if not side.agrees(unit):
             raise motion.error(side.contradiction(label))
-    if force.axis.unit and not _is_same(_of_label(force), ratio[1].factor):
+    if force.axis.unit and not _is_same(_unit_value(force), ratio[1].factor):
         raise force.error(f"{force.axis.unit!r} contradicts {label!r} of record 9")
 
 
@@ -277,7 +245,7 @@ def _name(unit: Unit) -> str:
 
 
 def _check_name(side: _Side, factor: float, ratio: float | None = None) -> None:
-    """Refuse an axis name with a unit that differs from that of the values."""
+    """Refuse an axis name with a unit that differs from the unit of the values."""
     axis = side.axis
     named = _in_brackets(axis.name)
     unit = find_unit(named)

@@ -1,28 +1,28 @@
 """Modes in universal files: datasets 55 and 2414, "data at nodes", of normal and of complex modes.
 
-Layout: SDRC, universal file format, datasets 55 and 2414. What is read, and how:
+Layout: SDRC, universal file format, datasets 55 and 2414.
 
-- Analysis types 2 (normal mode), 3 and 7 (complex eigenvalues). Others are left out with a warning
-  that counts them.
-- The vectors are global, of three translations or of these and three rotations. A direction of a
-  node that is zero in every mode was not measured (note 15 of the format) and is no DOF of the
-  modes.
-- Type 2: loss factor = twice the viscous ratio plus the hysteretic one; not known where both are 0.
-  A modal mass above 0 scales the shape to unit modal mass.
+- Analysis types are 2 (normal mode), 3 and 7 (complex eigenvalues). Others are ignored with a
+  warning that counts them.
+- The vectors are global, with three translations or three translations and three rotations. A
+  direction of a node that is zero in every mode was not measured (note 15 of the format) and is not
+  a DOF of the modes.
+- Type 2: the loss factor is twice the viscous ratio plus the hysteretic one, or unknown if both are
+  0. A modal mass above 0 scales the shape to unit modal mass.
 - Types 3 and 7: eigenvalue s in rad/s, frequency |s| / 2 pi, loss factor -2 Re s / |s|. With modal
-  A other than 0 the shape is scaled by sqrt(2 i omega_d / A), as phi^T (2 s M + C) phi = A (Ewins,
-  Modal Testing, 2nd ed. 2000, section 2.7). Of conjugate pairs the upper one is taken.
-- What a file states twice must agree: modal B is -s A, the fields of frequency and damping of a
-  2414 belong to its eigenvalue, and so does a frequency in the lines of identification. Some
-  programs write eigenvalues in Hz, or decay rates as positive real parts: refused.
-- Shapes of velocities and accelerations (data types 11, 12) stay unscaled: they are those of
-  displacements up to a factor. Dataset 164 gives the units, else they are SI.
-- `write_modes` puts the standard deviations of a shape behind it, as a dataset 55 of analysis type
-  0 (unknown) with a title of its own, by which they are read back.
+  A other than 0 the shape is scaled by sqrt(2 i omega_d / A), because phi^T (2 s M + C) phi = A
+  (Ewins, Modal Testing, 2nd ed. 2000, section 2.7). The upper mode of a conjugate pair is kept.
+- Redundant values must agree: modal B is -s A, and the fields of frequency and damping of a 2414
+  and a frequency in the lines of identification belong to the eigenvalue. Eigenvalues in Hz, and
+  decay rates as positive real parts, which some programs write, are refused.
+- Shapes of velocities and accelerations (data types 11, 12) stay unscaled: they are proportional to
+  those of displacements. Dataset 164 gives the units, else they are SI.
+- `write_modes` writes the standard deviations of a shape after it, as a dataset 55 of analysis type
+  0 (unknown) with a title that identifies them for reading.
 - Dataset 2414 has frequency, modal mass and damping ratios in fields 2, 4, 5 and 6 of its real
-  parameters, eigenvalue and modal A in fields 7 to 10. Of type 7 these last may be a modal mass
-  instead; its shapes stay unscaled. Data on elements, and results that are no motions (stresses,
-  reaction forces), are left out with the same warning.
+  parameters, eigenvalue and modal A in fields 7 to 10. For type 7 the last two may be a modal mass
+  instead; its shapes stay unscaled. Data on elements, and results other than motions (stresses,
+  reaction forces), are ignored with the same warning.
 """
 
 from __future__ import annotations
@@ -61,10 +61,10 @@ _Complex = NDArray[np.complex128]
 
 _NORMAL, _FIRST_ORDER, _SECOND_ORDER = 2, 3, 7
 _ANALYSES = {0: "unknown", 1: "static", 4: "transient", 5: "frequency response", 6: "buckling"}
-_WIDTHS = {2: 3, 3: 6}  # data characteristic: values a node
+_WIDTHS = {2: 3, 3: 6}  # data characteristic: values per node
 _REAL, _COMPLEX = (2, 4), (5, 6)
 _DISPLACEMENT = (0, 1, 8)
-_UNKNOWN = (93, 95, 96)  # of dataset 2414: taken as displacements
+_UNKNOWN = (93, 95, 96)  # of dataset 2414: read as displacements
 _MOTION = (11, 12)
 _LOCATIONS = {1: "at nodes", 2: "on elements", 3: "at nodes on elements", 5: "at points"}
 _NUMBER = r"([0-9]++(?:\.[0-9]*+)?(?:[eE][+-]?[0-9]++)?)"
@@ -77,24 +77,24 @@ _STD = re.compile(rf"standard deviations {_NUMBER} Hz, {_NUMBER}$")
 _UNCERTAIN = "Standard deviations of the mode shape before, at fixed length"
 _NODE_WIDTH = 10  # columns
 _WIDEST = 10**_NODE_WIDTH
-#: Relative difference of numbers that are the same: of six digits, and of what people write.
+#: Relative difference of equal numbers: with six digits, and in identification lines.
 _SAME, _ALIKE = 1e-4, 2e-3
 #: Largest relative difference between the frequency of a 2414 and its eigenvalue: above rounding to
 #: three digits, below a wrong unit (a factor of 2 pi). Squares and damping ratios may differ by
-#: twice as much, damping ratios also by an absolute amount, as small ones have few digits.
+#: twice as much, damping ratios also by an absolute amount, because small ones have few digits.
 _FIELD, _FIELD_2, _RATIO = 0.01, 0.02, 1e-3
-#: Share of an eigenvalue up to which a positive real part is rounding of an undamped mode.
+#: Fraction of an eigenvalue up to which a positive real part is rounding of an undamped mode.
 _UNDAMPED = 1e-6
 _TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where a dataset has what: lines, counted from 0. Record n is line n - 1."""
+    """Lines of the items of a dataset, counted from 0: record n is line n - 1."""
 
     number: int
-    quality: int  # the identification that `write_modes` uses
-    title: int  # another
+    quality: int  # identification line that `write_modes` uses for the quality
+    title: int  # and for the title
     about: int  # analysis, data characteristic, result, data type and width
     head: int  # lines before the nodes
 
@@ -106,15 +106,15 @@ _LAYOUTS = {layout.number: layout for layout in (_55, _2414)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Mode:
-    """One dataset, in the unit of the file."""
+    """One dataset, in the units of the file."""
 
     number: int
     line: int
     frequency: float
     loss: float
     conjugate: bool
-    factor: complex  # turns the shape into one of unit modal mass, for SI units; 0: not known
-    title: str  # number and frequency, as `write_modes` puts them
+    factor: complex  # scales the shape to unit modal mass in SI units; 0 if unknown
+    title: str  # number and frequency, as written by `write_modes`
     nodes: list[int]
     shape: _Complex  # shape (n_nodes, 6)
     quality: float
@@ -134,38 +134,38 @@ def read_modes(path: str | Path) -> ModeSet:
     Returns
     -------
     ModeSet
-        At all nodes and directions that move in one of the modes, in the order of the file.
+        At all nodes and directions that move in any mode, in the order of the file.
 
     Raises
     ------
     FormatError
         If the file is damaged, holds no modes (`AbsentError`), or holds modes in datasets of both
-        numbers, which may be the same ones twice.
+        numbers, which may be duplicates.
 
     Warns
     -----
     UpdynWarning
-        If it holds data of another analysis, on elements or of another kind; they are left out.
+        If data of another analysis, on elements or of another kind are ignored.
     """
     collector = Collector(path)
     found: list[_Mode] = []
     others = Counter[int]()
-    left = Counter[str]()
+    ignored = Counter[str]()
     for dataset in datasets(path):
         if found and dataset.number == _55.number and _is_uncertainty(dataset):
             found[-1] = _with_deviations(found[-1], dataset, path)
         elif dataset.number in _LAYOUTS:
-            mode = _read(dataset, path)
+            mode = _parse_mode(dataset, path)
             if isinstance(mode, _Mode):
                 found.append(mode)
             else:
-                left[mode] += 1
+                ignored[mode] += 1
         elif dataset.number in NUMBERS:
             collector.take(dataset)
         else:
             others[dataset.number] += 1
     if not found:
-        held = [f"{n} of analysis data, {name}" for name, n in left.items()]
+        held = [f"{n} of analysis data, {name}" for name, n in ignored.items()]
         held += [f"dataset {n}" for n in sorted(others)]
         raise AbsentError(
             "holds no modes (dataset 55 or 2414 of analysis type 2, 3 or 7); it holds"
@@ -182,9 +182,9 @@ def read_modes(path: str | Path) -> ModeSet:
             UpdynWarning,
             stacklevel=2,
         )
-    if left:
+    if ignored:
         warnings.warn(
-            f"{path}: analysis data that are no modes are left out: {counted(left)}",
+            f"{path}: analysis data other than modes are ignored: {counted(ignored)}",
             UpdynWarning,
             stacklevel=2,
         )
@@ -193,18 +193,18 @@ def read_modes(path: str | Path) -> ModeSet:
         if mode.number != first.number:
             raise FormatError(
                 f"modes in dataset {mode.number}, and in dataset {first.number} on line"
-                f" {first.line}: they may be the same ones; expected datasets of one number",
+                f" {first.line}: they may be duplicates; expected only one kind of dataset",
                 path,
                 mode.line,
             )
-    return _assembled(_upper(found), collector.units, path)
+    return _build_modes(_drop_conjugates(found), collector.units, path)
 
 
 def write_modes(modes: ModeSet, path: str | Path) -> None:
     """Write modes as datasets 55 of a universal file.
 
-    They are normal modes where all shapes are real, else complex ones. The format keeps six digits.
-    Senses go into the values: 5:-Z is written as 5:Z with the opposite sign.
+    They are written as normal modes if all shapes are real, else as complex modes. The format keeps
+    six digits. Shapes refer to positive senses: 5:-Z is written as 5:Z with the opposite sign.
 
     Parameters
     ----------
@@ -220,7 +220,8 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
     """
     if not modes.has_shapes:
         raise FormatError(
-            "a universal file holds mode shapes, and these modes have none; write a table (.csv)",
+            "a universal file requires mode shapes, and these modes have none; write a table"
+            " (.csv)",
             path,
         )
     for node in modes.dofs.nodes:
@@ -234,8 +235,8 @@ def write_modes(modes: ModeSet, path: str | Path) -> None:
 
 
 # -- reading ------------------------------------------------------------------------------------
-def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
-    """Return a mode, or the name of what else the data are."""
+def _parse_mode(dataset: Dataset, path: str | Path) -> _Mode | str:
+    """Return the mode in a dataset, or the description of other data."""
     layout = _LAYOUTS[dataset.number]
     texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     if len(texts) < layout.head:
@@ -260,8 +261,8 @@ def _read(dataset: Dataset, path: str | Path) -> _Mode | str:
         return f"data type {specific} of modes"
     if _WIDTHS.get(characteristic) != width:
         raise FormatError(
-            f"{where}: data characteristic {characteristic} with {width} values a node; expected 2"
-            " with 3 (translations) or 3 with 6 (translations and rotations)",
+            f"{where}: data characteristic {characteristic} with {width} values per node; expected"
+            " 2 with 3 (translations) or 3 with 6 (translations and rotations)",
             path,
             at + layout.about,
         )
@@ -297,7 +298,7 @@ def _is_uncertainty(dataset: Dataset) -> bool:
 
 
 def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
-    """Return a mode with the standard deviations of its shape."""
+    """Return a mode with the standard deviations of its shape from the next dataset."""
     texts = [text_of(line).rstrip() for line in dataset.body.rstrip().split(b"\n")]
     at = dataset.line + 1
     if len(texts) < _55.head:
@@ -307,8 +308,8 @@ def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
     _, _, _, _, kind, width = whole_fields(texts[_55.about], 6, "record 6", path, at + _55.about)
     if kind != 2 or width not in _WIDTHS.values():
         raise FormatError(
-            f"record 6: data type {kind} with {width} values a node; expected 2 with 3 or 6, as"
-            " standard deviations of a mode shape are written",
+            f"record 6: data type {kind} with {width} values per node; expected 2 with 3 or 6 for"
+            " standard deviations of a mode shape",
             path,
             at + _55.about,
         )
@@ -316,8 +317,8 @@ def _with_deviations(mode: _Mode, dataset: Dataset, path: str | Path) -> _Mode:
     if mode.std_shape is not None or nodes != mode.nodes or texts[_55.title] != mode.title:
         raise FormatError(
             f"dataset 55: standard deviations of {texts[_55.title]!r} at {len(nodes)} nodes; the"
-            f" mode before is {mode.title!r} at {len(mode.nodes)} nodes, and expects"
-            f" {'them once' if mode.std_shape is None else 'no second ones'}",
+            f" preceding mode is {mode.title!r} at {len(mode.nodes)} nodes"
+            f"{'' if mode.std_shape is None else ', which already has standard deviations'}",
             path,
             dataset.line,
         )
@@ -330,14 +331,14 @@ class _Head:
 
     frequency: float
     loss: float
-    conjugate: bool  # whether it is the lower one of a pair
-    factor: complex  # turns the shape into one of unit modal mass; 0: not known
-    is_contradictory: bool = False  # of modal A and B
+    conjugate: bool  # whether it is the lower mode of a pair
+    factor: complex  # scales the shape to unit modal mass; 0 if unknown
+    is_contradictory: bool = False  # whether modal A and B contradict each other
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where numbers are, and the frequencies in Hz that the lines of identification state."""
+    """Place of numbers in the file, and the frequencies in Hz in the identification lines."""
 
     what: str
     path: str | Path
@@ -370,7 +371,7 @@ def _head_of_55(texts: Sequence[str], analysis: int, path: str | Path, at: int) 
 
 
 def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int) -> _Head:
-    # Both lines have six fields, used or not.
+    # Both lines have six fields, even if unused.
     fields = _numbers([(at + 11, texts[11])], 6, "record 12", path)
     place = _place(texts, _2414, 12, path, at)
     if analysis == _NORMAL:
@@ -385,10 +386,10 @@ def _head_of_2414(texts: Sequence[str], analysis: int, path: str | Path, at: int
 
 
 def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> None:
-    """Refuse a frequency of a normal mode that does not belong to its eigenvalue."""
+    """Refuse a frequency of a normal mode that does not match its eigenvalue."""
     if frequency == 0.0 and eigenvalue > 0.0:
         raise place.error(
-            f"frequency 0 Hz beside eigenvalue {eigenvalue:g}, whose unit is not stated; expected"
+            f"frequency 0 Hz with eigenvalue {eigenvalue:g}, which has no stated unit; expected"
             " the frequency in Hz in columns 14 to 26"
         )
     omega = _TURN * frequency
@@ -401,41 +402,42 @@ def _check_eigenvalue(frequency: float, eigenvalue: float, place: _Place) -> Non
 
 
 def _check_fields(fields: NDArray[np.float64], s: complex, place: _Place) -> None:
-    """Refuse fields of frequency and damping that do not belong to an eigenvalue in rad/s."""
+    """Refuse fields of frequency and damping that do not match an eigenvalue in rad/s."""
     _, f, _, _, viscous, hysteretic = fields
     sizes = np.array([abs(s), abs(s.imag)])
     if f > 0.0 and not _is_near(f, sizes / _TURN, _FIELD):
         raise place.error(
-            f"frequency {f:g} Hz contradicts the eigenvalue {s:g} 1/s of record 13, of"
-            f" {abs(s) / _TURN:g} Hz; expected Hz here and rad/s there"
+            f"frequency {f:g} Hz contradicts the eigenvalue {s:g} 1/s of record 13"
+            f" ({abs(s) / _TURN:g} Hz); expected Hz here and rad/s in record 13"
         )
     ratio = -s.real / abs(s)
     given = np.array([viscous, 0.5 * hysteretic, viscous + 0.5 * hysteretic])
     if given.any() and not (np.abs(given - ratio) <= _RATIO + _FIELD_2 * abs(ratio)).any():
         raise place.error(
             f"damping ratios {viscous:g} and {hysteretic:g} contradict the eigenvalue {s:g} 1/s of"
-            f" record 13, of a viscous ratio of {ratio:g}"
+            f" record 13 (viscous ratio {ratio:g})"
         )
 
 
 def _normal(numbers: NDArray[np.float64], place: _Place) -> _Head:
-    """Return what frequency, modal mass, and viscous and hysteretic damping ratios say."""
+    """Return the properties of a normal mode from frequency, modal mass and damping ratios."""
     f, mass, viscous, hysteretic = numbers.tolist()
     if f < 0 or mass < 0:
         raise place.error(f"frequency {f:g} Hz and modal mass {mass:g}; expected at least 0")
     if viscous < 0 or hysteretic < 0:
         raise place.error(
-            f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic): the motion"
-            " grows; expected at least 0"
+            f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic): unstable;"
+            " expected at least 0"
         )
     loss = 2.0 * viscous + hysteretic
     if loss >= 2.0:
         raise place.error(
             f"damping ratios {viscous:g} (viscous) and {hysteretic:g} (hysteretic) are at or above"
-            " critical damping, where nothing oscillates; expected shares of 1, not per cent"
+            " critical damping; expected fractions of 1, not per cent"
         )
     for line, stated in _contradictory(f, place):
-        relation = "it is in rad/s" if _is_near(f, _TURN * stated, _ALIKE) else "it is over 2 pi"
+        is_angular = _is_near(f, _TURN * stated, _ALIKE)
+        relation = "it is in rad/s" if is_angular else "it was divided by 2 pi"
         raise place.error(
             f"frequency {f:g} Hz contradicts {stated:g} Hz on line {line}: {relation}"
         )
@@ -444,7 +446,7 @@ def _normal(numbers: NDArray[np.float64], place: _Place) -> _Head:
 
 
 def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
-    """Return what real and imaginary parts of eigenvalue, modal A and modal B say."""
+    """Return the properties of a complex mode from eigenvalue, modal A and modal B."""
     s, a, b = (complex(*pair) for pair in numbers.reshape(3, 2).tolist())
     if s.imag == 0.0:
         raise place.error(
@@ -461,7 +463,7 @@ def _complex(numbers: NDArray[np.float64], place: _Place) -> _Head:
             raise _in_hertz(place, s, f"line {line} states {stated:g} Hz")
     if s.real > _UNDAMPED * abs(s):
         raise place.error(
-            f"eigenvalue {s:g} 1/s: the motion grows; expected a negative real part (some programs"
+            f"eigenvalue {s:g} 1/s: unstable; expected a negative real part (some programs"
             " write the decay rate, or a spurious mode)"
         )
     is_contradictory = bool(a and b) and not _is_near(abs(b), abs(s * a), _ALIKE)
@@ -474,7 +476,7 @@ def _in_hertz(place: _Place, s: complex, why: str) -> FormatError:
 
 
 def _contradictory(frequency: float, place: _Place) -> list[tuple[int, float]]:
-    """Return lines and numbers of identification that are a frequency times or over 2 pi."""
+    """Return line and value of stated frequencies that differ by a factor of 2 pi."""
     if any(_is_near(frequency, stated, _ALIKE) for _, stated in place.stated):
         return []
     wrong = np.array([frequency * _TURN, frequency / _TURN])
@@ -482,22 +484,22 @@ def _contradictory(frequency: float, place: _Place) -> list[tuple[int, float]]:
 
 
 def _is_near(value: float, expected: float | NDArray[np.float64], share: float) -> bool:
-    """Return whether a number is one of those expected, to a share of its size."""
+    """Return whether `value` equals an expected number to the relative tolerance `share`."""
     return bool((np.abs(value - np.asarray(expected)) <= share * np.abs(value)).any()) and value > 0
 
 
 def _nodes(
     lines: Sequence[str], layout: _Layout, width: int, is_complex: bool, path: str | Path, at: int
 ) -> tuple[list[int], _Complex]:
-    """Return the nodes and their values, shape (n_nodes, 6); `at` is the file's first line."""
+    """Return the nodes and their values, shape (n_nodes, 6); `at` is the first line in the file."""
     texts, at = lines[layout.head :], at + layout.head
     on_node, on_values = f"record {layout.head + 1}", f"record {layout.head + 2}"
     count = width * (2 if is_complex else 1)
     size = 1 + -(-count // 6)
     if len(texts) % size:
         raise FormatError(
-            f"dataset {layout.number}: {count} numbers a node take {size} lines, the last node has"
-            f" {len(texts) % size}",
+            f"dataset {layout.number}: {count} numbers per node need {size} lines, the last node"
+            f" has {len(texts) % size}",
             path,
             at + len(texts) - 1,
         )
@@ -507,13 +509,13 @@ def _nodes(
         node = whole_field(texts[i], 0, 10, f"{on_node}, node", path, at + i)
         if len(texts[i]) > _NODE_WIDTH:
             raise FormatError(
-                f"{on_node}: expected the node in columns 1 to {_NODE_WIDTH} and nothing behind it,"
+                f"{on_node}: expected only the node in columns 1 to {_NODE_WIDTH},"
                 f" found {texts[i][:60]!r}",
                 path,
                 at + i,
             )
         if node in nodes:
-            raise FormatError(f"dataset {layout.number}: node {node} stands twice", path, at + i)
+            raise FormatError(f"dataset {layout.number}: node {node} occurs twice", path, at + i)
         rows = list(enumerate(texts[i + 1 : i + size], at + i + 1))
         row = _numbers(rows, count, on_values, path)
         if is_complex:
@@ -526,7 +528,7 @@ def _nodes(
 def _numbers(
     lines: Sequence[tuple[int, str]], count: int, what: str, path: str | Path
 ) -> NDArray[np.float64]:
-    """Return the numbers of some lines: separated by blanks, or in fields of 13 columns."""
+    """Return the numbers of some lines, separated by blanks or in fields of 13 columns."""
     words = []
     for at, text in lines:
         words += [(at, word) for word in text.split()]
@@ -542,8 +544,8 @@ def _numbers(
     return np.array([real_field(word, what, path, at) for at, word in words], dtype=np.float64)
 
 
-def _upper(found: Sequence[_Mode]) -> list[_Mode]:
-    """Return the modes without those whose conjugate with positive imaginary part is there, too."""
+def _drop_conjugates(found: Sequence[_Mode]) -> list[_Mode]:
+    """Return the modes without conjugates of modes with positive imaginary part."""
     upper = np.array([mode.frequency for mode in found if not mode.conjugate])
     kept = []
     for mode in found:
@@ -553,7 +555,7 @@ def _upper(found: Sequence[_Mode]) -> list[_Mode]:
     return kept
 
 
-def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSet:
+def _build_modes(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSet:
     nodes = list(dict.fromkeys(chain.from_iterable(mode.nodes for mode in found)))
     row = {node: i for i, node in enumerate(nodes)}
     shapes = np.zeros((len(found), len(nodes), 6), dtype=np.complex128)
@@ -568,7 +570,7 @@ def _assembled(found: Sequence[_Mode], units: Units, path: str | Path) -> ModeSe
                 std[k, own] = mode.std_shape
     shapes[:, :, :3] /= units.length
     std[:, :, :3] /= units.length
-    # A modal mass has the unit of energy over that of the shape squared: force times length.
+    # A modal mass has the unit of energy over the squared unit of the shape: force times length.
     unit = np.sqrt(units.force * units.length)
     for k, mode in enumerate(found):
         if mode.factor:

@@ -1,10 +1,10 @@
 """Time records of universal files: time responses (type 1) of dataset 58, text or binary.
 
-Channels are called by their DOF, ``3:-Z``; a force by ``3:-Z force``, as there may be a motion at
-the same DOF; one without node and direction by the first line of its identification. A channel that
-stands several times is a record each time, in the order of the file; all channels have to stand
-equally often. Units are the labels of record 9; without a label the SI unit of its data type, to
-which values are converted by dataset 164 (`updyn.io.uff.labels`).
+Channels are named by their DOF, ``3:-Z``, forces by ``3:-Z force``, because there may be a motion
+at the same DOF; channels without node and direction by the first line of their identification. Each
+occurrence of a channel is a record, in the order of the file; all channels must have the same
+number of records. Units are the labels of record 9; without a label the SI unit of its data type,
+to which values are converted by dataset 164 (`updyn.io.uff.labels`).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def read_records(path: str | Path) -> Records:
     Raises
     ------
     AbsentError
-        If it holds no time response.
+        If the file holds no time response.
     FormatError
         If the file is damaged, a time response is complex or not evenly spaced, or channels differ
         in length, step, start or number of records.
@@ -55,7 +55,7 @@ def read_records(path: str | Path) -> Records:
     Warns
     -----
     UpdynWarning
-        If it holds other functions besides; they are counted.
+        If other functions are ignored; the message counts them.
     """
     collector = Collector(existing(path))
     functions: list[Function] = []
@@ -74,7 +74,7 @@ def read_records(path: str | Path) -> Records:
         )
     if others:
         warnings.warn(
-            f"{path}: functions that are no time responses are left out: {counted(others)}",
+            f"{path}: functions other than time responses are ignored: {counted(others)}",
             UpdynWarning,
             stacklevel=2,
         )
@@ -97,7 +97,7 @@ def read_records(path: str | Path) -> Records:
         units.append(unit)
         for record, function in enumerate(records):
             values[record, at] = factor * function.y
-    values.flags.writeable = False  # so that Records does not copy it
+    values.flags.writeable = False  # Records does not copy read-only arrays
     with placed(path):
         return Records.of(values, _step(expected), list(channels), units, Path(path).name)
 
@@ -111,9 +111,9 @@ def _step(x: NDArray[np.float64]) -> float:
 
 
 def _check(function: Function, first: int, expected: NDArray[np.float64], path: str | Path) -> None:
-    """Refuse a function that is no evenly spaced, real time response like the first one.
+    """Refuse a function that is not an evenly spaced, real time response like the first one.
 
-    Of that, the line and the times are given.
+    `first` is the line of the first one, `expected` its times.
     """
     if function.is_complex:
         raise FormatError("a complex time response; expected real numbers", path, function.line)
@@ -125,24 +125,24 @@ def _check(function: Function, first: int, expected: NDArray[np.float64], path: 
         raise FormatError("a time response that is not evenly spaced", path, function.line)
     if len(x) != len(expected):
         raise FormatError(
-            f"a time response of {len(x)} samples, that on line {first} has"
-            f" {len(expected)}; records of a file have to be alike",
+            f"a time response of {len(x)} samples, but {len(expected)} on line {first}; expected"
+            " records of the same length",
             path,
             function.line,
         )
     apart = max(abs(step - _step(expected)) * len(x), abs(x[0] - expected[0]))
     if apart > max(1e-6 * step, _SAME * abs(float(expected[-1]))):
         raise FormatError(
-            f"a time response from {x[0]:g} s in steps of {step:g} s, that on line"
-            f" {first} from {expected[0]:g} s in steps of {_step(expected):g} s; records of a"
-            " file have to be alike",
+            f"a time response from {x[0]:g} s in steps of {step:g} s, but on line {first} from"
+            f" {expected[0]:g} s in steps of {_step(expected):g} s; expected records with the same"
+            " times",
             path,
             function.line,
         )
 
 
 def _name(function: Function, path: str | Path) -> str:
-    """Return what a channel is called."""
+    """Return the name of a channel."""
     node, code = function.response
     if not -6 <= code <= 6:
         raise FormatError(f"record 6: direction {code}; expected -6 to 6", path, function.line + 6)
@@ -154,13 +154,13 @@ def _name(function: Function, path: str | Path) -> str:
 
 
 def _check_complete(channels: dict[str, list[Function]], path: str | Path) -> None:
-    """Refuse channels that stand more or less often than others."""
+    """Refuse channels with different numbers of records."""
     counts = {name: len(functions) for name, functions in channels.items()}
     if len(set(counts.values())) > 1:
         most, least = max(counts, key=counts.__getitem__), min(counts, key=counts.__getitem__)
         raise FormatError(
-            f"channel {most!r} stands {counts[most]} times, {least!r} {counts[least]}: records are"
-            " told by their order, so that all channels have to stand equally often",
+            f"channel {most!r} occurs {counts[most]} times, {least!r} {counts[least]}: expected"
+            " all channels equally often, because records are identified by their order",
             path,
             channels[least][-1].line,
         )

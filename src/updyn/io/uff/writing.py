@@ -1,4 +1,4 @@
-"""FRFs written as a universal file: units, geometry, a binary dataset 58 for each pair of DOFs."""
+"""Write FRFs as universal files: units, geometry, a binary dataset 58 for each pair of DOFs."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ _MOTION = {
     "mobility": (11, "m/s", "rad/s"),
     "accelerance": (12, "m/s^2", "rad/s^2"),
 }
-_PAIRS_A_TRACE = 80  # of at most 250 entries, three a pair
+_PAIRS_A_TRACE = 80  # at most 250 entries, three per pair
 _WIDEST = 10**10  # node numbers have ten columns
-_COLUMNS = 13  # of abscissa minimum and increment
-_DOUBLE = {2: 4, 5: 6}  # ordinate data type of double precision, by that of single
+_COLUMNS = 13  # width of abscissa minimum and increment
+_DOUBLE = {2: 4, 5: 6}  # ordinate data type of double precision, by single precision
 _ONE = f"{1.0:25.17E}".replace("E", "D")
 _ZERO = f"{0.0:25.17E}".replace("E", "D")
-#: Lines of a dataset 164 of SI units.
+#: Lines of a dataset 164 with SI units.
 SI_UNITS = [f"{1:10d}{'SI units':<20}{2:10d}", _ONE * 3, _ZERO]
 
 
 def write_frf(frf: FRF, path: str | Path) -> None:
     """Write FRFs as a universal file of binary datasets 58 (58b), SI.
 
-    Values and coherence come back to the last bit: in double precision, or in single where that
-    holds them exactly. Lines at even distances are stored as minimum and increment where these fit
-    their columns and give every line back to rounding; else every line is stored.
+    Values and coherence are stored exactly, in double precision, or in single precision if this
+    represents them exactly. Evenly spaced frequency lines are stored as minimum and increment if
+    these fit their columns and reproduce every line to rounding; else every line is stored.
 
     Parameters
     ----------
@@ -50,19 +50,19 @@ def write_frf(frf: FRF, path: str | Path) -> None:
     Raises
     ------
     FormatError
-        If a node number is too wide for the format, a DOF is not in the geometry, or a trace line
-        goes to node 0; or if the damping of a window is in the values, which would be lost.
+        If a node number is too wide for the format, a DOF is not in the geometry, a trace line
+        contains node 0, or the values include the damping of a window, which would be lost.
 
     Warns
     -----
     UpdynWarning
-        If there is a variance, a number of averages, or a face of the geometry: the format has no
-        place for them.
+        If the data have a variance, a number of averages, or faces of the geometry, which the
+        format cannot hold.
     """
     if frf.decay:
         raise FormatError(
-            f"the values hold the damping of a window exp(-{frf.decay:g} t), which universal files"
-            " cannot state; write .nc, .npz, .mat or .csv",
+            f"the values include the damping of a window exp(-{frf.decay:g} t), which universal"
+            " files cannot state; write .nc, .npz, .mat or .csv",
             path,
         )
     lacking = [name for name in ("variance", "averages") if getattr(frf, name) is not None]
@@ -70,7 +70,7 @@ def write_frf(frf: FRF, path: str | Path) -> None:
         lacking.append("faces")
     if lacking:
         warnings.warn(
-            f"{path}: universal files have no place for {' and '.join(lacking)}; written without",
+            f"{path}: universal files cannot hold {' and '.join(lacking)}; written without",
             UpdynWarning,
             stacklevel=2,
         )
@@ -91,8 +91,8 @@ def _check_nodes(frf: FRF, path: str | Path) -> None:
     lacking = [dof for dof in (*frf.responses, *frf.references) if dof.node not in placed]
     if lacking:
         raise FormatError(
-            f"DOF {lacking[0]} stands at a node that the geometry does not have ({len(lacking)}"
-            " such): such a file contradicts itself; complete the geometry, or write without it",
+            f"DOF {lacking[0]} is at a node missing in the geometry ({len(lacking)} such DOFs);"
+            " complete the geometry, or write without it",
             path,
         )
 
@@ -117,7 +117,7 @@ def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
     systems = np.zeros(len(geometry.nodes), dtype=np.int64)
     if geometry.axes is not None:
         distinct, which = np.unique(geometry.axes.reshape(-1, 9), axis=0, return_inverse=True)
-        # System 0 is the global one; the others are numbered from 2.
+        # System 0 is the global system; the others are numbered from 2.
         is_global = (distinct == np.eye(3).ravel()).all(axis=1)
         numbers = np.where(is_global, 0, np.arange(len(distinct)) + 2)
         systems = numbers[which.ravel()]
@@ -134,7 +134,7 @@ def _geometry(geometry: Geometry, path: str | Path) -> Iterator[bytes]:
     yield _text(2411, lines)
     if (geometry.lines == 0).any():
         raise FormatError(
-            "a trace line goes to node 0, which in a universal file lifts the pen", path
+            "a trace line contains node 0, which means 'lift the pen' in a universal file", path
         )
     for number, start in enumerate(range(0, len(geometry.lines), _PAIRS_A_TRACE), 1):
         pairs = geometry.lines[start : start + _PAIRS_A_TRACE]
@@ -158,7 +158,7 @@ def _reals(row: Any) -> str:
 def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes:
     is_frf = np.iscomplexobj(y)
     columns = [y.real, y.imag] if is_frf else [y]
-    even = _even(frf.freq)
+    even = _even_spacing(frf.freq)
     if even is None:
         columns.insert(0, frf.freq)
         minimum = increment = f"{0.0:.5E}"
@@ -171,8 +171,8 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes
     if is_frf:
         function, ordinate, title = 4, 5, f"H {response} / {reference}"
         motion, unit, angle = _MOTION[frf.quantity]
-        numerator = _axis(motion, "NONE", angle if _turns(response) else unit)
-        denominator = _axis(13, "NONE", "N m" if _turns(reference) else "N")
+        numerator = _axis(motion, "NONE", angle if _is_rotation(response) else unit)
+        denominator = _axis(13, "NONE", "N m" if _is_rotation(reference) else "N")
     else:
         function, ordinate, title = 6, 2, f"Coherence {response} / {reference}"
         numerator = denominator = _axis(0, "NONE", "NONE")
@@ -196,7 +196,7 @@ def _function(frf: FRF, response: Dof, reference: Dof, y: NDArray[Any]) -> bytes
     return "\n".join(lines).encode("ascii") + data + b"    -1\n"
 
 
-def _turns(dof: Dof) -> bool:
+def _is_rotation(dof: Dof) -> bool:
     return dof.direction.startswith("R")
 
 
@@ -208,19 +208,22 @@ def _axis(kind: int, label: str, unit: str) -> str:
     return f"{kind:10d}{0:5d}{0:5d}{0:5d} {label:<20} {unit:<20}"
 
 
-def _even(freq: NDArray[np.float64]) -> tuple[str, str] | None:
-    """Return minimum and increment as texts, or None if they do not give the lines to 4 ulp."""
+def _even_spacing(freq: NDArray[np.float64]) -> tuple[str, str] | None:
+    """Return minimum and increment as texts, or None if they do not reproduce the lines."""
     if len(freq) < 2:
         return None
-    start, step = _fitting(freq[0]), _fitting((freq[-1] - freq[0]) / (len(freq) - 1))
+    start, step = (
+        _format_in_columns(freq[0]),
+        _format_in_columns((freq[-1] - freq[0]) / (len(freq) - 1)),
+    )
     again = float(start) + np.arange(len(freq)) * float(step)
     if (np.abs(again - freq) <= 4 * np.spacing(freq)).all():
         return start, step
     return None
 
 
-def _fitting(value: float) -> str:
-    """Return a number with the most digits that leave a blank in the columns of minimum."""
+def _format_in_columns(value: float) -> str:
+    """Format a number with the most digits that leave a blank in the columns of minimum."""
     for digits in range(17, 0, -1):
         text = f"{value:.{digits}g}"
         if len(text) < _COLUMNS:
