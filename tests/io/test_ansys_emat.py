@@ -95,7 +95,7 @@ def test_supports_by_hand_are_those_of_the_full_file(folder):
 
 def test_nothing_says_what_is_constrained(folder, tmp_path):
     shutil.copy(folder / "beam.emat", tmp_path / "alone.emat")
-    with pytest.warns(UpdynWarning, match="the model is taken as free: give full="):
+    with pytest.warns(UpdynWarning, match="the model is read as free: give full="):
         model = updyn.read_model(tmp_path / "alone.emat", groups=HALVES)
     assert model.n_dofs == 963
     with warnings.catch_warnings():
@@ -128,7 +128,7 @@ def test_diagonal_masses(tmp_path):
     )
     with pytest.warns(
         UpdynWarning,
-        match="4 degrees of freedom without stiffness, mass and damping are left out, .* 7:Y",
+        match="4 degrees of freedom without stiffness, mass and damping are removed; .* 7:Y",
     ):
         model = updyn.read_model(
             tmp_path / "pair.emat", groups={"spring": [1], "masses": [2, 5]}, supports=[]
@@ -220,7 +220,7 @@ class TestGroups:
     def test_no_attributes(self, folder, tmp_path):
         shutil.copy(folder / "beam.emat", tmp_path / "alone.emat")
         with pytest.raises(
-            FormatError, match="does not say which element is of which material: give attributes="
+            FormatError, match="does not contain the material of its elements: give attributes="
         ):
             updyn.read_model(tmp_path / "alone.emat", supports=[])
 
@@ -245,14 +245,14 @@ class TestGroups:
         ("options", "error", "said"),
         [
             ({"by": "materials"}, OptionError, "by='materials': did you mean 'material'"),
-            ({"groups": {"a": [1, 99]}}, OptionError, r"'a' names element 99 \(1 such\)"),
+            ({"groups": {"a": [1, 99]}}, OptionError, r"'a' contains element 99 \(1 such\)"),
             ({"groups": {"a": []}}, OptionError, "'a' is empty"),
-            ({"groups": {}}, OptionError, "groups: there is none"),
+            ({"groups": {}}, OptionError, "groups: none contains"),
             ({"groups": {"a": [1], "b": [1, 2]}}, FormatError, "element 1 .* is in 'a' and 'b'"),
             ({"attributes": "absent.cdb"}, FormatError, "attributes: no such file"),
             ({"full": "absent.full"}, FormatError, "full: no such file"),
             ({"full": True}, OptionError, "full=True"),
-            ({"full": "beam.full", "supports": []}, OptionError, "both say what is constrained"),
+            ({"full": "beam.full", "supports": []}, OptionError, "both define the supports"),
             ({"supports": ["999:X"]}, FormatError, "supports: DOF 999:X is not among"),
             ({"stress_stiffness": True}, FormatError, "no element has any"),
             ({"group": {}}, OptionError, "has no option 'group'; did you mean 'groups'"),
@@ -275,7 +275,7 @@ class TestChecks:
         write_emat(tmp_path / "off.emat", off)
         with pytest.raises(
             FormatError,
-            match=r"do not add up to the \.full file: stiffness at \d+:[XYZ], \d+:[XYZ] is",
+            match=r"do not add up to the \.full file: stiffness at \d+:[XYZ], \d+:[XYZ] differs",
         ):
             updyn.read_model(tmp_path / "off.emat", groups=HALVES, full=folder / "beam.full")
 
@@ -296,7 +296,7 @@ class TestChecks:
         ]
         write_emat(tmp_path / "swapped.emat", swapped)
         with pytest.raises(
-            FormatError, match=r"element \d+ acts on node \d+, which it has not in beam.rst"
+            FormatError, match=r"element \d+ acts on node \d+, which it does not have in beam.rst"
         ):
             updyn.read_model(tmp_path / "swapped.emat", attributes=folder / "beam.rst", supports=[])
 

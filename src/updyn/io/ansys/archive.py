@@ -1,9 +1,9 @@
-"""Whether a ``.cdb`` archive is whole: its blocks, their end marks and their counts.
+"""Check that a ``.cdb`` archive is complete: its blocks, their end marks and their counts.
 
-ansys-mapdl-reader takes what it finds: of a file that is cut short it returns a part or writes
-beyond its arrays. So every block is gone through here before that reader sees the file. Layout:
-Ansys Mechanical APDL, Programmer's Reference, "Coded Database File Commands" (NBLOCK, EBLOCK,
-CMBLOCK, RLBLOCK).
+ansys-mapdl-reader does not check its input: for a truncated file it returns a part or writes beyond
+its arrays. Every block is therefore checked here before that reader opens the file. Layout: Ansys
+Mechanical APDL, Programmer's Reference, "Coded Database File Commands" (NBLOCK, EBLOCK, CMBLOCK,
+RLBLOCK).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from updyn.io.text_numbers import check_last_line, real_of, whole_of
 __all__ = ["check_archive"]
 
 _BLOCKS = ("NBLOCK", "EBLOCK", "CMBLOCK", "RLBLOCK")
-#: ``(3i9,6e21.13e3)``, ``(19i10)``, ``(7g16.9)``: number and width of whole numbers, then of reals.
+#: ``(3i9,6e21.13e3)``, ``(19i10)``, ``(7g16.9)``: number and width of integers, then of reals.
 _FORMAT = re.compile(
     r"\s*\((?:([1-9]\d?)i([1-9]\d?))?,?(?:([1-9]\d?)[eg]([1-9]\d?)(?:\.\d\d?(?:e\d)?)?)?\)\s*", re.I
 )
@@ -26,25 +26,20 @@ _ENDS_NODES = re.compile(r"\s*(?:-1|N,.*,\s*-1\s*,?)\s*", re.I)
 _ENDS_ELEMENTS = re.compile(r"\s*-1\s*")
 _HEAD = 11  # numbers of an element before its nodes
 _FIRST = 8  # nodes on the first line of an element
-_COUNT_AT = 8  # where the number of its nodes stands
+_COUNT_AT = 8  # position of the number of its nodes
 _WRITTEN = re.compile(rb"\s*/COM,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE", re.I)
 _FINISH = re.compile(rb"(?:FINISH|/GO|!.*)?", re.I)
 
 
 def check_archive(path: Path) -> None:
-    """Refuse an archive that is cut short, or whose blocks are not as they say.
-
-    Parameters
-    ----------
-    path : Path
-        The archive.
+    """Refuse an archive that is truncated or whose blocks contradict their first lines.
 
     Raises
     ------
     FormatError
-        If there is no block of nodes, a block has no end mark or another number of rows than it
-        says, a row is not of the format that its block states, or CDWRITE wrote the file and its
-        last line is missing; the message says the line.
+        If there is no block of nodes, a block has no end mark or a wrong number of rows, a row does
+        not match the format of its block, or the last line of CDWRITE is missing; the message gives
+        the line.
     """
     try:
         raw = path.read_bytes()
@@ -65,14 +60,14 @@ def check_archive(path: Path) -> None:
         raise FormatError("holds no nodes (NBLOCK); write them with CDWRITE", path)
     if _WRITTEN.match(raw) and "FINISH" not in (line.strip().upper() for line in lines[-5:]):
         raise FormatError(
-            "no FINISH at the end, which CDWRITE writes there: the file is cut short",
+            "no FINISH at the end, which CDWRITE always writes: the file is truncated",
             path,
             len(lines),
         )
 
 
 class _Archive:
-    """The lines of an archive, and the next one."""
+    """The lines of an archive and the current position."""
 
     def __init__(self, lines: list[str], path: Path) -> None:
         self.lines = lines
@@ -81,7 +76,7 @@ class _Archive:
         self.name = ""
 
     def nblock(self, fields: list[str]) -> None:
-        """Pass over nodes: number and two solid-model entities, position, angles."""
+        """Check nodes: number and two solid-model entities, position, angles."""
         self.name = "NBLOCK"
         n, width, reals, real_width = self.format()
         count = 0
@@ -89,10 +84,10 @@ class _Archive:
             self.wholes(line[: n * width], n, width, least=n)
             self.reals(line[n * width :], reals, real_width)
             count += 1
-        self.agrees(count, fields, 4, "nodes")
+        self.check_count(count, fields, 4, "nodes")
 
     def eblock(self, fields: list[str]) -> None:
-        """Pass over elements: eleven numbers, the ninth how many nodes, then the nodes."""
+        """Check elements: eleven numbers, the ninth is the number of nodes, then the nodes."""
         self.name = "EBLOCK"
         n, width = self.format()[:2]
         is_solid = len(fields) > 2 and fields[2].upper().startswith("SOL")
@@ -108,19 +103,19 @@ class _Archive:
                     f"an element of {len(numbers)} numbers on its first line; expected {_HEAD} and"
                     f" its nodes, at most {_FIRST}"
                 )
-            left = nodes - min(nodes, _FIRST)
-            while left > 0:
+            missing = nodes - min(nodes, _FIRST)
+            while missing > 0:
                 more = self.wholes(self.next("the nodes of an element"), n, width)
-                if len(more) != min(left, n):
-                    raise self.error(f"{len(more)} nodes on the line; expected {min(left, n)}")
-                left -= len(more)
+                if len(more) != min(missing, n):
+                    raise self.error(f"{len(more)} nodes on the line; expected {min(missing, n)}")
+                missing -= len(more)
         if is_solid:
-            self.agrees(count, fields, 4, "elements")
+            self.check_count(count, fields, 4, "elements")
 
     def cmblock(self, fields: list[str]) -> None:
-        """Pass over a component: its entities, a number below 0 ending a range."""
+        """Check a component: its entities; a negative number ends a range."""
         self.name = "CMBLOCK"
-        count = self.stated(fields, 3)
+        count = self.declared_number(fields, 3)
         n, width = self.format()[:2]
         if count is None:
             raise self.error("no number of entities")
@@ -128,12 +123,12 @@ class _Archive:
         while found < count:
             found += len(self.wholes(self.next(f"{count} entities"), n, width))
         if found != count:
-            raise self.error(f"{found} entities; it says {count}")
+            raise self.error(f"{found} entities; its first line declares {count}")
 
     def rlblock(self, fields: list[str]) -> None:
-        """Pass over sets of real constants: number, how many, the first ones; then the others."""
+        """Check sets of real constants: number, count, first constants, then further constants."""
         self.name = "RLBLOCK"
-        sets = self.stated(fields, 1)
+        sets = self.declared_number(fields, 1)
         n, width, first, real_width = self.format()
         if sets is None or n != 2:
             raise self.error("expected the number of sets, and a format such as (2i8,6g16.9)")
@@ -141,23 +136,23 @@ class _Archive:
         for _ in range(sets):
             line = self.next(f"{sets} sets")
             items = self.wholes(line[: n * width], n, width, least=n)[1]
-            left = items - self.reals(line[n * width :], first, real_width)
-            while left > 0:
+            missing = items - self.reals(line[n * width :], first, real_width)
+            while missing > 0:
                 found = self.reals(self.next("the values of a set"), further, real_width)
                 if not found:
-                    raise self.error(f"an empty line; {left} values of the set are left")
-                left -= found
+                    raise self.error(f"an empty line; {missing} values of the set are missing")
+                missing -= found
 
     # -- lines and fields -----------------------------------------------------------------------
     def next(self, what: str) -> str:
-        """Return the next line; there has to be one."""
+        """Return the next line; raise a FormatError at the end of the file."""
         if self.at >= len(self.lines):
-            raise self.error(f"the file ends before {what}: it is cut short")
+            raise self.error(f"the file ends before {what}: it is truncated")
         self.at += 1
         return self.lines[self.at - 1]
 
     def format(self, like: str = "(19i10)") -> tuple[int, int, int, int]:
-        """Return number and width of the whole numbers and of the reals of each line."""
+        """Return number and width of the integers and of the reals of each line."""
         line = self.next("its format")
         found = _FORMAT.fullmatch(line)
         if found is None or not found[1 if "i" in like else 3]:
@@ -166,50 +161,50 @@ class _Archive:
         return n, width, reals, real_width
 
     def wholes(self, line: str, most: int, width: int, least: int = 1) -> list[int]:
-        """Return the whole numbers of a line, in fields of `width` characters."""
+        """Return the integers of a line, in fields of `width` characters."""
         text = line.rstrip()
         fields = [text[i : i + width] for i in range(0, len(text), width)]
         if not least <= len(fields) <= most or len(fields[-1]) < width:
-            raise self.refused(line, f"{least} to {most} whole numbers of {width} characters")
+            raise self.mismatch(line, f"{least} to {most} integers of {width} characters")
         try:
             return [whole_of(field) for field in fields]
         except ValueError as error:
-            raise self.refused(
-                line, f"{least} to {most} whole numbers of {width} characters"
+            raise self.mismatch(
+                line, f"{least} to {most} integers of {width} characters"
             ) from error
 
     def reals(self, line: str, most: int, width: int) -> int:
-        """Return how many numbers are on a line, in fields of `width` characters."""
+        """Return the count of numbers on a line, in fields of `width` characters."""
         text = line.rstrip()
         fields = [text[i : i + width] for i in range(0, len(text), width or 1)]
         try:
             for field in fields:
                 real_of(field)
         except ValueError as error:
-            raise self.refused(line, f"numbers of {width} characters") from error
+            raise self.mismatch(line, f"numbers of {width} characters") from error
         if len(fields) > most:
-            raise self.refused(line, f"at most {most} numbers of {width} characters")
+            raise self.mismatch(line, f"at most {most} numbers of {width} characters")
         return len(fields)
 
-    def stated(self, fields: list[str], at: int) -> int | None:
-        """Return a number that the first line of a block states, None where it does not."""
+    def declared_number(self, fields: list[str], at: int) -> int | None:
+        """Return a number in the first line of a block, or None."""
         if at >= len(fields) or not fields[at]:
             return None
         try:
             return abs(whole_of(fields[at]))
         except ValueError as error:
-            raise self.error(f"found {fields[at][:40]!r}; expected a whole number") from error
+            raise self.error(f"found {fields[at][:40]!r}; expected an integer") from error
 
-    def agrees(self, count: int, fields: list[str], at: int, what: str) -> None:
-        """Compare a number of rows with what the first line of the block states."""
-        stated = self.stated(fields, at)
-        if stated not in (None, 0, count):
-            raise self.error(f"{count} {what}; its first line says {stated}")
+    def check_count(self, count: int, fields: list[str], at: int, what: str) -> None:
+        """Compare a number of rows with the number in the first line of the block."""
+        declared = self.declared_number(fields, at)
+        if declared not in (None, 0, count):
+            raise self.error(f"{count} {what}; its first line declares {declared}")
 
-    def refused(self, line: str, expected: str) -> FormatError:
-        """Return an error about the line that was taken last."""
+    def mismatch(self, line: str, expected: str) -> FormatError:
+        """Return an error at the current line."""
         return self.error(f"found {line.strip()[:60]!r}; expected {expected}")
 
     def error(self, message: str) -> FormatError:
-        """Return an error about the block, at the line that was taken last."""
+        """Return an error in the current block, at the current line."""
         return FormatError(f"{self.name}: {message}", self.path, self.at)

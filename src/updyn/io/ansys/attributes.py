@@ -1,7 +1,6 @@
 """Attributes of the elements of an Ansys model, and the positions of its nodes.
 
-Out of the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file of the model, through
-ansys-mapdl-reader.
+Both are read from the ``.cdb`` archive (CDWRITE) or the ``.rst`` result file by ansys-mapdl-reader.
 """
 
 from __future__ import annotations
@@ -20,13 +19,13 @@ from updyn.io.ansys.archive import check_archive
 from updyn.io.items import is_file, placed
 from updyn.shapes import HEXAHEDRON, LINE, QUADRANGLE, TETRAHEDRON, Shape, edges_of, faces_of
 
-__all__ = ["BY", "Attributes", "beside", "groups_of", "read_attributes"]
+__all__ = ["BY", "Attributes", "find_neighbour", "groups_of", "read_attributes"]
 
 #: The first numbers in an element's row.
 _NUMBERS = ("material", "type", "real", "section")
 BY = (*_NUMBERS, "component")
 
-#: Elements whose matrices come from real constants or a matrix of their own, not from a material:
+#: Elements whose matrices are defined by real constants or a matrix, not by a material:
 #: COMBIN14, MASS21, MATRIX27, COMBIN37, COMBIN39, COMBIN40, COMBI214, COMBI250.
 _NO_MATERIAL = (14, 21, 27, 37, 39, 40, 214, 250)
 #: Shapes by element routine.
@@ -36,7 +35,7 @@ _SHAPES: dict[int, Shape] = {
     **dict.fromkeys((42, 63, 82, 93, 181, 182, 183, 281), QUADRANGLE),
     **dict.fromkeys((3, 4, 8, 14, 16, 39, 40, 44, 180, 188, 189, 214, 288, 289), LINE),
 }
-_FIRST_NODE = 10  # in an element's row: ten attributes come before its nodes
+_FIRST_NODE = 10  # in an element's row, after ten attributes
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +45,11 @@ class Attributes:
     Parameters
     ----------
     path : Path
-        The file that says so.
+        The source file.
     elements : ndarray of int, shape (n,)
         Element numbers.
     numbers : mapping of str to ndarray of int, shape (n,)
-        For "material", "type", "real" and "section" the number of each element.
+        For "material", "type", "real" and "section": the attribute number of each element.
     routine : ndarray of int, shape (n,)
         Element routine, 186 for SOLID186.
     nodes_of : sequence of ndarray of int
@@ -76,21 +75,15 @@ class Attributes:
     angles: NDArray[np.float64]
 
     def geometry(self, length: float) -> Geometry:
-        """Return positions in m, nodal systems where there are any, edges and faces.
-
-        Parameters
-        ----------
-        length : float
-            Unit of length of the deck in m.
-        """
-        drawn = self._drawn()
+        """Return positions in m, nodal systems, edges and faces; `length` is the unit in m."""
+        drawn = self._corners_by_shape()
         axes = _axes(self.angles) if np.any(self.angles) else None
         with placed(self.path):
             xyz = self.xyz * length
             return Geometry(self.nodes, xyz, edges_of(drawn), axes, faces_of(drawn))
 
-    def _drawn(self) -> list[tuple[Shape, NDArray[np.int64]]]:
-        """Return the elements by shape, with the nodes at their corners."""
+    def _corners_by_shape(self) -> list[tuple[Shape, NDArray[np.int64]]]:
+        """Return the corner nodes of the elements, by shape."""
         known = set(self.nodes.tolist())
         found: dict[Shape, list[NDArray[np.int64]]] = {}
         for routine, nodes in zip(self.routine.tolist(), self.nodes_of, strict=True):
@@ -106,7 +99,7 @@ class Attributes:
 def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the directions of nodal systems, shape (m, 3, 3), rows X, Y, Z in the global system.
 
-    Rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
+    The rotations are about Z, then the new X, then the new Y (Ansys Mechanical APDL, command N).
     """
     cz, cx, cy = np.cos(np.radians(angles.T))
     sz, sx, sy = np.sin(np.radians(angles.T))
@@ -122,15 +115,10 @@ def _axes(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 def read_attributes(path: str | Path) -> Attributes:
     """Read a ``.cdb`` archive or a ``.rst`` result file.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-
     Raises
     ------
     FormatError
-        If it cannot be read, is cut short or holds no elements.
+        If the file cannot be read, is truncated or holds no elements.
     OptionError
         If ansys-mapdl-reader is missing.
     """
@@ -182,10 +170,11 @@ def groups_of(
     elements : ndarray of int, shape (n,)
         Element numbers.
     attributes : Attributes or None
-        What is known of them.
+        Attributes of the elements, if known.
     by : {"material", "type", "real", "section", "component"}
-        What makes a group. By material, springs, point masses and matrices (COMBIN14, MASS21,
-        MATRIX27 and the like) are grouped by their real constants, as no material is in them.
+        Attribute that defines the groups. For "material", springs, point masses and matrices
+        (COMBIN14, MASS21, MATRIX27 and the like) are grouped by their real constants, because they
+        have no material.
     groups : mapping of str to iterable of int, optional
         Element numbers by group name, instead of `by`.
     path : path
@@ -194,26 +183,26 @@ def groups_of(
     Returns
     -------
     ndarray of str, shape (n,)
-        "material 1", "real 3", the name of a component; "remaining" for those in no component or
+        "material 1", "real 3", the name of a component; "remaining" for elements in no component or
         group.
 
     Raises
     ------
     FormatError
-        If an element is not known, or stands in two groups.
+        If an element is unknown or belongs to two groups.
     OptionError
-        If `by` is none of those, or a group is empty or names an element that is not there.
+        If `by` is not valid, or a group is empty or contains a missing element.
     """
     if groups is not None:
         parts = {str(name): np.array(list(part), dtype=np.int64) for name, part in groups.items()}
-        return _parted(elements, parts, "groups", path)
+        return _assign_groups(elements, parts, "groups", path)
     if by not in BY:
         raise OptionError(f"by={by!r}: {suggest(str(by), BY)}")
     if attributes is None:
         raise FormatError(
-            f"the file does not say which element is of which {by}: give attributes= (the model's"
+            f"the file does not contain the {by} of its elements: give attributes= (the model's"
             " .cdb, written with CDWRITE, or its .rst), or groups= with element numbers; a .cdb or"
-            " .rst of the same name beside it is found",
+            " .rst with the same name in the same folder is found automatically",
             path,
         )
     if by == "component":
@@ -224,13 +213,13 @@ def groups_of(
             own = part[np.isin(part, elements)]
             if own.size:
                 there[name] = own
-        return _parted(elements, there, "components", path)
+        return _assign_groups(elements, there, "components", path)
     missing = elements[~np.isin(elements, attributes.elements)]
     if missing.size:
         raise FormatError(
             f"element {missing[0]} ({missing.size} such) is not in {attributes.path.name}, which"
-            f" has {len(attributes.elements)} elements; only its first EBLOCK is read: use the .rst"
-            " file, or one block (CDWRITE)",
+            f" has {len(attributes.elements)} elements; the reader supports only one EBLOCK: use"
+            " the .rst file, or write one block (CDWRITE)",
             path,
         )
     order = np.argsort(attributes.elements, kind="stable")
@@ -242,19 +231,19 @@ def groups_of(
     return names
 
 
-def _parted(
+def _assign_groups(
     elements: NDArray[np.int64], parts: Mapping[str, NDArray[np.int64]], what: str, path: str | Path
 ) -> NDArray[np.object_]:
     if not parts:
-        raise OptionError(f"{what}: there is none with an element in it")
+        raise OptionError(f"{what}: none contains an element")
     for name, part in parts.items():
         if not part.size:
             raise OptionError(f"{what}: {name!r} is empty")
         absent = part[~np.isin(part, elements)]
         if absent.size:
             raise OptionError(
-                f"{what}: {name!r} names element {absent[0]} ({absent.size} such), which is not in"
-                f" {path}"
+                f"{what}: {name!r} contains element {absent[0]} ({absent.size} such), which is not"
+                f" in {path}"
             )
     members = np.concatenate([np.unique(part) for part in parts.values()])
     numbers, counts = np.unique(members, return_counts=True)
@@ -263,7 +252,7 @@ def _parted(
         names = [name for name, part in parts.items() if twice[0] in part]
         raise FormatError(
             f"element {twice[0]} ({twice.size} such) is in"
-            f" {' and '.join(map(repr, names))}; an element belongs to one group: say which with"
+            f" {' and '.join(map(repr, names))}; expected one group per element: select it with"
             " groups=",
             path,
         )
@@ -273,8 +262,8 @@ def _parted(
     return out
 
 
-def beside(path: str | Path, *suffixes: str) -> Path | None:
-    """Return the file of the same name with the first of the suffixes that exists."""
+def find_neighbour(path: str | Path, *suffixes: str) -> Path | None:
+    """Return the existing file of the same name with one of the suffixes, in order, or None."""
     for suffix in suffixes:
         for found in (Path(path).with_suffix(suffix), Path(path).with_suffix(suffix.upper())):
             if is_file(found):

@@ -1,9 +1,9 @@
 """Records, header, units and DOF names of the binary files of Ansys Mechanical APDL.
 
-A record is a word (4 bytes) with the number n of words that follow, a word of flags, n words, and
-the number again (Ansys Programmer's Reference, "Format of Binary Data Files"). They are read here,
-not by ansys-mapdl-reader: that one returns upper triangles and twice as many numbers as a record of
-doubles holds, and a damaged file ends the process.
+A record is a word (4 bytes) with the number n of words in the data, a word of flags, n words, and
+the number again (Ansys Programmer's Reference, "Format of Binary Data Files"). ansys-mapdl-reader
+is not used, because it returns only upper triangles and twice the number of doubles of a record,
+and crashes the process for a damaged file.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WORD = 4
 _LOW = 0xFFFFFFFF
 _HEADER = 100  # words
 #: Bits of the last byte of the flags: integer, and short or single; compressed by zlib or by
-#: leaving out zeros.
+#: omitting zeros.
 _TYPE = 0xC0
 _COMPRESSED = 0x3F
 _TYPES = {0x80: "<i4", 0xC0: "<i2", 0x00: "<f8", 0x40: "<f4"}
@@ -57,26 +57,26 @@ DOF_NAMES: Mapping[int, str] = {
 }
 
 _FILES = {2: ".emat", 4: ".full", 8: ".sub", 9: ".mode", 12: ".rst"}
-#: What /UNITS writes into the header (Programmer's Reference, standard header, item 5), as far as
-#: it is one of ours.
+#: Units that /UNITS writes into the header (Programmer's Reference, standard header, item 5), as
+#: far as supported.
 _UNITS = {1: "m", 4: "in", 5: "m", 6: "mm"}
 _UNIT_NAMES = {1: "SI", 2: "CGS", 3: "BFT", 4: "BIN", 5: "MKS", 6: "MPA", 7: "uMKS"}
 
 
 class BinaryFile:
-    """A binary file of Ansys, record by record.
+    """A binary file of Ansys, read record by record.
 
     Parameters
     ----------
     path : path
         The file.
     kind : int
-        Number of the file type that it has to be: 2 ``.emat``, 4 ``.full``.
+        Required file type: 2 ``.emat``, 4 ``.full``.
 
     Raises
     ------
     FormatError
-        If it is not a file of that type, is of the other byte order, or is cut short in its header.
+        If it is not a file of that type, has the other byte order, or a truncated header.
     """
 
     def __init__(self, path: str | Path, kind: int) -> None:
@@ -87,10 +87,10 @@ class BinaryFile:
             self._words = np.memmap(self.path, dtype="<i4", mode="r", shape=(size,))
         if size and self._words[:1].view(">i4")[0] == _HEADER:
             raise FormatError(
-                "not a binary file of Ansys: it is big-endian, of a machine that is not read", path
+                "not a supported binary file of Ansys: expected little-endian byte order", path
             )
         if size < _HEADER + 3 or self._words[0] != _HEADER:
-            raise FormatError("not a binary file of Ansys: no complete header of Ansys", path)
+            raise FormatError("not a binary file of Ansys: no complete header", path)
         kind_found = int(self._words[2])
         self._unit = int(self._words[6])
         if kind_found != kind:
@@ -100,28 +100,15 @@ class BinaryFile:
             )
 
     def record(self, at: int, what: str, kinds: str = "iuf") -> tuple[NDArray[Any], int]:
-        """Read one record.
+        """Return the values of a record, and the position of the next record in words.
 
-        Parameters
-        ----------
-        at : int
-            Where it starts, in words.
-        what : str
-            What is expected there, for the message.
-        kinds : str
-            NumPy kinds of numbers that it may hold.
-
-        Returns
-        -------
-        values : ndarray
-            What it holds.
-        after : int
-            Where the next one starts, in words.
+        `at` is the position in words, `what` the expected content for messages, `kinds` the NumPy
+        kinds allowed.
 
         Raises
         ------
         FormatError
-            If there is no whole record, or it holds numbers of another kind.
+            If the record is not complete, or holds numbers of another kind.
         """
         after = self.after(at, what)
         flags = int(self._words[at + 1]) >> 24 & 0xFF
@@ -138,28 +125,13 @@ class BinaryFile:
         return np.array(words).view(dtype), after
 
     def after(self, at: int, what: str, count: int = 1) -> int:
-        """Check that whole records stand at a word, and return where the next one starts.
-
-        Parameters
-        ----------
-        at : int
-            Where the first one starts, in words.
-        what : str
-            What is expected there, for the message.
-        count : int
-            How many.
-
-        Raises
-        ------
-        FormatError
-            If there are not as many whole records.
-        """
+        """Return the position after `count` complete records, in words; refuse incomplete ones."""
         for _ in range(count):
             length = self._word(at, what)
             end = at + 2 + length
             if length < 0 or self._word(end, what) != length:
                 raise FormatError(
-                    f"{what}: no whole record at word {at} of {len(self._words)}: damaged",
+                    f"{what}: no complete record at word {at} of {len(self._words)}: damaged",
                     self.path,
                 )
             at = end + 1
@@ -168,18 +140,18 @@ class BinaryFile:
     def _word(self, at: int, what: str) -> int:
         if not 0 <= at < len(self._words):
             raise FormatError(
-                f"{what}: reaches to word {at} of {len(self._words)}: cut short or damaged",
+                f"{what}: extends to word {at} of {len(self._words)}: truncated or damaged",
                 self.path,
             )
         return int(self._words[at])
 
     def header(self, items: Mapping[str, int | tuple[int, int]]) -> dict[str, int]:
-        """Return items of the header of the file, the record that follows the standard header.
+        """Return items of the header record that follows the standard header.
 
         Parameters
         ----------
         items : mapping of str to int or (int, int)
-            Place of each item, counted from 0, or of the low and the high half of a long one.
+            Position of each item, counted from 0, or of the low and the high half of a long one.
 
         Raises
         ------
@@ -203,55 +175,41 @@ class BinaryFile:
         return found
 
     def units(self, unit: str | None) -> System:
-        """Return the units of the numbers: as stated, else as the header says, else SI.
-
-        Parameters
-        ----------
-        unit : str or None
-            What was stated.
+        """Return the units of the numbers: `unit`, else the units of the header, else SI.
 
         Raises
         ------
         OptionError
-            If there is no such unit.
+            If `unit` is unknown.
         FormatError
-            If the header says another one, or one that has to be converted by hand.
+            If the header states other units, or units that are not converted.
         """
-        said = _UNITS.get(self._unit)
+        stated = _UNITS.get(self._unit)
         name = _UNIT_NAMES.get(self._unit)
-        if name is not None and said is None:
+        if name is not None and stated is None:
             raise FormatError(
-                f"the header says units {name}, which are not converted; solve in one of"
+                f"the header states units {name}, which are not converted; solve in one of"
                 f" {', '.join(UNITS)}",
                 self.path,
             )
         if unit is None:
-            return system(said or "m")
-        if said is not None and system(unit).name != said:
+            return system(stated or "m")
+        if stated is not None and system(unit).name != stated:
             raise FormatError(
-                f"unit {unit!r} contradicts the header, which says {name}"
-                f" ({UNITS[said].described})",
+                f"unit {unit!r} contradicts the header, which states {name}"
+                f" ({UNITS[stated].described})",
                 self.path,
             )
         return system(unit)
 
 
 def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> DofSet:
-    """Return DOFs from nodes and Ansys's DOF reference numbers.
-
-    Parameters
-    ----------
-    nodes : ndarray of int, shape (n,)
-        Node numbers.
-    numbers : ndarray of int, shape (n,)
-        DOF reference numbers, 1 to 6 for UX UY UZ ROTX ROTY ROTZ.
-    path : path
-        The file, for messages.
+    """Return the DOFs of nodes and Ansys's DOF reference numbers (1 to 6: UX UY UZ ROTX ROTY ROTZ).
 
     Raises
     ------
     FormatError
-        If one is not a displacement or a rotation, or stands twice.
+        If a DOF is not a displacement or a rotation, or is repeated.
     """
     other = np.flatnonzero((numbers < 1) | (numbers > 6))
     if other.size:
@@ -259,7 +217,7 @@ def labels_of(nodes: NDArray[Any], numbers: NDArray[Any], path: str | Path) -> D
         name = DOF_NAMES.get(int(numbers[at]), f"number {numbers[at]}")
         raise FormatError(
             f"node {nodes[at]} has the degree of freedom {name}{in_all(other.size)}; expected"
-            " displacements and rotations only (UX UY UZ ROTX ROTY ROTZ): a structure without"
+            " only displacements and rotations (UX UY UZ ROTX ROTY ROTZ): a structure without"
             " fields, fluid and multipliers",
             path,
         )

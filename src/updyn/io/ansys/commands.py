@@ -1,6 +1,6 @@
-"""Commands of Mechanical APDL by what they do to properties.
+"""Commands of Mechanical APDL by their effect on properties.
 
-A command that is not listed may be a macro, which can do anything.
+A command that is not listed may be a macro, which can have any effect.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ __all__ = ["FORMATTED", "MATERIAL", "REAL", "is_harmless", "reason_against"]
 MATERIAL, REAL = "material", "real"
 _BOTH = (MATERIAL, REAL)
 
-#: Commands that change properties and are not followed: kinds of property, and why.
+#: Commands that change properties but are not interpreted: kinds of property, and the reason.
 _CHANGING: dict[str, tuple[tuple[str, ...], str]] = {
     "MPCOPY": ((MATERIAL,), "copies a material"),
     "MPAMOD": ((MATERIAL,), "changes a material"),
@@ -31,11 +31,11 @@ _CHANGING: dict[str, tuple[tuple[str, ...], str]] = {
     "CDREAD": (_BOTH, "reads a model from another file"),
     "RESUME": (_BOTH, "reads a database from another file"),
     "/CLEAR": (_BOTH, "clears the database"),
-    "/UCMD": (_BOTH, "makes commands of a user"),
+    "/UCMD": (_BOTH, "defines commands of a user"),
     "*USE": (_BOTH, "runs a macro"),
     "*ULIB": (_BOTH, "names a library of macros"),
-    "*GO": (_BOTH, "passes over commands"),
-    "*RETURN": (_BOTH, "passes over commands"),
+    "*GO": (_BOTH, "skips commands"),
+    "*RETURN": (_BOTH, "skips commands"),
     "*PYTHON": (_BOTH, "runs a script"),
 }
 _CHANGING_BY_FOUR = {name[:4]: found for name, found in _CHANGING.items()}
@@ -49,7 +49,7 @@ _STAR = """
     *SCAL *SET *SMAT *SORT *SREAD *STATUS *TAXIS *TOPER *TREAD *VABS *VCOL *VCUM *VEC *VFACT *VFILL
     *VFUN *VGET *VITRP *VLEN *VMASK *VOPER *VPLOT *VPUT *VREAD *VSCFUN *VSTAT *VWRITE *WRK *PREAD
 """
-#: Of preprocessing, solution and results; those of the properties that are read are not here.
+#: Commands of preprocessing, solution and results without effect on the properties.
 _WORDS = """
     A AADD AATT ACCAT ACEL ACLEAR ADELE ADRAG AESIZE AFILLT AGEN AGLUE AINA AINP AINV AL ALIST
     ALLSEL ALPHAD AMAP AMESH ANORM ANTYPE AOFFST AOVLAP APLOT APTN ARCLEN ARCTRM AREFINE AREVERSE
@@ -88,20 +88,20 @@ _WORDS = """
     VSBW VSEL VSLA VSUM VSWEEP VSYMM VTRAN WPAVE WPCSYS WPLANE WPOFFS WPROTA WPSTYL WRFULL
 """
 _HARMLESS = {name[:4] for name in (_STAR + _WORDS).split()}
-#: Compared by their whole names: MPLIB and MPLIST have the same first four letters.
+#: Compared by their full names: MPLIB and MPLIST have the same first four letters.
 _WHOLE_NAMES = ("MPLIST", "MPPLOT", "MPWRITE")
 
 
 def is_harmless(name: str) -> bool:
-    """Return whether a command, in capitals, leaves properties as they are."""
-    if name.startswith("/"):  # of the program itself: macros have no such names
+    """Return whether a command (upper case) never changes properties."""
+    if name.startswith("/"):  # built-in: macros have no such names
         return reason_against(name) is None
     return name in _WHOLE_NAMES or (name[:4] in _HARMLESS and reason_against(name) is None)
 
 
 def reason_against(name: str) -> tuple[tuple[str, ...], str] | None:
-    """Return the kinds of property that a command changes, and why it is not followed; else None.
+    """Return the kinds of property that an uninterpreted command changes, and the reason, or None.
 
-    Only the first four letters of a command count.
+    Only the first four letters of a command are significant.
     """
     return None if name in _WHOLE_NAMES else _CHANGING_BY_FOUR.get(name[:4])

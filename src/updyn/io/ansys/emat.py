@@ -1,9 +1,9 @@
 """Ansys ``.emat`` files: a model whose groups are exact sums of its element matrices.
 
-The file has the matrices of each element, before supports. It does not say which element is of
-which material, nor what is constrained: that comes from the files of the same job beside it, its
-``.cdb`` or ``.rst`` and its ``.full``. With the ``.full`` file, the sum of the groups is compared
-with K and M as Ansys assembled them.
+The file has the matrices of each element, before supports. It contains neither the materials of the
+elements nor the supports, which are read from the ``.cdb`` or ``.rst`` file and the ``.full`` file
+of the same job. With the ``.full`` file, the sum of the groups is compared with K and M as
+assembled by Ansys.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from updyn.dofs import Dof, DofSet
 from updyn.errors import FormatError, OptionError, UpdynWarning
-from updyn.io.ansys.attributes import Attributes, beside, groups_of, read_attributes
+from updyn.io.ansys.attributes import Attributes, find_neighbour, groups_of, read_attributes
 from updyn.io.ansys.binary import BinaryFile, labels_of
 from updyn.io.ansys.full import FullSystem, read_system
 from updyn.io.ansys.properties import write_properties
@@ -34,11 +34,12 @@ __all__ = [
     "write_properties",
 ]
 
-#: Difference of the sum of the elements from the .full file, in largest entries of row and column.
+#: Difference of the sum of the elements from the .full file, relative to the largest entries of row
+#: and column.
 _TOLERANCE = 1e-10
-_CHUNK = 4_000_000  # entries that are gathered before they are added up
+_CHUNK = 4_000_000  # entries collected before they are summed
 _STRESS = "stress stiffness"
-_KEYS = 64  # more than there are DOF reference numbers: node and number as one number
+_KEYS = 64  # above all DOF reference numbers: combines node and number in one integer
 
 
 def read_model(
@@ -60,39 +61,39 @@ def read_model(
     path : path
         The file.
     unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. By default
         those of the header, else SI.
     loss_factor : float
-        Structural loss factor of every group with stiffness; the file has none.
+        Structural loss factor of every group with stiffness; the file contains none.
     by : {"material", "type", "real", "section", "component"}
-        What makes a group, named "material 1" or as the component. By material, springs, point
-        masses and matrix elements are grouped by their real constants, "real 3". Elements in no
-        component are "remaining".
+        Attribute that defines the groups, which are named "material 1" or as the component. For
+        "material", springs, point masses and matrix elements are grouped by their real constants,
+        "real 3". Elements in no component are "remaining".
     groups : mapping of str to iterable of int, optional
         Element numbers by group name, instead of `by`.
     attributes : path, optional
-        The model's ``.cdb`` or ``.rst``, relative to the file, with attributes and positions. Left
-        out: one of the same name beside the file.
+        The ``.cdb`` or ``.rst`` file of the model, relative to the file, with attributes and
+        positions. By default a file of the same name in the same folder.
     full : path or False, optional
-        The ``.full`` file of the same model, relative to the file: supports, and a check of the
-        sums. Left out: one of the same name beside the file, unless `supports` are given. False:
-        none.
+        The ``.full`` file of the same model, relative to the file, for supports and a check of the
+        sums. By default a file of the same name in the same folder, unless `supports` are given.
+        False uses no ``.full`` file.
     supports : iterable of str or Dof, optional
-        What is constrained, where there is no ``.full`` file; an empty list says that nothing is.
+        Constrained DOFs if there is no ``.full`` file; an empty list for a free structure.
     stress_stiffness : bool, optional
-        Whether the stress stiffness of the elements acts (a prestressed solution); it becomes a
-        group of its own, "stress stiffness". It has to be said for a file that has any.
+        Whether to include the stress stiffness of the elements (a prestressed solution), as the
+        separate group "stress stiffness". Required if the file contains stress stiffness.
 
     Returns
     -------
     Model
-        In SI, with geometry where attributes are known. Damping matrices of elements are their
-        group's viscous matrix.
+        In SI, with geometry if the attributes are known. Damping matrices of elements form the
+        viscous matrix of their group.
 
     Raises
     ------
     FormatError
-        If a file is damaged or not of the same model, elements have degrees of freedom besides
+        If a file is damaged or of another model, elements have other degrees of freedom than
         displacements and rotations, an element belongs to no or to two groups, or the groups do not
         add up to the ``.full`` file.
     OptionError
@@ -102,10 +103,10 @@ def read_model(
     Warns
     -----
     UpdynWarning
-        If nothing says what is constrained, or degrees of freedom without any matrix are left out.
+        If no supports are given, or degrees of freedom without any matrix are removed.
     """
     if supports is not None and full not in (None, False):
-        raise OptionError("full= and supports= both say what is constrained; give one of them")
+        raise OptionError("full= and supports= both define the supports; give only one of them")
     file = ElementFile(path)
     units = file.binary.units(unit)
     known = _attributes(path, attributes)
@@ -115,9 +116,9 @@ def read_model(
     whole: dict[str, dict[str, Matrix]] = {}
     for name, matrices in sums.items():
         whole[name] = {what: units.to_si(matrix, dofs) for what, matrix in matrices.items()}
-    _say_stress_stiffness(whole, stress_stiffness, path)
+    _select_stress_stiffness(whole, stress_stiffness, path)
     system = _system(path, full, unit) if supports is None else None
-    keep = _kept(dofs, whole, system, supports, path, said=full is False)
+    keep = _free_dofs(dofs, whole, system, supports, path, is_free=full is False)
     parts: dict[str, dict[str, Matrix]] = {}
     for name, matrices in whole.items():
         parts[name] = {what: sp.csr_array(m[keep][:, keep]) for what, m in matrices.items()}
@@ -133,7 +134,7 @@ def read_model(
 def _attributes(path: str | Path, given: str | Path | None) -> Attributes | None:
     if given is not None:
         return read_attributes(Path(path).parent / given)
-    found = beside(path, ".cdb", ".rst")
+    found = find_neighbour(path, ".cdb", ".rst")
     return None if found is None else read_attributes(found)
 
 
@@ -142,10 +143,10 @@ def _system(
 ) -> FullSystem | None:
     if isinstance(full, bool):
         if full:
-            raise OptionError("full=True: expected the path of a .full file, or False for none")
+            raise OptionError("full=True: expected the path of a .full file, or False")
         return None
     if full is None:
-        found = beside(path, ".full")
+        found = find_neighbour(path, ".full")
         return None if found is None else read_system(found, unit)
     given = Path(path).parent / full
     if not is_file(given):
@@ -153,7 +154,7 @@ def _system(
     return read_system(given, unit)
 
 
-# -- adding up ----------------------------------------------------------------------------------
+# -- sums ---------------------------------------------------------------------------------------
 def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
     """Return the degrees of freedom of all elements, sorted by node and direction."""
     path = file.binary.path
@@ -166,8 +167,8 @@ def _all_dofs(file: ElementFile, known: Attributes | None) -> DofSet:
         if known is not None and own is not None and not np.isin(element.nodes, own).all():
             stray = element.nodes[~np.isin(element.nodes, own)][0]
             raise FormatError(
-                f"element {element.number} acts on node {stray}, which it has not in"
-                f" {known.path.name}: not the files of one model",
+                f"element {element.number} acts on node {stray}, which it does not have in"
+                f" {known.path.name}: the files belong to different models",
                 path,
             )
         if element.matrices:
@@ -208,7 +209,7 @@ def _by_number(name: str) -> tuple[str, int]:
 
 
 class _Sum:
-    """A sparse sum of small matrices, added up before the pieces take too much memory."""
+    """A sparse sum of small matrices that limits the memory of pending entries."""
 
     def __init__(self, size: int) -> None:
         self._total = sp.csr_array((size, size), dtype=np.float64)
@@ -234,7 +235,7 @@ class _Sum:
         return self._total
 
 
-def _say_stress_stiffness(
+def _select_stress_stiffness(
     parts: dict[str, dict[str, Matrix]], acts: bool | None, path: str | Path
 ) -> None:
     if _STRESS not in parts:
@@ -243,8 +244,8 @@ def _say_stress_stiffness(
         return
     if acts is None:
         raise OptionError(
-            f"{path}: elements have stress stiffness; say whether it acts: stress_stiffness=True"
-            " (PSTRES,ON, a prestressed solution) or False"
+            f"{path}: elements have stress stiffness; choose whether to include it:"
+            " stress_stiffness=True (PSTRES,ON, a prestressed solution) or False"
         )
     if not acts:
         del parts[_STRESS]
@@ -257,15 +258,15 @@ def _group(parts: Mapping[str, Matrix], loss_factor: float) -> Group:
     return Group(stiffness, parts.get("mass"), loss_factor, parts.get("damping"))
 
 
-# -- supports, and the check --------------------------------------------------------------------
-def _kept(
+# -- supports and check -------------------------------------------------------------------------
+def _free_dofs(
     dofs: DofSet,
     parts: Mapping[str, Mapping[str, Matrix]],
     system: FullSystem | None,
     supports: Iterable[str | Dof] | None,
     path: str | Path,
     *,
-    said: bool,
+    is_free: bool,
 ) -> NDArray[np.intp]:
     """Return the positions of the DOFs that have a matrix and are not constrained."""
     used = np.zeros(len(dofs), dtype=np.bool_)
@@ -278,7 +279,7 @@ def _kept(
         if missing:
             raise FormatError(
                 f"the .full file has {missing[0]} ({len(missing)} such), on which no element acts:"
-                " not the files of one model",
+                " the files belong to different models",
                 path,
             )
         keep[:] = False
@@ -287,7 +288,7 @@ def _kept(
         if free:
             raise FormatError(
                 f"{free[0]} ({len(free)} such) is neither free nor constrained in the .full file:"
-                " not the files of one model",
+                " the files belong to different models",
                 path,
             )
     elif supports is not None:
@@ -295,18 +296,18 @@ def _kept(
         if grounded:
             with placed(path, "supports"):
                 keep[dofs.match(chosen(grounded, "supports", path)).index] = False
-    elif not said:
+    elif not is_free:
         warnings.warn(
-            f"{path}: nothing says what is constrained, the model is taken as free: give full= (the"
-            " .full file) or supports=, or full=False to say that it is free",
+            f"{path}: no supports are given, so the model is read as free: give full= (the .full"
+            " file) or supports=, or full=False for a free structure",
             UpdynWarning,
             stacklevel=3,
         )
     lone = np.flatnonzero(keep & ~used)
     if lone.size:
         warnings.warn(
-            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are left"
-            f" out, the first being {dofs[int(lone[0])]}",
+            f"{path}: {lone.size} degrees of freedom without stiffness, mass and damping are"
+            f" removed; the first is {dofs[int(lone[0])]}",
             UpdynWarning,
             stacklevel=3,
         )
@@ -316,7 +317,7 @@ def _kept(
 def _check_sum(
     parts: Mapping[str, Mapping[str, Matrix]], system: FullSystem, dofs: DofSet, path: str | Path
 ) -> None:
-    """Refuse groups that do not add up to what Ansys assembled."""
+    """Refuse groups that do not add up to the matrices assembled by Ansys."""
     at = system.dofs.match(dofs).index
     for what, total in (
         ("stiffness", system.stiffness),
@@ -324,23 +325,25 @@ def _check_sum(
         ("damping", system.viscous),
     ):
         own = [p[what] for p in parts.values() if what in p]
-        if total is None:  # a static solution has no M, an undamped one no C
+        if total is None:  # a static solution has no M, an undamped solution no C
             continue
         expected = sp.csr_array(total)[at][:, at]
-        left = sp.coo_array(sum(own, -expected))
-        if not left.nnz:
+        difference = sp.coo_array(sum(own, -expected))
+        if not difference.nnz:
             continue
         scale = np.asarray(abs(expected).max(axis=1).toarray()).ravel()
-        beyond = np.abs(left.data) - _TOLERANCE * np.maximum(scale[left.row], scale[left.col])
+        beyond = np.abs(difference.data) - _TOLERANCE * np.maximum(
+            scale[difference.row], scale[difference.col]
+        )
         worst = int(np.argmax(beyond))
         if beyond[worst] > 0.0:
-            i = int(left.row[worst])
-            j = int(left.col[worst])
+            i = int(difference.row[worst])
+            j = int(difference.col[worst])
             raise FormatError(
                 f"the element matrices do not add up to the .full file: {what} at {dofs[i]},"
-                f" {dofs[j]} is {left.data[worst]:.3g} off (largest entry there"
-                f" {max(scale[i], scale[j]):.3g}); files of different solutions, or couplings (CE,"
-                " CP, contact) that no element shows",
+                f" {dofs[j]} differs by {difference.data[worst]:.3g} (largest entry in its row or"
+                f" column: {max(scale[i], scale[j]):.3g}); files of different solutions, or"
+                " couplings (CE, CP, contact), which are not in element matrices",
                 path,
             )
 
@@ -357,7 +360,7 @@ _HEADER: dict[str, int | tuple[int, int]] = {
     "ptrElm": (32, 20),
     "ptrIDX": (37, 25),
 }
-_SAMPLE = 200  # elements that tell how triangles are packed
+_SAMPLE = 200  # elements used to detect how triangles are packed
 
 
 @dataclass(frozen=True, slots=True)
@@ -373,7 +376,7 @@ class Element:
     dofs : ndarray of int, shape (n,)
         DOF reference number of each row.
     matrices : dict of str to ndarray of float, shape (n, n)
-        Those that it has, of "stiffness", "mass", "damping", "stress stiffness", in units of the
+        The available ones of "stiffness", "mass", "damping", "stress stiffness", in units of the
         deck.
     """
 
@@ -401,8 +404,7 @@ class ElementFile:
     Raises
     ------
     FormatError
-        If the file is damaged, or holds what the elements alone do not say (internal constraint
-        equations).
+        If the file is damaged, or holds internal constraint equations.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -410,8 +412,8 @@ class ElementFile:
         header = self.binary.header(_HEADER)
         if header["numCE"]:
             raise FormatError(
-                f"holds {header['numCE']} internal constraint equations (contact, joints), which no"
-                " element shows",
+                f"holds {header['numCE']} internal constraint equations (contact, joints), which"
+                " are not in element matrices",
                 path,
             )
         self._used = self._table(header["ptrDOF"], "degrees of freedom per node", header["numdof"])
@@ -429,15 +431,16 @@ class ElementFile:
         values, _ = self.binary.record(at, what, "i")
         if len(values) != length:
             raise FormatError(
-                f"{what}: found {len(values)} numbers, the header says {length}", self.binary.path
+                f"{what}: found {len(values)} numbers, expected {length} by the header",
+                self.binary.path,
             )
         return values.astype(np.int64)
 
     def __iter__(self) -> Iterator[Element]:
         for i in range(len(self.elements)):
-            yield self._read(i)
+            yield self._read_element(i)
 
-    def _read(self, i: int) -> Element:
+    def _read_element(self, i: int) -> Element:
         where = f"element {self.elements[i]}"
         header, at = self.binary.record(int(self._at[i]), where, "i")
         if len(header) < 10:
@@ -448,8 +451,8 @@ class ElementFile:
         index, at = self.binary.record(at, f"{where}: DOF index table", "i")
         if len(index) != size:
             raise FormatError(
-                f"{where}: {size} rows and {len(index)} degrees of freedom; a substructure"
-                " (MATRIX50) is not read",
+                f"{where}: {size} rows and {len(index)} degrees of freedom; substructures"
+                " (MATRIX50) are not supported",
                 self.binary.path,
             )
         node, dof = np.divmod(index.astype(np.int64) - 1, len(self._used))
@@ -468,7 +471,7 @@ class ElementFile:
         return Element(int(self.elements[i]), self._nodes[node], self._used[dof], matrices)
 
     def _square(self, values: NDArray[np.float64], size: int, where: str) -> NDArray[np.float64]:
-        """Return a full, triangular or diagonal matrix, as the length of the record says."""
+        """Return the full matrix of a full, triangular or diagonal record."""
         if not np.isfinite(values).all():
             raise FormatError(f"{where} holds numbers that are not finite", self.binary.path)
         if len(values) == size * size:
@@ -486,24 +489,24 @@ class ElementFile:
             out[places] = values
             return out + out.T - np.diag(out.diagonal())
         raise FormatError(
-            f"{where}: {len(values)} numbers fit no matrix of {size} rows, full, triangular or"
-            " diagonal",
+            f"{where}: {len(values)} numbers; expected those of a full, triangular or diagonal"
+            f" matrix of {size} rows",
             self.binary.path,
         )
 
     def _packed_by_rows(self) -> bool:
         """Return whether a lower triangle is stored row by row, rather than column by column.
 
-        The description does not say. A stiffness that is unpacked in the right order makes no force
-        on a structure that is moved as it is: its entries between one row and the same direction of
-        all nodes add up to nothing.
+        The format description does not define this. A stiffness unpacked in the right order gives
+        no force under a rigid translation: its entries between one row and the same direction of
+        all nodes sum to zero.
         """
-        left = []
+        difference = []
         for by_rows in (True, False):
             self._by_rows = by_rows
             rest = 0.0
             for i in range(min(len(self.elements), _SAMPLE)):
-                element = self._read(i)
+                element = self._read_element(i)
                 K = element.matrices.get("stiffness")
                 if K is None or not np.any(K):
                     continue
@@ -511,5 +514,5 @@ class ElementFile:
                 for number in (1, 2, 3):
                     moved += float(np.abs(K[:, element.dofs == number].sum(axis=1)).max())
                 rest += moved / float(np.abs(K).max())
-            left.append(rest)
-        return left[0] <= left[1]
+            difference.append(rest)
+        return difference[0] <= difference[1]

@@ -1,10 +1,9 @@
-"""Ansys ``.full`` files: K, M and C of the whole structure, as Mechanical APDL solved it.
+"""Ansys ``.full`` files: K, M and C of the whole structure, as solved by Mechanical APDL.
 
 A row of a matrix is two records, columns and entries, of one triangle (fdfull.inc). The names of
 degrees of freedom come from the nodal extent vector and the DOF vector, in which supports are
-negative; supports are no degrees of freedom of the model. The file knows no groups: with
-``doubled``, runs of the deck with one group's stiffness and density doubled, they come out by
-difference.
+negative; supports are not degrees of freedom of the model. The file contains no groups: they are
+computed by difference from runs with the stiffness and density of one group doubled (``doubled``).
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ from updyn.model import Group, Matrix, Model
 __all__ = ["FullSystem", "read_model", "read_system", "write_properties"]
 
 _KIND = 4
-_FILE_HEADER = 103  # words: it follows the standard header
-#: Places of items in the header of the file, of long ones the low and the high half (fdfull.inc).
+_FILE_HEADER = 103  # words, after the standard header
+#: Positions of items in the file header; for long items the low and the high half (fdfull.inc).
 _ITEMS: dict[str, int | tuple[int, int]] = {
     "fun04": 0,
     "neqn": 1,
@@ -52,7 +51,7 @@ _ITEMS: dict[str, int | tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class FullSystem:
-    """What a ``.full`` file holds, in SI.
+    """The content of a ``.full`` file, in SI.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ class FullSystem:
     dofs : DofSet
         The N degrees of freedom, by node and direction.
     supports : DofSet
-        Those that are constrained.
+        The constrained degrees of freedom.
     """
 
     stiffness: Matrix | None
@@ -85,14 +84,14 @@ def read_model(
     path : path
         The file.
     unit : {"m", "mm", "in"}, optional
-        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. Left out:
+        Consistent units of the deck by their unit of length: m-N-kg, mm-N-t, in-lbf. By default
         those of the header, else SI.
     loss_factor : float
-        Structural loss factor of every group; the file has none.
+        Structural loss factor of every group; the file contains none.
     doubled : mapping of str to path, optional
-        By group name, the ``.full`` file, relative to the file, of the same deck with stiffness and
-        density of that group doubled. The groups have to add up to the model (1e-10). Left out: one
-        group, "model".
+        By group name, the ``.full`` file of the same deck with stiffness and density of that group
+        doubled, relative to the file. The groups have to add up to the model (1e-10). By default
+        the model is one group, "model".
 
     Returns
     -------
@@ -103,9 +102,9 @@ def read_model(
     Raises
     ------
     FormatError
-        If the file is damaged, has degrees of freedom besides displacements and rotations, or holds
-        what is not one symmetric structure: constraint equations, a complex or unsymmetric matrix,
-        one part of a distributed solution.
+        If the file is damaged, has other degrees of freedom than displacements and rotations, or
+        holds constraint equations, a complex or unsymmetric matrix, or one part of a distributed
+        solution.
     OptionError
         If an option is not valid.
     """
@@ -128,15 +127,15 @@ def _by_difference(
     unit: str | None,
     loss_factor: float,
 ) -> dict[str, Group]:
-    """Return the groups of doubled properties."""
+    """Return the groups of the doubled properties."""
     if not isinstance(doubled, Mapping) or not doubled:
         raise OptionError(
             f"doubled: expected a mapping of group name to .full file, found {doubled!r}"
         )
     if "damping" in doubled and system.viscous is not None:
         raise OptionError(
-            "doubled: 'damping' is what the file's own viscous matrix is called; choose another"
-            " name"
+            "doubled: the name 'damping' is reserved for the viscous matrix of the file; choose"
+            " another name"
         )
 
     def of(name: str) -> tuple[Matrix | None, Matrix | None]:
@@ -146,7 +145,7 @@ def _by_difference(
         other = read_system(file, unit)
         if other.dofs != system.dofs:
             raise FormatError(
-                f"group {name!r}: other degrees of freedom than {Path(path).name}", file
+                f"group {name!r}: degrees of freedom differ from {Path(path).name}", file
             )
         return other.stiffness, other.mass
 
@@ -163,19 +162,7 @@ def _by_difference(
 
 
 def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
-    """Read K, M and C with their degrees of freedom.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    unit : str, optional
-        As in `read_model`.
-
-    Returns
-    -------
-    FullSystem
-        Sorted by node and direction.
+    """Read K, M and C with their degrees of freedom, sorted by node and direction.
 
     Raises
     ------
@@ -208,17 +195,17 @@ def read_system(path: str | Path, unit: str | None = None) -> FullSystem:
 
 
 def _check_header(header: Mapping[str, int], path: str | Path) -> None:
-    """Refuse what the matrices alone would not show."""
+    """Refuse properties of the file that the matrices do not show."""
     if header["ptrEND"] * 4 > Path(path).stat().st_size:
-        raise FormatError(f"cut short: its end is said to be at word {header['ptrEND']}", path)
+        raise FormatError(f"truncated: the header places its end at word {header['ptrEND']}", path)
     if header["lumpm"]:
         raise FormatError(
             "holds a lumped mass matrix; solve with LUMPM,OFF, or read the .emat file", path
         )
     if header["keyuns"]:
         raise FormatError(
-            "holds unsymmetric matrices; fluid, gyroscopic and friction terms make them so:"
-            " expected a symmetric structure (MODOPT,LANB)",
+            "holds unsymmetric matrices (of fluid, gyroscopic or friction terms); expected a"
+            " symmetric structure (MODOPT,LANB)",
             path,
         )
     if header["fun04"] >= 0:
@@ -233,7 +220,7 @@ def _check_header(header: Mapping[str, int], path: str | Path) -> None:
             path,
         )
     if header["nVirtBCs"]:
-        raise FormatError("holds virtual constraints; expected supports and elements only", path)
+        raise FormatError("holds virtual constraints; expected only supports and elements", path)
     if header["distKey"]:
         raise FormatError(
             "is one part of a distributed solution; solve with -smp, or combine the parts"
@@ -245,8 +232,8 @@ def _check_header(header: Mapping[str, int], path: str | Path) -> None:
 def _dof_vector(
     binary: BinaryFile, header: Mapping[str, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return node and DOF reference number of each equation, negative where it is constrained."""
-    # The record behind the header holds the degrees of freedom in use, of all nodes together.
+    """Return node and DOF reference number of each equation; constrained ones are negative."""
+    # The record after the header holds the degrees of freedom that any node uses.
     at = binary.after(_FILE_HEADER, "header", 2)
     nodes, _ = binary.record(at, "nodal equivalence table", "i")
     extent, at = binary.record(header["ptrDOF"], "nodal extent vector", "i")
@@ -268,7 +255,7 @@ def _dof_vector(
 def _matrix(
     binary: BinaryFile, size: int, at: int, what: str, order: NDArray[np.intp], terms: int
 ) -> Matrix:
-    """Return the matrix whose rows start at a word, both triangles, in the order asked for."""
+    """Return both triangles of the matrix that starts at word `at`, in the order `order`."""
     columns: list[NDArray[Any]] = []
     entries: list[NDArray[Any]] = []
     for _ in range(size):
@@ -277,7 +264,7 @@ def _matrix(
         if len(entry) != len(column):
             raise FormatError(
                 f"{what}: row {len(columns) + 1} has {len(column)} columns and {len(entry)}"
-                " numbers; complex matrices of a harmonic solution are not read",
+                " numbers; complex matrices of a harmonic solution are not supported",
                 binary.path,
             )
         columns.append(column)
@@ -287,7 +274,7 @@ def _matrix(
     data = np.concatenate(entries).astype(np.float64)
     if len(column) != terms:
         raise FormatError(
-            f"{what}: {len(column)} entries, the header says {terms}: damaged", binary.path
+            f"{what}: {len(column)} entries, expected {terms} by the header: damaged", binary.path
         )
     if column.min() < 0 or column.max() >= size:
         raise FormatError(f"{what}: a column outside of 1 to {size}: damaged", binary.path)

@@ -4,11 +4,11 @@ Groups are those of `updyn.io.ansys.emat`, by material: "material 3" has its mod
 GXY, GYZ, GXZ), its density (DENS) and its damping (ALPD, BETD, and DMPS or DMPR); "real 4" has the
 constants of springs, dampers and point masses (COMBIN14, MASS21, COMBIN40, COMBI214).
 
-The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases that have no DMPS
-add 2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis
-as 2gK"): DMPR = gamma / 2 there.
+The loss factor gamma of a material, K (1 + i gamma), is MP,DMPS = gamma. Releases without DMPS add
+2 i DMPR K (Ansys 18.2, command DMPSTR: "MP,DMPR adds the contribution on a per-material basis as
+2gK"), so there DMPR = gamma / 2.
 
-Commands are not executed. Where one may change a property in a way that is not followed (MPCOPY,
+Commands are not executed. If a command may change a property in an uninterpreted way (MPCOPY,
 /INPUT, a macro, MP within ``*IF`` or ``*DO``), new values of such properties are refused.
 """
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from updyn.errors import FormatError, suggest
-from updyn.io.ansys.attributes import beside
+from updyn.io.ansys.attributes import find_neighbour
 from updyn.io.ansys.commands import FORMATTED, MATERIAL, REAL, is_harmless, reason_against
 from updyn.io.atomic import atomic_path
 from updyn.io.changes import check_changes
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 _MODULI = ("EX", "EY", "EZ", "GXY", "GYZ", "GXZ")
-#: Places of real constants, counted from 1, by element routine (Ansys Element Reference).
+#: Positions of real constants, counted from 1, by element routine (Ansys Element Reference).
 _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     14: {"stiffness": (1,), "viscous": (2, 3)},
     21: {"mass": (1, 2, 3, 4, 5, 6)},
@@ -45,33 +45,33 @@ _REALS: Mapping[int, Mapping[str, tuple[int, ...]]] = {
     214: {"stiffness": (1, 2, 3, 4), "viscous": (5, 6, 7, 8)},
 }
 _NAMES = {14: "COMBIN14", 21: "MASS21", 40: "COMBIN40", 214: "COMBI214"}
-#: Largest number of constants of a set and of values over temperature; none is as long.
+#: Limit of the number of constants in a set and of values over temperature; above any real deck.
 _MOST_NUMBERS = 1000
-#: First release with DMPS, 2020 R1; those before it are counted by years, or as 15.0 to 19.5.
+#: First release with DMPS, 2020 R1; earlier releases are numbered by years, or as 15.0 to 19.5.
 _WITH_DMPS = 2020
 _LAST_BEFORE_YEARS = 20
 
 
 def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, path: Path) -> None:
-    """Write the commands for the groups that change.
+    """Write the commands for the changed groups.
 
     Parameters
     ----------
     changes : mapping of str to mapping of str to float
         By group: factors "stiffness", "mass", "viscous", and the value "loss_factor".
     deck : Path
-        The deck, with its properties in numbers (``.cdb`` of CDWRITE, or commands); for an
-        ``.emat`` or ``.full`` file, the ``.cdb`` of the same name beside it.
+        The deck, with its properties as numbers (``.cdb`` of CDWRITE, or commands). For an
+        ``.emat`` or ``.full`` file, the ``.cdb`` of the same name in the same folder is used.
     path : Path
         The file to write.
 
     Raises
     ------
     FormatError
-        If the deck has no such material or real constant set, or has no number there to change, or
-        a change has no value, or a command that is not followed may change these properties.
+        If the deck has no such material or real constant set, or no such property, or an
+        uninterpreted command may change these properties.
     """
-    deck = _commands(deck)
+    deck = _find_deck(deck)
     check_changes(changes, deck)
     found = read_deck(deck)
     numbers = sorted({*found.materials, *found.tables})
@@ -88,11 +88,11 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
         else:
             hint = "MP, MPDATA; R, RLBLOCK"
             if re.fullmatch(r"(material|real) (\d+)", name) is None:
-                hint = "by component, type or section there is no one property: group by material"
+                hint = "a component, type or section has no single property: group by material"
             found.check(REAL if name.startswith("real ") else MATERIAL)
             near = suggest(name, [*materials, *reals])
             raise FormatError(f"the deck has no properties of {name!r} ({hint}); {near}", deck)
-        blocks += ["!", f"! {name}: {_described(change)}", *lines]
+        blocks += ["!", f"! {name}: {_describe_change(change)}", *lines]
     heading = [
         f"! New properties for {deck.name}: {', '.join(changes)}.",
         f"! Read them in /PREP7 after the deck: /INPUT,{path.stem},{path.suffix.lstrip('.')}",
@@ -101,23 +101,23 @@ def write_properties(changes: Mapping[str, Mapping[str, float]], deck: Path, pat
         temporary.write_text("\n".join([*heading, *blocks]) + "\n", encoding="utf-8")
 
 
-def _described(change: Mapping[str, float]) -> str:
-    said = []
+def _describe_change(change: Mapping[str, float]) -> str:
+    parts = []
     for quantity, value in change.items():
         sign = "=" if quantity == "loss_factor" else "x"
-        said.append(f"{quantity} {sign} {value!r}")
-    return ", ".join(said) or "unchanged"
+        parts.append(f"{quantity} {sign} {value!r}")
+    return ", ".join(parts) or "unchanged"
 
 
-def _commands(deck: Path) -> Path:
-    """Return the deck, for a binary file the one beside it."""
+def _find_deck(deck: Path) -> Path:
+    """Return the deck; for a binary file, the ``.cdb`` of the same name."""
     if deck.suffix.lower() not in (".emat", ".full"):
         return deck
-    found = beside(deck, ".cdb")
+    found = find_neighbour(deck, ".cdb")
     if found is None:
         raise FormatError(
-            f"properties are changed in the deck: no {deck.with_suffix('.cdb').name} beside it"
-            " (CDWRITE)",
+            f"changed properties need the deck: {deck.with_suffix('.cdb').name} (CDWRITE) is not in"
+            " the same folder",
             deck,
         )
     return found
@@ -132,36 +132,38 @@ def _material(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list
     viscous = change.get("viscous", 1.0)
     if number in deck.tables and (stiffness != 1.0 or viscous != 1.0 or "loss_factor" in change):
         raise FormatError(
-            f"material {number} has a table (TB) of elasticity or damping, which is not changed;"
+            f"material {number} has a table (TB) of elasticity or damping, which is not supported;"
             " expected MP or MPDATA",
             deck.path,
             deck.tables[number],
         )
     moduli = [label for label in _MODULI if label in has]
-    _needed(deck, number, has, stiffness != 1.0, moduli, "EX")
-    _needed(deck, number, has, mass != 1.0, "DENS" in has, "DENS")
-    _needed(deck, number, has, viscous != 1.0, "ALPD" in has or "BETD" in has, "ALPD or BETD")
+    _require_property(deck, number, has, stiffness != 1.0, moduli, "EX")
+    _require_property(deck, number, has, mass != 1.0, "DENS" in has, "DENS")
+    _require_property(
+        deck, number, has, viscous != 1.0, "ALPD" in has or "BETD" in has, "ALPD or BETD"
+    )
     factors = dict.fromkeys(moduli, stiffness)
-    # C = ALPD M + BETD K of the new M and K, and is to be `viscous` times the old C.
+    # C = ALPD M + BETD K with the new M and K has to be `viscous` times the old C.
     factors |= {"DENS": mass, "ALPD": viscous / mass, "BETD": viscous / stiffness}
     out = []
     for label, factor in factors.items():
         if label in has and factor != 1.0:
-            out += _written(deck, number, label, has[label], factor)
+            out += _scaled_commands(deck, number, label, has[label], factor)
     if "loss_factor" in change:
         out += _loss_factor(deck, number, has, change["loss_factor"])
     return out
 
 
-def _needed(
+def _require_property(
     deck: AnsysDeck,
     number: int,
     has: Mapping[str, Property],
-    asked: bool,
-    there: object,
+    is_changed: bool,
+    is_present: object,
     label: str,
 ) -> None:
-    if asked and not there:
+    if is_changed and not is_present:
         lines = [found.line for found in has.values()] or [deck.tables[number]]
         held = ", ".join(sorted(has)) or "a table (TB) only"
         raise FormatError(
@@ -169,7 +171,9 @@ def _needed(
         )
 
 
-def _written(deck: AnsysDeck, number: int, label: str, old: Property, factor: float) -> list[str]:
+def _scaled_commands(
+    deck: AnsysDeck, number: int, label: str, old: Property, factor: float
+) -> list[str]:
     what = f"{label} of material {number}"
     before = [deck.number(v, old.line, what) for v in old.values]
     values = [repr(v * factor) for v in before]
@@ -196,13 +200,13 @@ def _loss_factor(
     if not _has_dmps(deck):
         return [*out, f"MP,DMPR,{number},{gamma / 2!r}"]
     out.append(f"! in a release without DMPS: MP,DMPR,{number},{gamma / 2!r}")
-    if "DMPR" in has:  # which would come on top of it
+    if "DMPR" in has:  # it would be added to DMPS
         out.append(f"MP,DMPR,{number},0.0")
     return [*out, f"MP,DMPS,{number},{gamma * 1.0!r}"]
 
 
 def _has_dmps(deck: AnsysDeck) -> bool:
-    """Return whether the release of the deck has structural damping by the label DMPS."""
+    """Return whether the release of the deck supports the label DMPS for structural damping."""
     if any("DMPS" in has for has in deck.materials.values()):
         return True
     if deck.release is None:
@@ -223,7 +227,7 @@ def _real(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list[str
         if quantity == "loss_factor":
             if factor:
                 raise FormatError(
-                    f"real {number}: {element} has no place for a loss factor", deck.path, old.line
+                    f"real {number}: {element} has no loss factor", deck.path, old.line
                 )
             continue
         if quantity not in places:
@@ -253,7 +257,7 @@ def _real(deck: AnsysDeck, number: int, change: Mapping[str, float]) -> list[str
 
 
 def _routine(deck: AnsysDeck, number: int, old: RealSet) -> int:
-    """Return the routine of the elements that use a set, or the only one of the deck."""
+    """Return the routine of the elements that use a set, by default the only one of the deck."""
     users = deck.users.get(number)
     routines = {deck.types.get(t, 0) for t in users or deck.types}
     if not users:
@@ -273,13 +277,13 @@ _PLURAL = {MATERIAL: "properties of materials", REAL: "real constants"}
 _TABLES = ("ELAS", "ANEL", "HYPE", "SDAM", "PRON", "AHYP")
 
 
-#: Last lines that need no line break.
+#: Last lines that are complete without a line break.
 _ENDS = re.compile(rb"(?:FINI(?:SH)?|/GO|/EOF|!.*)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class Property:
-    """One property of one material.
+    """A property of a material.
 
     Parameters
     ----------
@@ -287,9 +291,9 @@ class Property:
         Coefficients of temperature (command MP), or values at the temperatures (MPDATA), as
         written.
     temperatures : tuple of str
-        Those of MPTEMP; empty for MP.
+        Temperatures of MPTEMP; empty for MP.
     line : int
-        Where it stands in the deck, counted from 1.
+        Line in the deck, counted from 1.
     """
 
     values: tuple[str, ...]
@@ -299,14 +303,14 @@ class Property:
 
 @dataclass(frozen=True, slots=True)
 class RealSet:
-    """One set of real constants.
+    """A set of real constants.
 
     Parameters
     ----------
     values : tuple of str
-        The constants in order, as written; "" where blank.
+        The constants in order, as written; "" if blank.
     line : int
-        Where it stands in the deck.
+        Line in the deck.
     """
 
     values: tuple[str, ...]
@@ -315,7 +319,7 @@ class RealSet:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A command after which properties may differ from those that were read.
+    """A command after which properties may differ from the values read.
 
     Parameters
     ----------
@@ -324,9 +328,9 @@ class Doubt:
     line : int
         Line of the command in the deck, counted from 1.
     reason : str
-        Why they may differ, for a message.
+        Why they may differ, for messages.
     number : int, optional
-        The only material that may differ. None: any.
+        The only material that may differ; None for all.
     """
 
     kinds: tuple[str, ...]
@@ -354,9 +358,9 @@ class AnsysDeck:
     users : dict of int to set of int
         Type numbers of the elements (EBLOCK) of each real constant set.
     release : float or None
-        Release of the program that wrote the deck, 19.4 or 2019.2; None where it does not say.
+        Release of the program that wrote the deck, 19.4 or 2019.2; None if unknown.
     doubts : list of Doubt
-        Commands that are not followed.
+        Uninterpreted commands.
     """
 
     path: Path
@@ -369,19 +373,14 @@ class AnsysDeck:
     doubts: list[Doubt] = field(default_factory=list)
 
     def check(self, kind: str, number: int | None = None) -> None:
-        """Refuse properties that may differ from those that were read.
+        """Refuse properties that may differ from the values read, with the first such command.
 
         Parameters
         ----------
         kind : {"material", "real"}
-            Their kind.
+            Kind of the properties.
         number : int, optional
-            That of the material or of the real constants.
-
-        Raises
-        ------
-        FormatError
-            If there is such a command; the message names the first.
+            Number of the material or of the real constants.
         """
         for doubt in self.doubts:
             if kind in doubt.kinds and doubt.number in (None, number):
@@ -393,13 +392,7 @@ class AnsysDeck:
                 )
 
     def number(self, text: str, line: int, what: str) -> float:
-        """Return a number that is written out.
-
-        Raises
-        ------
-        FormatError
-            If it is a parameter or an expression.
-        """
+        """Return a number; raise a FormatError if it is a parameter or an expression."""
         try:
             return real_of(text)
         except ValueError as error:
@@ -414,19 +407,14 @@ class AnsysDeck:
 def read_deck(path: str | Path) -> AnsysDeck:
     """Read the properties of a deck.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-
     Raises
     ------
     FormatError
-        If it is not text, its last line does not end or a block is not complete.
+        If the file is not text, its last line is not complete or a block is not complete.
     """
     path = Path(path)
     deck = AnsysDeck(path)
-    state = _Reading(deck)
+    state = _Parser(deck)
     try:
         text = path.read_text(encoding="latin-1")
     except OSError as error:
@@ -441,7 +429,7 @@ def read_deck(path: str | Path) -> AnsysDeck:
     return deck
 
 
-#: Forms of commands that CDWRITE writes with the number of values in front.
+#: Command forms of CDWRITE with the number of values before the values.
 _UNBLOCKED = ("R5", "UNBL")
 _OPENING = ("*DO", "*DOWHILE", "*CREATE")
 _CLOSING = ("*ENDDO", "*ENDIF", "*END")
@@ -451,8 +439,8 @@ _DATA = re.compile(r"\s*[-+.(]?\s*\d|\s*\(")
 _MERGED = ("MAT", "MP", "REAL", "TYPE", "ALL", "")
 
 
-class _Reading:
-    """The state of reading a deck: the table of temperatures and the last set of constants."""
+class _Parser:
+    """State of the parser of a deck: the table of temperatures and the last set of constants."""
 
     def __init__(self, deck: AnsysDeck) -> None:
         self.deck = deck
@@ -463,7 +451,7 @@ class _Reading:
         self.ending: tuple[str, int] | None = None  # /EOF
 
     def take(self, lines: Sequence[str], at: int) -> int:
-        """Take the command at a line; return how many lines it has."""
+        """Parse the command at a line; return its number of lines."""
         line = lines[at]
         found = re.match(
             r"\s*/COM\s*,\s*ANSYS\s+(?:MECHANICAL\s+APDL\s+)?RELEASE\s+([\d.]+)(?:\s*R(\d))?",
@@ -480,7 +468,7 @@ class _Reading:
             name = fields[0].upper()
             if not name:
                 continue
-            self._follow(name, fields[1:], at + 1)
+            self._note_effects(name, fields[1:], at + 1)
             if name in ("NBLOCK", "EBLOCK", "CMBLOCK", "RLBLOCK", "ETBLOCK"):
                 return self._block(name, fields, lines, at)
             self._command(name, fields[1:], at + 1)
@@ -490,11 +478,11 @@ class _Reading:
                     length += 1
         return length
 
-    def _follow(self, name: str, fields: Sequence[str], line: int) -> None:
-        """Note what a command may change that is not read from it."""
+    def _note_effects(self, name: str, fields: Sequence[str], line: int) -> None:
+        """Record the possible changes by an uninterpreted command."""
         if self.ending is not None:
             end, at = self.ending
-            self._doubt((MATERIAL, REAL), at, f"{end} ends the deck, and commands follow")
+            self._doubt((MATERIAL, REAL), at, f"{end} ends the deck, but commands follow")
             self.ending = None
         kinds = _changed_by(name)
         if name in _ENDING:
@@ -504,13 +492,13 @@ class _Reading:
         elif name in _CLOSING:
             self.open = max(self.open - 1, 0)
         elif name == "*IF":
-            self._doubt((MATERIAL, REAL), line, "*IF without THEN passes over commands")
+            self._doubt((MATERIAL, REAL), line, "*IF without THEN skips commands")
         elif name[:4] == "*REP":
             self._doubt(_changed_by(self.last), line, f"*REPEAT repeats {self.last}")
         elif name[:4] in ("NUMM", "NUMC", "NUMO"):
             has_any = self.deck.materials or self.deck.reals or self.deck.types
             if has_any and _at(fields, 0).upper() in _MERGED:
-                self._doubt((MATERIAL, REAL), line, f"{name} numbers properties anew")
+                self._doubt((MATERIAL, REAL), line, f"{name} renumbers properties")
         elif kinds:
             if self.open:
                 self._doubt(kinds, line, f"{name} is within *IF or *DO")
@@ -530,7 +518,7 @@ class _Reading:
         first = _whole(_at(fields, 0))
         if name == "MP":
             label = _at(fields, 0).upper()[:4]
-            values = _without_end(fields[2:])
+            values = _strip_blank_fields(fields[2:])
             if label and not values:
                 number = _whole(_at(fields, 1) or "1")
                 self._doubt((MATERIAL,), line, f"MP,{label} has no value", number)
@@ -552,21 +540,21 @@ class _Reading:
         elif short == "RMOD" and first is not None and first in self.deck.reals:
             old = self.deck.reals[first]
             start = self._place(_at(fields, 1), line)
-            self.deck.reals[first] = RealSet(_overlaid(old.values, start, fields[2:8]), old.line)
+            self.deck.reals[first] = RealSet(_overlay(old.values, start, fields[2:8]), old.line)
         elif short == "RMOR" and self.last_real is not None:
             old = self.deck.reals[self.last_real]
             filled = old.values + ("",) * (-len(old.values) % 6)
             self.deck.reals[self.last_real] = RealSet(filled + tuple(fields[:6]), old.line)
         elif name in ("ET", "R") or short in ("RMOD", "RMOR"):
-            self._doubt((REAL,), line, f"{name},{_at(fields, 0)} is of no known number")
+            self._doubt((REAL,), line, f"{name},{_at(fields, 0)} has no known number")
 
     def _table(self, fields: list[str], line: int) -> None:
-        """Note a table of elasticity or damping."""
+        """Record a table of elasticity or damping."""
         if _at(fields, 0).upper()[:4] not in _TABLES:
             return
         material = _whole(_at(fields, 1) or "1")
         if material is None:
-            self._doubt((MATERIAL,), line, f"TB is of material {_at(fields, 1)!r}")
+            self._doubt((MATERIAL,), line, f"TB refers to material {_at(fields, 1)!r}")
         else:
             self.deck.tables[material or 1] = line
 
@@ -579,7 +567,7 @@ class _Reading:
             return
         if _at(fields, 1).upper() != "ALL":
             if first is None or last is None or step is None or step < 1:
-                self._doubt((MATERIAL,), line, f"MPDELE is of material {_at(fields, 1)!r}")
+                self._doubt((MATERIAL,), line, f"MPDELE refers to material {_at(fields, 1)!r}")
                 return
             numbers = range(first, max(last, first) + 1, step)
             meant = [number for number in meant if number in numbers]
@@ -596,7 +584,7 @@ class _Reading:
         if start is None:
             if _at(fields, 0):
                 self._doubt((MATERIAL,), line, f"MPTEMP starts at {_at(fields, 0)!r}")
-            self.temperatures = {}  # MPTEMP alone erases the table
+            self.temperatures = {}  # MPTEMP without values deletes the table
             return
         if start == 1:
             self.temperatures = {}
@@ -610,20 +598,20 @@ class _Reading:
         label = _at(fields, 0).upper()[:4]
         number = _at(fields, 1) or "1"
         start = self._place(_at(fields, 2), line)
-        values = _without_end(fields[3:])
+        values = _strip_blank_fields(fields[3:])
         old = self.deck.materials.get(_whole(number) or 0, {}).get(label)
         if start > 1:
-            values = list(_overlaid(() if old is None else old.values, start, values))
+            values = list(_overlay(() if old is None else old.values, start, values))
         places = range(1, len(values) + 1)
         temperatures = tuple(self.temperatures.get(place, "0.0") for place in places)
         self._material(label, number, values, temperatures, line)
 
     def _place(self, text: str, line: int) -> int:
-        """Return the place of the first number in a set or a table; 1 where none is said."""
+        """Return the position of the first number in a set or a table, by default 1."""
         place = _whole(text) or 1
         if not 1 <= place <= _MOST_NUMBERS:
             raise FormatError(
-                f"numbers from place {place} on; expected 1 to {_MOST_NUMBERS}",
+                f"numbers from position {place} on; expected 1 to {_MOST_NUMBERS}",
                 self.deck.path,
                 line,
             )
@@ -634,7 +622,7 @@ class _Reading:
     ) -> None:
         material = _whole(number)
         if material is None:
-            self._doubt((MATERIAL,), line, f"{label} is of material {number!r}")
+            self._doubt((MATERIAL,), line, f"{label} refers to material {number!r}")
             return
         found = Property(tuple(values), temperatures, line)
         self.deck.materials.setdefault(material, {})[label] = found
@@ -660,7 +648,7 @@ class _Reading:
         length = 2
         solid = name == "EBLOCK" and len(fields) > 2 and fields[2].upper().startswith("SOL")
         width = _width(lines, at + 1, self.deck.path)[1]
-        held = 0  # numbers of the element that its first line left for the next ones
+        held = 0  # numbers of the element on its following lines
         while at + length < len(lines):
             line = lines[at + length]
             if re.match(r"\s*(-1\b|N,)", line):
@@ -678,7 +666,7 @@ class _Reading:
             numbers = [whole_of(f) for f in fields if f.strip()]
         except ValueError as error:
             raise FormatError(
-                f"EBLOCK: found {line.strip()!r}, expected whole numbers of {width} characters",
+                f"EBLOCK: found {line.strip()!r}, expected integers of {width} characters",
                 self.deck.path,
                 at,
             ) from error
@@ -690,7 +678,7 @@ class _Reading:
         return numbers[8] - (len(numbers) - 11)
 
     def _type_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
-        """Read ETBLOCK, whose rows are number and routine of a type, and return its lines."""
+        """Read ETBLOCK, whose rows are number and routine of a type; return its number of lines."""
         _, width = _width(lines, at + 1, self.deck.path)
         row = at + 2
         while row < len(lines) and not re.match(r"\s*-1\b", lines[row]):
@@ -708,8 +696,8 @@ class _Reading:
         return row + 1 - at
 
     def _real_block(self, fields: list[str], lines: Sequence[str], at: int) -> int:
-        """Read RLBLOCK and return its number of lines."""
-        # Two lines of format, then each set: its number, how many constants it has, and these.
+        """Read RLBLOCK; return its number of lines."""
+        # Two lines of format, then each set: its number, the number of its constants, and these.
         sets = _whole(_at(fields, 1)) or 0
         path = self.deck.path
         _, width = _width(lines, at + 1, path)
@@ -722,7 +710,8 @@ class _Reading:
             count = _whole(text[width : 2 * width].strip())
             if number is None or count is None:
                 raise FormatError(
-                    f"RLBLOCK: expected the number of a set and of its constants, found {text!r}",
+                    f"RLBLOCK: expected the number of a set and the number of its constants,"
+                    f" found {text!r}",
                     path,
                     row + 1,
                 )
@@ -737,7 +726,7 @@ class _Reading:
 
 
 def _changed_by(name: str) -> tuple[str, ...]:
-    """Return the kinds of property that a command changes, of those that are read."""
+    """Return the kinds of property that an interpreted command changes."""
     if name in ("MP", "TB") or name[:4] in ("MPTE", "MPDA", "MPDE"):
         return (MATERIAL,)
     if name in ("R", "ET", "RLBLOCK", "ETBLOCK") or name[:4] in ("RMOD", "RMOR"):
@@ -757,7 +746,7 @@ def _numbers(text: str) -> list[str]:
 
 
 def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
-    """Return number and width of the whole numbers on a line of a block, by its ``(19i10)``."""
+    """Return number and width of the integers on a line of a block, from its format ``(19i10)``."""
     found = re.match(r"\s*\(\s*([1-9]\d{0,3})i([1-9]\d{0,3})", _at(lines, at), re.I)
     if found is None:
         raise FormatError("a block without its format, such as (19i10)", path, at + 1)
@@ -765,21 +754,21 @@ def _width(lines: Sequence[str], at: int, path: Path) -> tuple[int, int]:
 
 
 def _at(fields: Sequence[str], i: int) -> str:
-    """Return a field, empty where there is none."""
+    """Return a field, or an empty text if missing."""
     return fields[i] if i < len(fields) else ""
 
 
-def _without_end(fields: Sequence[str]) -> list[str]:
-    """Return fields without the blank ones at the end; one in between is a number left out."""
+def _strip_blank_fields(fields: Sequence[str]) -> list[str]:
+    """Return fields without trailing blank ones."""
     out = list(fields)
     while out and not out[-1]:
         out.pop()
     return out
 
 
-def _overlaid(old: Sequence[str], start: int, new: Sequence[str]) -> tuple[str, ...]:
-    """Return numbers with others from a place on, counted from 1; blank ones change nothing."""
-    kept = _without_end(new)
+def _overlay(old: Sequence[str], start: int, new: Sequence[str]) -> tuple[str, ...]:
+    """Return `old` with `new` from position `start` (from 1) on; blank numbers change nothing."""
+    kept = _strip_blank_fields(new)
     out = [*old, *[""] * (start - 1 + len(kept) - len(old))]
     for place, value in enumerate(kept, start - 1):
         out[place] = value or out[place]
